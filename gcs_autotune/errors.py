@@ -1,0 +1,245 @@
+"""Every error this package raises, in one tree.
+
+::
+
+    AutotuneError
+    ├── LinkError
+    │   ├── CannotOpenLink          port in use, no such device, wrong connection string
+    │   ├── NoVehicle               the link is open but no autopilot was heard
+    │   ├── LinkLost                the vehicle was there and has gone silent
+    │   ├── NoReply                 asked, never answered (also a TimeoutError)
+    │   └── TelemetryFault          NaN, frozen or back-running telemetry, rates too low
+    ├── VehicleRefused              the vehicle understood and said no
+    │   ├── WrongVehicle            not a boat/ROV, or not one that has this axis
+    │   ├── CommandDenied           carries the MAV_RESULT
+    │   ├── ModeRefused
+    │   ├── ArmingRefused           carries the STATUSTEXTs that explain it
+    │   ├── ParameterMissing        this firmware has no parameter of that name
+    │   └── ParameterNotAccepted    wrote a, read back b
+    ├── ManoeuvreError
+    │   ├── PreconditionFailed
+    │   ├── NotAchieved             e.g. the limit cycle never settled
+    │   ├── GuardTripped            carries guard, value, limit
+    │   ├── OperatorStopped         Ctrl-C, SIGTERM or "no" at a question
+    │   └── NotAsFound              clean-up incomplete; lists what differs
+    ├── DataError
+    │   ├── BadFile                 truncated, unreadable, wrong header
+    │   ├── MissingChannel
+    │   └── NotInformative          too short, no excitation: nothing can be identified from it
+    ├── DesignError
+    │   └── NoGainsMeetSpec
+    └── UsageError
+        └── UnknownName             carries the nearest spellings (also a KeyError)
+
+A message says what happened, to what, and what to try. A poor answer is not an error: it is a result with
+doubts. The command line maps the families to exit codes in one table (:data:`EXIT_CODES`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+__all__ = [
+    "EXIT_CODES",
+    "ArmingRefused",
+    "AutotuneError",
+    "BadFile",
+    "CannotOpenLink",
+    "CommandDenied",
+    "DataError",
+    "DesignError",
+    "GuardTripped",
+    "LinkError",
+    "LinkLost",
+    "ManoeuvreError",
+    "MissingChannel",
+    "ModeRefused",
+    "NoGainsMeetSpec",
+    "NoReply",
+    "NoVehicle",
+    "NotAchieved",
+    "NotAsFound",
+    "NotInformative",
+    "OperatorStopped",
+    "ParameterMissing",
+    "ParameterNotAccepted",
+    "PreconditionFailed",
+    "TelemetryFault",
+    "UnknownName",
+    "UsageError",
+    "VehicleRefused",
+    "WrongVehicle",
+    "exit_code",
+]
+
+
+class AutotuneError(Exception):
+    """Root of everything this package raises on purpose."""
+
+
+class LinkError(AutotuneError):
+    """The connection to the vehicle is the problem."""
+
+
+class CannotOpenLink(LinkError):
+    """The port or socket could not be opened."""
+
+
+class NoVehicle(LinkError):
+    """The link is open, but no autopilot's HEARTBEAT was heard."""
+
+
+class LinkLost(LinkError):
+    """The vehicle was there and has gone silent."""
+
+
+class NoReply(LinkError, TimeoutError):
+    """A request was sent, repeated, and never answered."""
+
+
+class TelemetryFault(LinkError):
+    """Telemetry arrives but cannot be trusted: NaN, frozen, running backwards, or too slow."""
+
+
+class VehicleRefused(AutotuneError):
+    """The vehicle understood and said no."""
+
+
+class WrongVehicle(VehicleRefused):
+    """The vehicle is not of a kind this command can tune."""
+
+
+class CommandDenied(VehicleRefused):
+    """A COMMAND_ACK came back with a MAV_RESULT other than accepted."""
+
+    def __init__(self, message: str, *, command: int = 0, result: int = 0) -> None:
+        super().__init__(message)
+        self.command = command
+        self.result = result
+
+
+class ModeRefused(VehicleRefused):
+    """The flight mode was not taken up."""
+
+
+class ArmingRefused(VehicleRefused):
+    """Arming failed; :attr:`reasons` are the vehicle's own STATUSTEXTs."""
+
+    def __init__(self, message: str, *, reasons: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.reasons = tuple(reasons)
+
+
+class ParameterMissing(VehicleRefused):
+    """This firmware has no parameter of that name."""
+
+    def __init__(self, message: str, *, name: str = "") -> None:
+        super().__init__(message)
+        self.name = name
+
+
+class ParameterNotAccepted(VehicleRefused):
+    """A parameter was written and something else was read back."""
+
+    def __init__(
+        self, message: str, *, name: str = "", wanted: float = float("nan"), found: float = float("nan")
+    ) -> None:
+        super().__init__(message)
+        self.name = name
+        self.wanted = wanted
+        self.found = found
+
+
+class ManoeuvreError(AutotuneError):
+    """A manoeuvre could not be flown to its end."""
+
+
+class PreconditionFailed(ManoeuvreError):
+    """Something that must hold before moving does not hold."""
+
+
+class NotAchieved(ManoeuvreError):
+    """The manoeuvre ran, but what it was for did not come about."""
+
+
+class GuardTripped(ManoeuvreError):
+    """The safety envelope was left."""
+
+    def __init__(
+        self, message: str, *, guard: str = "", value: float = float("nan"), limit: float = float("nan")
+    ) -> None:
+        super().__init__(message)
+        self.guard = guard
+        self.value = value
+        self.limit = limit
+
+
+class OperatorStopped(ManoeuvreError):
+    """The operator pressed Ctrl-C or answered no."""
+
+
+class NotAsFound(ManoeuvreError):
+    """Clean-up could not put everything back; :attr:`differences` lists what still differs."""
+
+    def __init__(self, message: str, *, differences: Mapping[str, str] | None = None) -> None:
+        super().__init__(message)
+        self.differences = dict(differences or {})
+
+
+class DataError(AutotuneError):
+    """A recorded run is the problem."""
+
+
+class BadFile(DataError):
+    """A file is truncated, unreadable or not what its name says."""
+
+
+class MissingChannel(DataError):
+    """A run lacks a signal that is needed."""
+
+
+class NotInformative(DataError):
+    """The run cannot tell what was asked: too short, or nothing was excited."""
+
+
+class DesignError(AutotuneError):
+    """Gains could not be designed."""
+
+
+class NoGainsMeetSpec(DesignError):
+    """No gains inside the documented ranges give an acceptable loop."""
+
+
+class UsageError(AutotuneError):
+    """The command was given wrongly."""
+
+
+class UnknownName(UsageError, KeyError):
+    """A name is in none of our tables; :attr:`nearest` are the closest spellings."""
+
+    def __init__(self, message: str, *, name: str = "", nearest: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.name = name
+        self.nearest = tuple(nearest)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+EXIT_CODES: tuple[tuple[type[BaseException], int, str], ...] = (
+    (OperatorStopped, 130, "stopped by the operator; the vehicle was put back as found"),
+    (NotAsFound, 9, "clean-up incomplete: run `gcs-autotune restore`"),
+    (UsageError, 2, "the command was given wrongly"),
+    (LinkError, 3, "the link or its telemetry failed"),
+    (VehicleRefused, 4, "the vehicle refused"),
+    (ManoeuvreError, 5, "a manoeuvre was aborted"),
+    (DataError, 6, "the recorded data cannot be used"),
+    (DesignError, 7, "no acceptable gains"),
+    (AutotuneError, 1, "any other failure"),
+)
+"""Exception family, exit code, meaning; the first match counts. 8: tuned, but the old gains were better."""
+
+
+def exit_code(error: BaseException) -> int:
+    """Return the process exit code for *error* (1 for anything unlisted)."""
+    return next((code for kind, code, _ in EXIT_CODES if isinstance(error, kind)), 1)
