@@ -27,6 +27,4 @@ def lookup(table: Mapping[str, T], name: str, kind: str) -> T:
         nearest = difflib.get_close_matches(name, list(table), n=3, cutoff=0.5)
         hint = f" Did you mean {' or '.join(nearest)}?" if nearest else ""
         known = ", ".join(table)
-        raise UnknownName(
-            f"unknown {kind} '{name}'.{hint} Known: {known}.", name=name, nearest=nearest
-        ) from None
+        raise UnknownName(f"unknown {kind} '{name}'.{hint} Known: {known}.", name=name, nearest=nearest) from None

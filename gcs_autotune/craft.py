@@ -1,0 +1,143 @@
+"""What a craft shows and what it can be told: the words manoeuvres and link room share.
+
+Everything here is inert. A manoeuvre reads :class:`Observation` and returns a :data:`Command`; only the
+link room turns commands into messages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gcs_autotune.clock import Clock
+from gcs_autotune.firmware import Firmware
+from gcs_autotune.trial import Mark, Trial
+
+__all__ = ["Actuate", "Command", "Craft", "DepthTarget", "HeadingTarget", "Observation"]
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """The craft at one moment of its own time. Unknown numbers are NaN. SI and radians.
+
+    ``t`` is the vehicle's time stamp [s] of the attitude that made this observation; ``psi`` is unwrapped
+    (continuous from the first one). ``output`` holds the *measured* actuator demand per force name
+    (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
+    ``output_t`` its stamp. ``age`` is seconds of link-clock time since the last message.
+    """
+
+    t: float
+    psi: float
+    r: float = math.nan
+    phi: float = math.nan
+    theta: float = math.nan
+    x: float = math.nan
+    y: float = math.nan
+    z: float = math.nan
+    u: float = math.nan
+    v: float = math.nan
+    w: float = math.nan
+    speed: float = math.nan
+    output: Mapping[str, float] = field(default_factory=dict)
+    output_t: float = math.nan
+    armed: bool = False
+    mode: str = ""
+    battery_voltage: float = math.nan
+    battery_remaining: float = math.nan
+    age: float = 0.0
+
+    def value(self, name: str) -> float:
+        """Return the signal called *name* (``psi``, ``z``, ``speed``...)."""
+        return float(getattr(self, name))
+
+
+@dataclass(frozen=True, slots=True)
+class Actuate:
+    """Drive the actuators directly (manual mode): fractions of full output, -1..1, SNAME signs.
+
+    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle.
+    """
+
+    X: float = 0.0
+    Y: float = 0.0
+    Z: float = 0.0
+    N: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingTarget:
+    """Let the autopilot's own heading loop hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV)."""
+
+    psi: float
+    speed: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DepthTarget:
+    """Let the autopilot's own depth loop hold ``z`` [m, down]."""
+
+    z: float
+
+
+Command = Actuate | HeadingTarget | DepthTarget
+
+
+class Craft(Protocol):
+    """A vehicle one can watch and command. Implemented by the link room, and by nobody else for real water."""
+
+    @property
+    def firmware(self) -> Firmware:
+        """What kind of autopilot it is."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The link's clock (not the vehicle's)."""
+        ...
+
+    def observe(self) -> Observation:
+        """Wait for the next control tick and return it.
+
+        Raises ``LinkLost`` when nothing comes, ``TelemetryFault`` when what comes cannot be trusted,
+        ``OperatorStopped`` when the operator asked to stop.
+        """
+        ...
+
+    def send(self, command: Command) -> None:
+        """Put a command on the wire; it is repeated by :meth:`observe` often enough to stay in force."""
+        ...
+
+    def set_mode(self, mode: str) -> None:
+        """Change the flight mode and wait until the heartbeat confirms it."""
+        ...
+
+    def arm(self) -> None:
+        """Arm and wait until the heartbeat confirms it."""
+        ...
+
+    def disarm(self) -> None:
+        """Disarm and wait until the heartbeat confirms it."""
+        ...
+
+    def neutral(self) -> None:
+        """Bring every actuator to neutral, release the overrides, and check the measured outputs."""
+        ...
+
+    def start_recording(self, name: str) -> None:
+        """Begin a new trial; everything heard from now on belongs to it."""
+        ...
+
+    def mark(self, mark: Mark) -> None:
+        """Attach an event to the running trial."""
+        ...
+
+    def stop_recording(self, ending: str) -> Trial:
+        """End the running trial and return it."""
+        ...
+
+    def shielded(self) -> AbstractContextManager[None]:
+        """While inside, the operator's stop is remembered but not raised: for clean-up."""
+        ...

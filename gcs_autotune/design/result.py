@@ -1,0 +1,139 @@
+"""What a design returns: old and new gains, what they promise, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Change", "Margins", "ModelFunction", "Prediction", "Proposal", "StepMetrics"]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFunction:
+    """The wanted closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, thesis (8.4). ``kind`` names its family."""
+
+    kind: str
+    omega_0: float
+    a1: float
+    a2: float
+    a3: float
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One parameter: old and new value, and why."""
+
+    parameter: str
+    old: float
+    new: float
+    low: float
+    high: float
+    reason: str
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether the new value sits on its documented limit."""
+        return self.new <= self.low or self.new >= self.high
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Stability of a loop opened at the actuator: gain margin (ratio), phase margin [rad], delay margin [s]."""
+
+    gain: float
+    phase: float
+    delay: float
+    stable: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StepMetrics:
+    """How a step was followed; lower is better throughout.
+
+    ``itae`` [rad s^2 or m s^2] is normalised by the step size (so per unit step, [s^2]); ``overshoot`` is a
+    fraction of the step; ``rise`` (10-90 %) and ``settling`` (to 5 %) in s, NaN when never reached;
+    ``steady_error`` a fraction of the step; ``travel`` total variation of the actuator [fraction of full]
+    per second.
+    """
+
+    itae: float
+    overshoot: float
+    rise: float
+    settling: float
+    steady_error: float
+    travel: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """A step simulated on the identified model with given gains: arrays (n,), position in rad or m."""
+
+    t: NDArray[np.float64]
+    target: NDArray[np.float64]
+    position: NDArray[np.float64]
+    wanted: NDArray[np.float64]
+    output: NDArray[np.float64]
+    metrics: StepMetrics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """New gains for one axis, not yet written anywhere.
+
+    ``margins`` at the identified parameters, ``worst_margins`` over the 95 % region of the parameters;
+    ``bound`` is thesis (8.22)-(8.27) evaluated: (left side, right side), stable when left < right.
+    """
+
+    axis: str
+    law: str
+    changes: tuple[Change, ...]
+    wanted: ModelFunction
+    margins: Margins
+    worst_margins: Margins
+    bound: tuple[float, float]
+    before: Prediction
+    after: Prediction
+    notes: tuple[str, ...] = ()
+
+    @property
+    def new(self) -> Mapping[str, float]:
+        """Parameter -> new value."""
+        return {c.parameter: c.new for c in self.changes}
+
+    @property
+    def old(self) -> Mapping[str, float]:
+        """Parameter -> old value."""
+        return {c.parameter: c.old for c in self.changes}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form (without the prediction's time series)."""
+        return {
+            "schema": 1,
+            "axis": self.axis,
+            "law": self.law,
+            "changes": [
+                {
+                    "parameter": c.parameter,
+                    "old": c.old,
+                    "new": c.new,
+                    "range": [c.low, c.high],
+                    "at_limit": c.at_limit,
+                    "reason": c.reason,
+                }
+                for c in self.changes
+            ],
+            "wanted": {n: getattr(self.wanted, n) for n in ("kind", "omega_0", "a1", "a2", "a3")},
+            "margins": _plain(self.margins),
+            "worst_margins": _plain(self.worst_margins),
+            "bound": list(self.bound),
+            "predicted": {"before": _plain(self.before.metrics), "after": _plain(self.after.metrics)},
+            "notes": list(self.notes),
+        }
+
+
+def _plain(thing: Any) -> dict[str, Any]:
+    return {name: getattr(thing, name) for name in thing.__slots__}

@@ -1,0 +1,26 @@
+"""What each autopilot firmware calls things: modes, channels, loops, parameters. Data only, no I/O.
+
+Adding a firmware is one file defining a :class:`Firmware` and one line in :data:`FIRMWARE`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gcs_autotune.firmware import ardurover, ardusub
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+
+__all__ = ["FIRMWARE", "Axis", "Firmware", "Gain", "firmware_for"]
+
+FIRMWARE: Mapping[str, Firmware] = {
+    "ardurover": ardurover.FIRMWARE,
+    "ardusub": ardusub.FIRMWARE,
+}
+"""Name -> firmware."""
+
+
+def firmware_for(autopilot: int, vehicle_type: int) -> Firmware | None:
+    """Return the firmware for a HEARTBEAT's ``autopilot`` and ``type``, or None when we know none."""
+    return next(
+        (f for f in FIRMWARE.values() if autopilot == f.autopilot and vehicle_type in f.vehicle_types), None
+    )

@@ -1,0 +1,75 @@
+"""ArduRover 4.x: boats (MAV_TYPE 11) and ground rovers (10).
+
+Parameter names and documented ranges: ArduPilot's parameter metadata for Rover 4.5-4.7 (unchanged there).
+Channels: RCMAP defaults, steering on 1, throttle on 3.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+
+__all__ = ["FIRMWARE"]
+
+_HEADING = Axis(
+    name="heading",
+    dof="yaw",
+    law="rover-heading",
+    gains=(
+        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering per wanted turn rate"),
+        Gain("ATC_STR_RAT_P", 0.0, 2.0, "steering per turn-rate error"),
+        Gain("ATC_STR_RAT_I", 0.0, 2.0, "steering per accumulated turn-rate error"),
+        Gain("ATC_STR_RAT_D", 0.0, 0.4, "steering per change of turn-rate error"),
+        Gain("ATC_STR_ANG_P", 1.0, 10.0, "wanted turn rate per heading error"),
+    ),
+    context=(
+        "ATC_STR_RAT_IMAX",
+        "ATC_STR_RAT_FLTT",
+        "ATC_STR_RAT_FLTE",
+        "ATC_STR_RAT_FLTD",
+        "ATC_STR_RAT_MAX",
+        "ATC_STR_ACC_MAX",
+        "ATC_STR_DEC_MAX",
+        "ATC_TURN_MAX_G",
+        "MOT_SPD_SCA_BASE",
+        "MOT_VEC_ANGLEMAX",
+        "INS_GYRO_FILTER",
+        "SCHED_LOOP_RATE",
+        "WP_SPEED",
+        "CRUISE_SPEED",
+        "CRUISE_THROTTLE",
+    ),
+    needs_speed=True,
+)
+
+FIRMWARE = Firmware(
+    name="ArduRover",
+    autopilot=3,
+    vehicle_types=(10, 11),
+    kind="boat",
+    modes={
+        "MANUAL": 0,
+        "ACRO": 1,
+        "STEERING": 3,
+        "HOLD": 4,
+        "LOITER": 5,
+        "FOLLOW": 6,
+        "SIMPLE": 7,
+        "DOCK": 8,
+        "CIRCLE": 9,
+        "AUTO": 10,
+        "RTL": 11,
+        "SMART_RTL": 12,
+        "GUIDED": 15,
+        "INITIALISING": 16,
+    },
+    manual_mode="MANUAL",
+    rest_mode="HOLD",
+    hold_mode="GUIDED",
+    channels={"N": 1, "X": 3},
+    channel_signs={"N": 1.0, "X": 1.0},
+    override_span=500.0,
+    neutral_pwm=1500,
+    axes={"heading": _HEADING},
+    servo_functions={26: "N", 70: "X"},
+    motor_span=500.0,
+)

@@ -1,0 +1,116 @@
+"""ArduSub 4.x (MAV_TYPE 12).
+
+Parameter names and documented ranges: ArduPilot's parameter metadata for Sub 4.5-4.6 (4.7 renames PSC_*).
+``ATC_RAT_YAW_FF`` is left out on purpose: Sub reads it and never uses it. Motor factors per frame:
+ArduSub's frame drawings; Z is down here, ArduSub's throttle factor is up, so its sign is turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+
+__all__ = ["FIRMWARE"]
+
+_HEADING = Axis(
+    name="heading",
+    dof="yaw",
+    law="sub-heading",
+    gains=(
+        Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error"),
+        Gain("ATC_RAT_YAW_I", 0.0, 0.05, "yaw output per accumulated yaw-rate error"),
+        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per change of yaw-rate error"),
+        Gain("ATC_ANG_YAW_P", 0.0, 6.0, "wanted yaw rate per heading error"),
+    ),
+    context=(
+        "ATC_RAT_YAW_IMAX",
+        "ATC_RAT_YAW_FLTT",
+        "ATC_RAT_YAW_FLTE",
+        "ATC_RAT_YAW_FLTD",
+        "ATC_ACCEL_Y_MAX",
+        "ATC_RATE_Y_MAX",
+        "ATC_SLEW_YAW",
+        "ATC_INPUT_TC",
+        "ATC_RATE_FF_ENAB",
+        "INS_GYRO_FILTER",
+        "SCHED_LOOP_RATE",
+    ),
+)
+
+_DEPTH = Axis(
+    name="depth",
+    dof="heave",
+    law="sub-depth",
+    gains=(
+        Gain("PSC_POSZ_P", 1.0, 3.0, "wanted climb rate per depth error"),
+        Gain("PSC_VELZ_P", 1.0, 8.0, "wanted acceleration per climb-rate error"),
+        Gain("PSC_VELZ_I", 0.0, 1.0, "wanted acceleration per accumulated climb-rate error"),
+        Gain("PSC_ACCZ_P", 0.2, 1.5, "throttle per acceleration error"),
+        Gain("PSC_ACCZ_I", 0.0, 3.0, "throttle per accumulated acceleration error"),
+        Gain("PSC_ACCZ_FF", 0.0, 0.5, "throttle per wanted acceleration"),
+    ),
+    context=(
+        "PSC_VELZ_IMAX",
+        "PSC_VELZ_FLTE",
+        "PSC_ACCZ_D",
+        "PSC_ACCZ_IMAX",
+        "PSC_ACCZ_FLTT",
+        "PSC_ACCZ_FLTE",
+        "MOT_THST_HOVER",
+        "PILOT_SPEED_UP",
+        "PILOT_SPEED_DN",
+        "PILOT_ACCEL_Z",
+        "SCHED_LOOP_RATE",
+    ),
+)
+
+
+def _motor(N: float = 0.0, X: float = 0.0, Y: float = 0.0, Z: float = 0.0) -> Mapping[str, float]:
+    return {"N": N, "X": X, "Y": Y, "Z": Z}
+
+
+_VECTORED_PLANE = (
+    _motor(N=1, X=-1, Y=1),
+    _motor(N=-1, X=-1, Y=-1),
+    _motor(N=-1, X=1, Y=1),
+    _motor(N=1, X=1, Y=-1),
+)
+
+_FRAMES: Mapping[int, Sequence[Mapping[str, float]]] = {
+    1: (*_VECTORED_PLANE, _motor(Z=1), _motor(Z=1)),
+    2: (*_VECTORED_PLANE, _motor(Z=1), _motor(Z=1), _motor(Z=1), _motor(Z=1)),
+    4: (_motor(N=-1, X=1), _motor(N=1, X=1), _motor(Z=1)),
+}
+"""FRAME_CONFIG -> factor of each motor output, in order: 1 vectored, 2 vectored 6-DOF, 4 SimpleROV-3."""
+
+FIRMWARE = Firmware(
+    name="ArduSub",
+    autopilot=3,
+    vehicle_types=(12,),
+    kind="rov",
+    modes={
+        "STABILIZE": 0,
+        "ACRO": 1,
+        "ALT_HOLD": 2,
+        "AUTO": 3,
+        "GUIDED": 4,
+        "CIRCLE": 7,
+        "SURFACE": 9,
+        "POSHOLD": 16,
+        "MANUAL": 19,
+        "MOTOR_DETECT": 20,
+        "SURFTRAK": 21,
+    },
+    manual_mode="MANUAL",
+    rest_mode="MANUAL",
+    hold_mode="ALT_HOLD",
+    channels={"Z": 3, "N": 4, "X": 5, "Y": 6},
+    channel_signs={"Z": -1.0, "N": 1.0, "X": 1.0, "Y": 1.0},
+    override_span=400.0,
+    neutral_pwm=1500,
+    axes={"heading": _HEADING, "depth": _DEPTH},
+    frame_parameter="FRAME_CONFIG",
+    mixing=_FRAMES,
+    motor_span=400.0,
+)

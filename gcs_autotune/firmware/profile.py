@@ -1,0 +1,73 @@
+"""The shape of a firmware entry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+__all__ = ["Axis", "Firmware", "Gain"]
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """One tunable parameter, with the range its vendor documents."""
+
+    parameter: str
+    low: float
+    high: float
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One loop that ``tune`` can tune on this firmware.
+
+    Attributes
+    ----------
+    dof : name in ``sname.DOFS`` of the motion identified.
+    law : name in ``design.LAWS`` of the autopilot's control structure.
+    gains : the parameters that may be changed.
+    context : other parameters the law needs to know (limits, filters, scalings); read, never written.
+    needs_speed : whether the actuator only bites with way on (a rudder).
+    """
+
+    name: str
+    dof: str
+    law: str
+    gains: Sequence[Gain]
+    context: Sequence[str]
+    needs_speed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """One autopilot firmware as the tuner must know it.
+
+    ``channels`` maps a force name to the RC channel (1-based) that RC_CHANNELS_OVERRIDE drives in
+    ``manual_mode``; ``override_span`` is the PWM deflection of full output on it. ``mixing`` maps a frame
+    (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
+    ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead.
+    """
+
+    name: str
+    autopilot: int
+    vehicle_types: Sequence[int]
+    kind: str
+    modes: Mapping[str, int]
+    manual_mode: str
+    rest_mode: str
+    hold_mode: str
+    channels: Mapping[str, int]
+    channel_signs: Mapping[str, float]
+    override_span: float
+    neutral_pwm: int
+    axes: Mapping[str, Axis]
+    gcs_id_parameters: Sequence[str] = ("MAV_GCS_SYSID", "SYSID_MYGCS")
+    servo_functions: Mapping[int, str] = field(default_factory=dict)
+    frame_parameter: str = ""
+    mixing: Mapping[int, Sequence[Mapping[str, float]]] = field(default_factory=dict)
+    motor_span: float = 500.0
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""
+        return next((name for name, number in self.modes.items() if number == custom_mode), f"MODE {custom_mode}")

@@ -1,0 +1,72 @@
+"""One degree of freedom: the model the whole first flight rests on.
+
+``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu``
+(thesis (6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_autotune.sname import DOFS, Dof
+
+__all__ = ["SCHEMA", "SingleDof"]
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class SingleDof:
+    """Identified motion of one degree of freedom.
+
+    ``input_unit`` is ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output); the other units
+    follow from it, see ``Dof.parameter_units``. ``delay`` [s] is between input and force.
+    """
+
+    dof: str
+    input_unit: str
+    alpha: float
+    beta: float
+    beta_quadratic: float = 0.0
+    delta: float = 0.0
+    delay: float = 0.0
+
+    @property
+    def axis(self) -> Dof:
+        """The degree of freedom's names."""
+        return DOFS[self.dof]
+
+    def steady_velocity(self, tau: float) -> float:
+        """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta``; thesis (7.4), (7.6)."""
+        sign = math.copysign(1.0, self.alpha)
+        force, b, c = sign * (tau + self.delta), sign * self.beta, sign * self.beta_quadratic
+        if c == 0.0:
+            return force / b if b else math.copysign(math.inf, force)
+        return math.copysign((-b + math.sqrt(b * b + 4.0 * c * abs(force))) / (2.0 * c), force)
+
+    def equivalent_drag(self, amplitude: float) -> float:
+        """Return the constant drag that loses the same first harmonic at velocity *amplitude*; (6.43)."""
+        return self.beta + 8.0 / (3.0 * math.pi) * self.beta_quadratic * abs(amplitude)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for a model file."""
+        return {
+            "schema": SCHEMA,
+            "model": "single-dof",
+            "dof": self.dof,
+            "input_unit": self.input_unit,
+            "alpha": self.alpha,
+            "beta": self.beta,
+            "beta_quadratic": self.beta_quadratic,
+            "delta": self.delta,
+            "delay": self.delay,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> SingleDof:
+        """Rebuild from :meth:`to_dict`."""
+        numbers = {k: float(data[k]) for k in ("alpha", "beta", "beta_quadratic", "delta", "delay")}
+        return cls(dof=str(data["dof"]), input_unit=str(data["input_unit"]), **numbers)

@@ -1,0 +1,174 @@
+"""The notation, once: SNAME states, forces, their units, and every sign convention of this package.
+
+Signs
+-----
+* Frames: NED (``x`` north, ``y`` east, ``z`` down) and the body frame FRD (forward, right, down).
+* ``psi`` is measured from north over east; a positive yaw moment ``N`` turns the bow to starboard and
+  makes ``r = dpsi/dt`` positive. ``z`` is depth (down positive); a positive ``Z`` pushes down.
+  A positive ``X`` pushes ahead.
+* One degree of freedom, thesis (6.33): ``alpha * nu_dot + (beta + beta_nn * |nu|) * nu = tau + Delta``.
+  ``alpha`` is inertia including added mass; drag coefficients are positive when they damp; ``Delta`` is the
+  constant force of tether, trim, wind or net weight, on the side of ``tau``. Seen from a steering input of
+  reversed sign (a rudder whose positive angle turns to port) ``alpha`` and the drags come out negative.
+* A rudder deflection ``delta`` (channel) is an input like ``N``; the *parameter* called ``delta`` in results
+  is ``Delta`` above.
+
+Units
+-----
+SI and radians inside. Files carry the unit in the column head, ``name[unit]``; :func:`to_si` knows the
+units accepted there. A force or moment known only as a fraction of full actuator output has the unit ``1``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from gcs_autotune.errors import BadFile
+
+__all__ = ["DOFS", "SIGNALS", "Dof", "parse_header", "to_si", "wrap"]
+
+SIGNALS: dict[str, tuple[str, str]] = {
+    "x": ("m", "north position"),
+    "y": ("m", "east position"),
+    "z": ("m", "depth, down positive"),
+    "phi": ("rad", "roll angle"),
+    "theta": ("rad", "pitch angle"),
+    "psi": ("rad", "heading, north over east"),
+    "u": ("m/s", "surge velocity"),
+    "v": ("m/s", "sway velocity"),
+    "w": ("m/s", "heave velocity"),
+    "p": ("rad/s", "roll rate"),
+    "q": ("rad/s", "pitch rate"),
+    "r": ("rad/s", "yaw rate"),
+    "U": ("m/s", "speed over ground"),
+    "X": ("N", "surge force, or fraction of full output"),
+    "Y": ("N", "sway force, or fraction of full output"),
+    "Z": ("N", "heave force, or fraction of full output"),
+    "K": ("N m", "roll moment, or fraction of full output"),
+    "M": ("N m", "pitch moment, or fraction of full output"),
+    "N": ("N m", "yaw moment, or fraction of full output"),
+    "delta": ("rad", "rudder angle"),
+    "n": ("rad/s", "propeller speed"),
+}
+"""Signal name -> (SI unit, meaning)."""
+
+_TO_SI: dict[str, tuple[str, float]] = {
+    "": ("1", 1.0),
+    "1": ("1", 1.0),
+    "-": ("1", 1.0),
+    "%": ("1", 0.01),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180.0),
+    "m/s": ("m/s", 1.0),
+    "cm/s": ("m/s", 1e-2),
+    "kn": ("m/s", 1852.0 / 3600.0),
+    "km/h": ("m/s", 1.0 / 3.6),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180.0),
+    "rev/s": ("rad/s", 2.0 * math.pi),
+    "rpm": ("rad/s", math.pi / 30.0),
+    "m/s^2": ("m/s^2", 1.0),
+    "rad/s^2": ("rad/s^2", 1.0),
+    "deg/s^2": ("rad/s^2", math.pi / 180.0),
+    "N": ("N", 1.0),
+    "kN": ("N", 1e3),
+    "N m": ("N m", 1.0),
+    "Nm": ("N m", 1.0),
+    "kN m": ("N m", 1e3),
+    "V": ("V", 1.0),
+    "A": ("A", 1.0),
+    "Pa": ("Pa", 1.0),
+    "hPa": ("Pa", 100.0),
+    "pwm": ("pwm", 1.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Dof:
+    """One degree of freedom and the names its signals and parameters go by.
+
+    ``velocity`` names the parameters: ``alpha_r``, ``beta_r``, ``beta_rr`` for yaw.
+    """
+
+    name: str
+    velocity: str
+    position: str
+    force: str
+    angular: bool
+
+    @property
+    def position_unit(self) -> str:
+        """``rad`` or ``m``."""
+        return "rad" if self.angular else "m"
+
+    def parameter_names(self) -> tuple[str, str, str, str]:
+        """Return the names of inertia, linear drag, quadratic drag and constant force."""
+        nu = self.velocity
+        return (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}", "delta")
+
+    def parameter_units(self, force_unit: str) -> tuple[str, str, str, str]:
+        """Return the units of :meth:`parameter_names`, given that of the input (``N``, ``N m``, ``rad``, ``1``).
+
+        Radians are written out, as the thesis does, because normalised inputs leave no other trace of them.
+        """
+        length = self.position_unit
+        base = "" if force_unit == "1" else force_unit + " "
+        return (f"{base}s^2/{length}", f"{base}s/{length}", f"{base}s^2/{length}^2", force_unit)
+
+
+DOFS: dict[str, Dof] = {
+    d.name: d
+    for d in (
+        Dof("yaw", "r", "psi", "N", True),
+        Dof("surge", "u", "x", "X", False),
+        Dof("sway", "v", "y", "Y", False),
+        Dof("heave", "w", "z", "Z", False),
+        Dof("roll", "p", "phi", "K", True),
+        Dof("pitch", "q", "theta", "M", True),
+    )
+}
+"""Name -> degree of freedom."""
+
+_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+
+
+def parse_header(header: str) -> tuple[str, str]:
+    """Split ``"psi[deg]"`` into ``("psi", "deg")``; no bracket gives the unit ``""``.
+
+    Raises
+    ------
+    BadFile
+        When the text is not of that form.
+    """
+    match = _HEADER.match(header)
+    if match is None:
+        raise BadFile(f"column head {header!r} is not of the form name[unit]")
+    return match["name"], (match["unit"] or "").strip()
+
+
+def to_si(unit: str) -> tuple[str, float]:
+    """Return ``(si_unit, factor)`` such that ``value * factor`` is in *si_unit*.
+
+    Raises
+    ------
+    BadFile
+        When the unit is not known.
+    """
+    try:
+        return _TO_SI[unit.replace("°", "deg").strip()]
+    except KeyError:
+        known = ", ".join(u for u in _TO_SI if u)
+        raise BadFile(f"unit [{unit}] is not known; known units: {known}") from None
+
+
+def wrap(angle: float) -> float:
+    """Wrap an angle [rad] to (-pi, pi]."""
+    return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)

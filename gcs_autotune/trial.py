@@ -1,0 +1,230 @@
+"""A trial: one recorded manoeuvre, as channels with units, events and an ending.
+
+Channels carry their own time stamps, because telemetry does: a compass at 10 Hz and a servo at 50 Hz sit in
+one file as rows of the union of stamps, with empty cells where a channel has no sample. An input channel
+(``X Y Z K M N delta``) holds its value from its stamp to the next (zero-order hold).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import BadFile, MissingChannel
+from gcs_autotune.sname import parse_header, to_si
+
+__all__ = ["Channel", "Mark", "Trial", "load_trial", "save_trial"]
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """One signal in SI units.
+
+    t, values : (n,) float64, stamps [s] non-decreasing as recorded, values in ``unit``.
+    """
+
+    name: str
+    unit: str
+    t: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def between(self, start: float, end: float) -> Channel:
+        """Return the samples with ``start <= t <= end``."""
+        keep = (self.t >= start) & (self.t <= end)
+        return replace(self, t=self.t[keep], values=self.values[keep])
+
+    def held_at(self, t: float) -> float:
+        """Return the value in force at *t* under zero-order hold (the first value before the first stamp)."""
+        i = int(np.searchsorted(self.t, t, side="right")) - 1
+        return float(self.values[max(i, 0)])
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An event in a trial, e.g. ``Mark(12.3, "switch", {"x": 0.18, "N": 0.3})``."""
+
+    t: float
+    kind: str
+    detail: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One recorded manoeuvre.
+
+    ``ending`` is ``completed``, ``stopped``, ``aborted`` or ``imported``; ``meta`` holds what was in force
+    (manoeuvre settings, vehicle, firmware, seed).
+    """
+
+    name: str
+    channels: Mapping[str, Channel]
+    marks: tuple[Mark, ...] = ()
+    ending: str = "imported"
+    reason: str = ""
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Channel:
+        """Return a channel.
+
+        Raises
+        ------
+        MissingChannel
+            When the trial has none of that name; the message lists what it has.
+        """
+        try:
+            return self.channels[name]
+        except KeyError:
+            have = ", ".join(self.channels) or "nothing"
+            raise MissingChannel(f"run '{self.name}' has no channel '{name}'; it has {have}") from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    @property
+    def start(self) -> float:
+        """First stamp of any channel [s]."""
+        return min((float(c.t[0]) for c in self.channels.values() if len(c)), default=math.nan)
+
+    @property
+    def end(self) -> float:
+        """Last stamp of any channel [s]."""
+        return max((float(c.t[-1]) for c in self.channels.values() if len(c)), default=math.nan)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from first to last stamp."""
+        return self.end - self.start
+
+    def between(self, start: float, end: float) -> Trial:
+        """Return the part of the trial with ``start <= t <= end``."""
+        return replace(
+            self,
+            channels={n: c.between(start, end) for n, c in self.channels.items()},
+            marks=tuple(m for m in self.marks if start <= m.t <= end),
+        )
+
+
+def save_trial(trial: Trial, path: Path) -> None:
+    """Write ``path`` (CSV, ``name[unit]`` heads) and beside it ``path`` with suffix ``.json`` (marks, meta)."""
+    channels = list(trial.channels.values())
+    stamps = np.unique(np.concatenate([c.t for c in channels])) if channels else np.empty(0)
+    columns = [_column(c, stamps) for c in channels]
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["t[s]", *(f"{c.name}[{c.unit}]" for c in channels)])
+        for i, t in enumerate(stamps):
+            writer.writerow([f"{t:.6f}", *(column[i] for column in columns)])
+    side = {
+        "schema": SCHEMA,
+        "name": trial.name,
+        "ending": trial.ending,
+        "reason": trial.reason,
+        "meta": dict(trial.meta),
+        "marks": [{"t": m.t, "kind": m.kind, "detail": dict(m.detail)} for m in trial.marks],
+    }
+    path.with_suffix(".json").write_text(json.dumps(side, indent=1) + "\n", encoding="utf-8")
+
+
+def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:
+    cells = [""] * len(stamps)
+    for i, value in zip(np.searchsorted(stamps, channel.t), channel.values, strict=True):
+        cells[int(i)] = f"{value:.9g}"
+    return cells
+
+
+def load_trial(path: Path) -> Trial:
+    """Read a CSV run written by :func:`save_trial` or by anybody using ``name[unit]`` heads.
+
+    The time column is ``t`` (or the first column whose unit is a time). Empty cells and ``nan`` are missing
+    samples. Units are converted to SI. Columns of unknown name are kept; non-numeric ones are an error.
+
+    Raises
+    ------
+    BadFile
+        Not readable, no time column, unknown unit, a damaged row (a truncated *last* row is dropped and
+        noted in ``meta["dropped_rows"]``), no rows.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith("#")]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadFile(f"{path} cannot be read as a CSV run: {error}") from error
+    if len(rows) < 2:
+        raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
+    heads = [parse_header(h) for h in rows[0]]
+    units = [to_si(unit) for _, unit in heads]
+    time_column = _time_column(path, heads, units)
+    table, dropped = _table(path, rows, len(heads))
+    t = table[:, time_column] * units[time_column][1]
+    known_t = np.isfinite(t)
+    channels: dict[str, Channel] = {}
+    for i, (name, _) in enumerate(heads):
+        if i == time_column:
+            continue
+        unit, factor = units[i]
+        keep = known_t & np.isfinite(table[:, i])
+        channels[name] = Channel(name, unit, t[keep], table[keep, i] * factor)
+    meta: dict[str, Any] = {"source": path.name, "empty_cells": int(np.isnan(table).sum())}
+    if dropped:
+        meta["dropped_rows"] = dropped
+    return _with_side_file(Trial(path.stem, channels, meta=meta), path.with_suffix(".json"))
+
+
+def _time_column(path: Path, heads: list[tuple[str, str]], units: list[tuple[str, float]]) -> int:
+    for i, (name, _) in enumerate(heads):
+        if name in ("t", "time"):
+            return i
+    for i, (unit, _) in enumerate(units):
+        if unit == "s":
+            return i
+    raise BadFile(f"{path} has no time column t[s]; it has {', '.join(name for name, _ in heads)}")
+
+
+def _table(path: Path, rows: list[list[str]], width: int) -> tuple[NDArray[np.float64], int]:
+    values: list[list[float]] = []
+    dropped = 0
+    for number, row in enumerate(rows[1:], start=2):
+        try:
+            if len(row) != width:
+                raise ValueError(f"{len(row)} cells instead of {width}")
+            values.append([_cell(c) for c in row])
+        except ValueError as error:
+            if number == len(rows):
+                dropped = 1
+                break
+            raise BadFile(f"{path}, row {number}: {error}") from error
+    if not values:
+        raise BadFile(f"{path} holds no complete row of samples")
+    return np.array(values, dtype=np.float64), dropped
+
+
+def _cell(text: str) -> float:
+    text = text.strip()
+    return math.nan if text == "" else float(text)
+
+
+def _with_side_file(trial: Trial, path: Path) -> Trial:
+    if not path.exists():
+        return trial
+    try:
+        side = json.loads(path.read_text(encoding="utf-8"))
+        marks = tuple(Mark(float(m["t"]), str(m["kind"]), dict(m["detail"])) for m in side["marks"])
+        meta = {**trial.meta, **side["meta"]}
+        return replace(
+            trial, name=side["name"], ending=side["ending"], reason=side["reason"], meta=meta, marks=marks
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadFile(f"{path} beside the run cannot be read: {error}") from error
