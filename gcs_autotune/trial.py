@@ -108,6 +108,12 @@ class Trial:
         """Seconds from first to last stamp."""
         return self.end - self.start
 
+    @property
+    def proper(self) -> Trial:
+        """The manoeuvre proper, without its lead-in: from ``meta["from_t"]`` on (all of it when there is none)."""
+        start = self.meta.get("from_t")
+        return self.between(start, self.end) if isinstance(start, float) and start > self.start else self
+
     def between(self, start: float, end: float) -> Trial:
         """Return the part of the trial with ``start <= t <= end``."""
         return replace(
@@ -132,10 +138,15 @@ def save_trial(trial: Trial, path: Path) -> None:
         "name": trial.name,
         "ending": trial.ending,
         "reason": trial.reason,
-        "meta": dict(trial.meta),
-        "marks": [{"t": m.t, "kind": m.kind, "detail": dict(m.detail)} for m in trial.marks],
+        "meta": _finite(trial.meta),
+        "marks": [{"t": m.t, "kind": m.kind, "detail": _finite(m.detail)} for m in trial.marks],
     }
     path.with_suffix(".json").write_text(json.dumps(side, indent=1) + "\n", encoding="utf-8")
+
+
+def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out what is unknown: JSON has no NaN."""
+    return {k: v for k, v in values.items() if not (isinstance(v, float) and not math.isfinite(v))}
 
 
 def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:

@@ -1,1 +1,55 @@
-"""(being built)"""
+"""The command line: one table of commands, one table of exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+
+from gcs_autotune import __version__
+from gcs_autotune.cli import identify_cmd, params_cmd, restore_cmd, sitl_cmd, tune_cmd
+from gcs_autotune.cli.command import Command
+from gcs_autotune.errors import EXIT_CODES, AutotuneError, exit_code
+
+__all__ = ["COMMANDS", "main"]
+
+COMMANDS: Mapping[str, Command] = {
+    c.name: c
+    for c in (
+        tune_cmd.COMMAND,
+        identify_cmd.COMMAND,
+        params_cmd.COMMAND,
+        restore_cmd.COMMAND,
+        sitl_cmd.COMMAND,
+    )
+}
+"""Verb -> command; adding one is one file and one line."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == [sitl_cmd.COMMAND.name]:
+        return sitl_cmd.hand_over(arguments[1:])
+    args = _parser().parse_args(arguments)
+    try:
+        return COMMANDS[args.command].run(args)
+    except AutotuneError as error:
+        sys.stderr.write(f"gcs-autotune: {error}\n")
+        return exit_code(error)
+
+
+def _parser() -> argparse.ArgumentParser:
+    codes = "\n".join(f"  {code:3d}  {meaning}" for _, code, meaning in sorted(EXIT_CODES, key=lambda row: row[1]))
+    parser = argparse.ArgumentParser(
+        prog="gcs-autotune",
+        description="Identify and tune ArduPilot boats and ROVs over MAVLink.",
+        epilog=f"exit codes:\n    0  done\n{codes}\n    8  tuned, but the old gains proved better and are back",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"gcs-autotune {__version__}")
+    verbs = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for command in COMMANDS.values():
+        sub = verbs.add_parser(command.name, help=command.help, description=command.description)
+        command.add_arguments(sub)
+    return parser

@@ -1,1 +1,39 @@
-"""(being built)"""
+"""What to do to a craft so that it reveals itself, and the engine that does it safely.
+
+A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns observations into commands. Only
+:class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
+
+What to use when: ``relay`` to identify one degree of freedom in a few oscillations; ``step`` to prove a
+closed loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
+from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
+from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
+from gcs_autotune.manoeuvres.sequencer import Flown, Sequencer, visit
+from gcs_autotune.manoeuvres.step import Step, StepSettings
+
+__all__ = [
+    "GUARDS",
+    "MANOEUVRES",
+    "Ending",
+    "Envelope",
+    "Flown",
+    "Guard",
+    "Manoeuvre",
+    "Outcome",
+    "Relay",
+    "RelaySettings",
+    "Sequencer",
+    "Step",
+    "StepSettings",
+    "visit",
+]
+
+MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {"relay": Relay, "step": Step}
+"""Name -> manoeuvre (built from its settings); adding one is one file and one line."""

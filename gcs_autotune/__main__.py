@@ -1,0 +1,7 @@
+"""``python -m gcs_autotune``."""
+
+import sys
+
+from gcs_autotune.cli import main
+
+sys.exit(main())

@@ -1,0 +1,95 @@
+"""What a command of the command line is, and the option groups several of them share."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs_autotune.manoeuvres import Envelope
+
+__all__ = ["Command", "add_connection", "add_envelope", "add_output", "envelope_from"]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One verb: its name, one-line help, options, and what it does (returning the exit code)."""
+
+    name: str
+    help: str
+    description: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+def add_connection(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """Add ``--connect`` and its companions."""
+    group = parser.add_argument_group("connection")
+    group.add_argument(
+        "--connect",
+        metavar="URI",
+        default=default,
+        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, "
+        "or sitl:NAME for a simulated vehicle started for you"
+        + (f" (default {default})" if default else " (default sitl:charlie for heading, sitl:videoray for depth)"),
+    )
+    group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
+    group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")
+    group.add_argument(
+        "--source-system",
+        type=int,
+        metavar="ID",
+        help="our own system id (default: the one the vehicle takes commands from, MAV_GCS_SYSID)",
+    )
+    group.add_argument("--seed", type=int, default=1, help="noise seed of a sitl: vehicle (default 1)")
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add ``--out``."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="run directory to make (default runs/<date>-<time>-<vehicle>-<axis>)",
+    )
+
+
+def add_envelope(parser: argparse.ArgumentParser) -> None:
+    """Add the safety limits."""
+    d = Envelope()
+    group = parser.add_argument_group("safety limits; leaving one ends the manoeuvre with neutral actuators")
+    limits: tuple[tuple[str, float | None, str], ...] = (
+        ("--max-heading-excursion", math.degrees(d.heading_excursion), "from the starting heading, deg"),
+        ("--max-depth-excursion", d.depth_excursion, "from the starting depth, m"),
+        ("--max-depth", None, "greatest depth, m"),
+        ("--min-depth", None, "least depth, m"),
+        ("--max-speed", d.speed, "over ground, m/s"),
+        ("--max-distance", d.distance, "from the start, m"),
+        ("--max-roll", math.degrees(d.roll), "deg"),
+        ("--max-pitch", math.degrees(d.pitch), "deg"),
+        ("--min-battery-voltage", None, "V"),
+        ("--min-battery", 100.0 * d.battery_remaining, "remaining, percent"),
+        ("--max-time", d.time, "of one manoeuvre, s"),
+    )
+    for flag, default, text in limits:
+        shown = "off" if default is None else f"{default:g}"
+        group.add_argument(flag, type=float, metavar="X", default=default, help=f"{text} (default {shown})")
+
+
+def envelope_from(args: argparse.Namespace) -> Envelope:
+    """Build the envelope from the options of :func:`add_envelope` (degrees and percent end here)."""
+    return Envelope(
+        heading_excursion=math.radians(args.max_heading_excursion),
+        depth_excursion=args.max_depth_excursion,
+        depth_max=math.inf if args.max_depth is None else args.max_depth,
+        depth_min=0.0 if args.min_depth is None else args.min_depth,
+        speed=args.max_speed,
+        distance=args.max_distance,
+        roll=math.radians(args.max_roll),
+        pitch=math.radians(args.max_pitch),
+        battery_voltage=0.0 if args.min_battery_voltage is None else args.min_battery_voltage,
+        battery_remaining=args.min_battery / 100.0,
+        time=args.max_time,
+    )

@@ -1,0 +1,73 @@
+"""The person at the terminal: Ctrl-C as a request, questions that keep the link alive, the live line."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from gcs_autotune.errors import UsageError
+
+__all__ = ["ConsoleOperator"]
+
+_STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+class ConsoleOperator:
+    """Turns signals into a request to stop and asks questions on the terminal.
+
+    The first Ctrl-C (or SIGTERM, or the terminal closing) asks for an orderly stop: neutral actuators, mode
+    and parameters as found. Further ones only say that clean-up is under way: it is never cut short.
+    """
+
+    def __init__(self, *, yes: bool) -> None:
+        self._yes = yes
+        self._stop = False
+
+    def stop_requested(self) -> bool:
+        """Whether a stop signal has come."""
+        return self._stop
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Catch the stop signals while inside; the previous handlers come back afterwards."""
+        numbers = [getattr(signal, name) for name in _STOP_SIGNALS if hasattr(signal, name)]
+        previous = {number: signal.signal(number, self._note) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+
+    def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
+        """Ask yes/no on the terminal; no answer but "y" or "yes" counts as yes.
+
+        Raises
+        ------
+        UsageError
+            When there is nobody to ask and ``--yes`` was not given.
+        """
+        if self._yes:
+            return True
+        if not sys.stdin or not sys.stdin.isatty():
+            raise UsageError(
+                f"'{question}' cannot be asked: standard input is no terminal. Give --yes to agree beforehand, "
+                "or --dry-run to change nothing"
+            )
+        answers: list[str] = []
+        reader = threading.Thread(target=lambda: answers.append(sys.stdin.readline()), daemon=True)
+        sys.stderr.write(f"{question} [y/N] ")
+        sys.stderr.flush()
+        reader.start()
+        while reader.is_alive():
+            while_waiting()
+        return bool(answers) and answers[0].strip().lower() in ("y", "yes")
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        again = self._stop
+        self._stop = True
+        text = "still putting things back; please wait\n" if again else "\nstopping: putting things back as found\n"
+        sys.stderr.write(text)

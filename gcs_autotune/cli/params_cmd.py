@@ -1,0 +1,53 @@
+"""``gcs-autotune params``: save parameters to a file, or put a file's parameters back."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from gcs_autotune.cli.command import Command, add_connection
+from gcs_autotune.cli.console import ConsoleOperator
+
+__all__ = ["COMMAND"]
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", required=True)
+    save = actions.add_parser("save", help="write the vehicle's whole parameter list to a file")
+    save.add_argument("file", type=Path, metavar="FILE", help="NAME,VALUE lines, or JSON when it ends in .json")
+    add_connection(save, default="sitl:charlie")
+    restore = actions.add_parser("restore", help="put a file's parameters back and verify each by reading it")
+    restore.add_argument("file", type=Path, metavar="FILE", help="as written by `params save` or by `tune`")
+    restore.add_argument("--yes", action="store_true", help="do not ask before writing")
+    add_connection(restore, default="sitl:charlie")
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from gcs_autotune.report import TerminalWatcher
+    from gcs_autotune.workflow import Connection, restore_parameters, save_parameters
+
+    connection = Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed)
+    operator = ConsoleOperator(yes=args.action == "save" or args.yes)
+    watcher = TerminalWatcher(Console(stderr=True))
+    with operator.listening():
+        if args.action == "save":
+            count = save_parameters(connection, args.file, operator, watcher)
+            sys.stdout.write(f"{count} parameters saved to {args.file}\n")
+        else:
+            changed = restore_parameters(connection, args.file, operator, watcher)
+            for name, (found, wanted) in changed.items():
+                sys.stdout.write(f"{name}: {found:g} -> {wanted:g}\n")
+            sys.stdout.write(f"{len(changed)} parameters changed; all of {args.file} verified by reading back\n")
+    return 0
+
+
+COMMAND = Command(
+    name="params",
+    help="save or restore a vehicle's parameters",
+    description="Save a vehicle's parameters to a file, or put a file's parameters back.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

@@ -1,0 +1,51 @@
+"""``gcs-autotune restore``: finish the clean-up of a run that was cut off."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from gcs_autotune.cli.command import Command, add_connection
+from gcs_autotune.cli.console import ConsoleOperator
+
+__all__ = ["COMMAND"]
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "run",
+        nargs="?",
+        type=Path,
+        metavar="RUN",
+        help="run directory (or its journal.jsonl); default: the newest below runs/ with something left to restore",
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask before writing")
+    add_connection(parser, default="sitl:charlie")
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from gcs_autotune.report import TerminalWatcher
+    from gcs_autotune.workflow import Connection, restore_run
+
+    operator = ConsoleOperator(yes=args.yes)
+    connection = Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed)
+    with operator.listening():
+        restored = restore_run(connection, args.run, operator, TerminalWatcher(Console(stderr=True)))
+    if not restored:
+        sys.stdout.write("nothing to restore: the journal is settled\n")
+    for name, (found, old) in restored.items():
+        sys.stdout.write(f"{name}: {found:g} -> {old:g}, verified by reading it back\n")
+    return 0
+
+
+COMMAND = Command(
+    name="restore",
+    help="put back what an interrupted run left changed",
+    description="Read the journal of a run that was cut off (power, radio, kill) and put the vehicle back as found: "
+    "actuators neutral, parameters as they were, verified by reading them.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

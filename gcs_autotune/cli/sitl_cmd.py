@@ -1,0 +1,43 @@
+"""``gcs-autotune sitl``: run a simulated vehicle as a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+
+from gcs_autotune.cli.command import Command
+
+__all__ = ["COMMAND", "hand_over"]
+
+
+def hand_over(arguments: Sequence[str]) -> int:
+    """Run ``python -m sitl`` with *arguments* and return its exit code.
+
+    The simulator is a program of its own, with its own options: the two packages meet only on the wire.
+    Ctrl-C reaches it too (same terminal) and it ends by itself, so ours is only waited out.
+    """
+    process = subprocess.Popen([sys.executable, "-m", "sitl", *arguments])
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            continue
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="see `gcs-autotune sitl --help`")
+
+
+def _run(args: argparse.Namespace) -> int:
+    return hand_over(args.arguments)
+
+
+COMMAND = Command(
+    name="sitl",
+    help="run a simulated vehicle that speaks MAVLink (see `gcs-autotune sitl --help`)",
+    description="Run a simulated ArduRover/ArduSub-style vehicle: charlie, videoray, automarine, falcon.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

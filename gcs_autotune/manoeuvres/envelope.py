@@ -1,0 +1,127 @@
+"""The safety envelope: limits that end a manoeuvre, checked at every tick, whatever the manoeuvre thinks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.errors import GuardTripped
+
+__all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """How far a craft may go. SI units and radians; ``inf`` switches a limit off.
+
+    ``heading_excursion`` and ``distance`` count from where the manoeuvre started; ``depth_min`` and
+    ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining`` [0..1] are lower
+    limits; ``time`` bounds one manoeuvre.
+    Defaults are chosen for boats and ROVs of up to a few metres in a few boat lengths of free water.
+    """
+
+    heading_excursion: float = math.radians(120.0)
+    depth_min: float = 0.0
+    depth_max: float = math.inf
+    depth_excursion: float = 3.0
+    speed: float = 4.0
+    distance: float = 300.0
+    roll: float = math.radians(45.0)
+    pitch: float = math.radians(45.0)
+    battery_voltage: float = 0.0
+    battery_remaining: float = 0.1
+    time: float = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """One limit: ``share(envelope, anchor, now)`` is how much of it is used, above 1 when broken.
+
+    ``measure`` returns (value, limit) in SI units, or None when the signal is not there.
+    """
+
+    name: str
+    unit: str
+    measure: Callable[[Envelope, Observation, Observation], tuple[float, float] | None]
+    below: bool = False
+
+    def share(self, envelope: Envelope, anchor: Observation, now: Observation) -> float:
+        """Return the used share of the limit; 0 when it does not apply."""
+        pair = self.measure(envelope, anchor, now)
+        if pair is None or not math.isfinite(pair[0]) or not math.isfinite(pair[1]):
+            return 0.0
+        value, limit = pair
+        if self.below:
+            return math.inf if value < limit else (limit / value if value > 0.0 else 0.0)
+        return value / limit if limit > 0.0 else (math.inf if value > limit else 0.0)
+
+
+def _distance(anchor: Observation, now: Observation) -> float:
+    return math.hypot(now.x - anchor.x, now.y - anchor.y)
+
+
+GUARDS: tuple[Guard, ...] = (
+    Guard(
+        "heading excursion", "rad", lambda e, a, o: (abs(o.psi - a.psi), e.heading_excursion)
+    ),
+    Guard("depth excursion", "m", lambda e, a, o: (abs(o.z - a.z), e.depth_excursion)),
+    Guard("greatest depth", "m", lambda e, a, o: (o.z, e.depth_max)),
+    Guard("least depth", "m", lambda e, a, o: (o.z, e.depth_min) if e.depth_min > 0.0 else None, below=True),
+    Guard("speed", "m/s", lambda e, a, o: (o.speed, e.speed)),
+    Guard("distance from start", "m", lambda e, a, o: (_distance(a, o), e.distance)),
+    Guard("roll", "rad", lambda e, a, o: (abs(o.phi), e.roll)),
+    Guard("pitch", "rad", lambda e, a, o: (abs(o.theta), e.pitch)),
+    Guard(
+        "battery voltage", "V", lambda e, a, o: (o.battery_voltage, e.battery_voltage), below=True
+    ),
+    Guard(
+        "battery remaining", "1", lambda e, a, o: (o.battery_remaining, e.battery_remaining), below=True
+    ),
+    Guard("time", "s", lambda e, a, o: (o.t - a.t, e.time)),
+)
+"""Every limit there is; adding one is one line here and one field in :class:`Envelope`."""
+
+
+class Watch:
+    """The envelope around one manoeuvre, anchored where it started."""
+
+    def __init__(self, envelope: Envelope, anchor: Observation) -> None:
+        self.envelope = envelope
+        self.anchor = anchor
+
+    def check(self, now: Observation) -> tuple[str, float]:
+        """Return the guard nearest to tripping and its used share (0..1).
+
+        Raises
+        ------
+        GuardTripped
+            With guard, value and limit, when any limit is broken.
+        """
+        nearest, most = "", 0.0
+        for guard in GUARDS:
+            share = guard.share(self.envelope, self.anchor, now)
+            if share > 1.0:
+                self._trip(guard, now)
+            if share > most:
+                nearest, most = guard.name, share
+        return nearest, most
+
+    def _trip(self, guard: Guard, now: Observation) -> None:
+        pair = guard.measure(self.envelope, self.anchor, now)
+        value, limit = pair if pair is not None else (math.nan, math.nan)
+        shown = _shown(guard, value), _shown(guard, limit)
+        raise GuardTripped(
+            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to "
+            "neutral. Give more room with the matching --max-/--min- option, or a smaller relay or step.",
+            guard=guard.name,
+            value=value,
+            limit=limit,
+        )
+
+
+def _shown(guard: Guard, value: float) -> str:
+    if guard.unit == "rad":
+        return f"{math.degrees(value):.1f} deg"
+    return f"{value:.2f} {guard.unit}" if guard.unit != "1" else f"{100.0 * value:.0f} %"

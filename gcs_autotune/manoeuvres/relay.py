@@ -1,0 +1,244 @@
+"""The self-oscillation experiment: relay with hysteresis on heading, depth or (integrated) speed.
+
+Thesis 6.6: the relay's input is the position of one degree of freedom (heading, depth, or the integral of
+surge speed, 6.6.2), its output the actuator. It starts small and grows until the oscillation is proper
+(condition (7.12)); it ends when five consecutive periods agree within 10 % (6.7).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.identify import LimitCycleMonitor
+from gcs_autotune.manoeuvres.lead_in import LeadIn
+from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.trial import Mark
+from gcs_autotune.watch import Progress
+
+__all__ = ["Relay", "RelaySettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class RelaySettings:
+    """What to fly. Outputs are fractions of full actuator output; angles rad, lengths m, times s.
+
+    Attributes
+    ----------
+    signal, force : what is watched (``psi``, ``z`` or ``x`` for integrated surge speed) and what is driven.
+    output : relay output C; None lets it start at ``first_output`` and grow by ``growth`` up to ``most_output``.
+    hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
+    throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
+    reference_speed : speed [m/s] around which a surge relay swings.
+    periods, tolerance : the stop rule.
+    patience : longest time without a switching [s].
+    """
+
+    signal: str
+    force: str
+    output: float | None = None
+    hysteresis: float | None = None
+    throttle: float = 0.0
+    reference_speed: float = 0.0
+    first_output: float = 0.3
+    growth: float = 1.5
+    most_output: float = 0.9
+    least_hysteresis: float = math.radians(10.0)
+    periods: int = 5
+    tolerance: float = 0.10
+    most_periods: int = 30
+    patience: float = 30.0
+
+
+class Relay:
+    """Lead-in (way on, noise measured), then the relay until the limit cycle has settled."""
+
+    in_manual = True
+
+    def __init__(self, settings: RelaySettings, name: str = "relay") -> None:
+        self.name = name
+        self.outcome: Outcome | None = None
+        self._settings = settings
+        self._lead_in = LeadIn(settings.signal, needs_way=settings.throttle != 0.0)
+        self._marks: list[Mark] = []
+        self._output = settings.output if settings.output is not None else settings.first_output
+        self._hysteresis = settings.hysteresis or settings.least_hysteresis
+        self._monitor = self._new_monitor()
+        self._high = True
+        self._reference = math.nan
+        self._began = math.nan
+        self._last_switch = math.nan
+        self._improper_periods = 0
+        self._judged = 0
+        self._switched_once = False
+        self._astray = 0
+        self._integral = 0.0
+        self._last_t = math.nan
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began."""
+        s = self._settings
+        return {
+            "manoeuvre": "relay",
+            "signal": s.signal,
+            "force": s.force,
+            "C": self._output,
+            "x_a": self._hysteresis,
+            "reference": self._reference,
+            "throttle": s.throttle,
+            "noise_std": self._lead_in.noise_std,
+            "speed": self._lead_in.speed,
+            "from_t": self._began,
+        }
+
+    def start(self, observation: Observation) -> None:
+        """Begin the lead-in."""
+        self._last_t = observation.t
+        self._lead_in.start(observation)
+
+    def update(self, observation: Observation) -> Command:
+        """Drive the relay."""
+        x = self._watched(observation)
+        if not self._lead_in.done:
+            self._lead_in.update(observation.t, x, observation.speed)
+            return self._command(0.0)
+        if math.isnan(self._began):
+            self._begin(observation.t, x)
+        self._switch(observation.t, x - self._reference)
+        self._judge(observation.t, x - self._reference)
+        return self._command(self._output if self._high else -self._output)
+
+    def take_marks(self) -> Sequence[Mark]:
+        """Return switchings and growths since the last call."""
+        marks, self._marks = self._marks, []
+        return marks
+
+    def progress(self, observation: Observation) -> Progress:
+        """Return amplitude, periods and scatter so far."""
+        s, state = self._settings, self._monitor.state
+        return Progress(
+            stage="",
+            manoeuvre="lead-in" if math.isnan(self._began) else "relay",
+            t=observation.t,
+            signal=s.signal,
+            value=observation.value(s.signal) if s.signal != "x" else observation.u,
+            target=self._reference if s.signal != "x" else s.reference_speed,
+            output=observation.output.get(s.force, math.nan),
+            amplitude=state.cycle.X_m if state.cycle is not None else math.nan,
+            periods=state.periods,
+            periods_needed=s.periods,
+            scatter=state.cycle.scatter if state.cycle is not None else math.nan,
+            age=observation.age,
+        )
+
+    def _watched(self, observation: Observation) -> float:
+        if self._settings.signal != "x":
+            return observation.value(self._settings.signal)
+        dt = observation.t - self._last_t
+        self._last_t = observation.t
+        if math.isfinite(observation.u):
+            self._integral += (observation.u - self._settings.reference_speed) * dt
+        return self._integral
+
+    def _begin(self, t: float, x: float) -> None:
+        self._began = self._last_switch = t
+        self._reference = x
+        if self._settings.hysteresis is None:
+            self._hysteresis = max(self._settings.least_hysteresis, 5.0 * self._lead_in.noise_std)
+        self._reset_monitor()
+        self._marks.append(Mark(t, "switch", {"x": 0.0, self._settings.force: self._output}))
+
+    def _switch(self, t: float, x: float) -> None:
+        wanted = self._high
+        if x >= self._hysteresis:
+            wanted = False
+        elif x <= -self._hysteresis:
+            wanted = True
+        if wanted != self._high:
+            self._high, self._last_switch, self._switched_once = wanted, t, True
+            sign = 1.0 if wanted else -1.0
+            self._marks.append(Mark(t, "switch", {"x": x, self._settings.force: sign * self._output}))
+
+    def _judge(self, t: float, x: float) -> None:
+        s = self._settings
+        state = self._monitor.update(t, x, self._high)
+        if state.settled:
+            self.outcome = Outcome("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
+            return
+        if state.switchings >= self._judged + 2:
+            self._judged = state.switchings
+            self._improper_periods = 0 if state.proper else self._improper_periods + 1
+        if self._went_astray(x):
+            self._grow(t, self._wrong_way())
+        elif t - self._last_switch > s.patience:
+            self._grow(t, self._no_oscillation())
+        elif self._improper_periods >= 2:
+            self._grow(t, self._improper())
+        elif state.switchings >= 2 * s.most_periods:
+            self.outcome = Outcome("aborted", self._never_settled())
+
+    def _grow(self, t: float, otherwise: str) -> None:
+        """Make the relay larger; when it may not grow, give up with the reason *otherwise*."""
+        s = self._settings
+        if s.output is not None or self._output >= s.most_output:
+            self.outcome = Outcome("aborted", otherwise)
+            return
+        self._output = min(self._output * s.growth, s.most_output)
+        self._last_switch, self._improper_periods = t, 0
+        self._reset_monitor()
+        self._marks.append(Mark(t, "grow", {"C": self._output}))
+        sign = 1.0 if self._high else -1.0
+        self._marks.append(Mark(t, "switch", {s.force: sign * self._output}))
+
+    def _reset_monitor(self) -> None:
+        self._judged = 0
+        self._monitor = self._new_monitor()
+
+    def _new_monitor(self) -> LimitCycleMonitor:
+        s = self._settings
+        return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance)
+
+    def _went_astray(self, x: float) -> bool:
+        """Whether the very first push moved the craft the other way, one more hysteresis since last asked."""
+        if self._switched_once or x > -(2.0 + self._astray) * self._hysteresis:
+            return False
+        self._astray += 1
+        return True
+
+    def _never_settled(self) -> str:
+        s, cycle = self._settings, self._monitor.state.cycle
+        scatter = cycle.scatter if cycle is not None else math.nan
+        return (
+            f"the limit cycle never settled: {s.most_periods} periods, the last scatter {100 * scatter:.0f} % "
+            f"(needed {100 * s.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or use "
+            "a larger --relay-output or --relay-hysteresis"
+        )
+
+    def _wrong_way(self) -> str:
+        return (
+            f"{self._output:.2f} of full {self._settings.force} output moved {self._settings.signal} the wrong way: "
+            "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is stronger than it"
+        )
+
+    def _no_oscillation(self) -> str:
+        return (
+            f"no self-oscillation at relay output {self._output:.2f}: the craft did not cross the hysteresis within "
+            f"{self._settings.patience:.0f} s. Check that the actuator moves it, or give a larger --relay-output or a "
+            "smaller --relay-hysteresis"
+        )
+
+    def _improper(self) -> str:
+        return (
+            f"the oscillation stayed improper (condition (7.12), x_a* + |x_0| < X_m) up to relay output "
+            f"{self._output:.2f}; give a larger --relay-output or a smaller --relay-hysteresis"
+        )
+
+    def _command(self, output: float) -> Command:
+        s = self._settings
+        if s.force == "X":
+            return Actuate(X=s.throttle + output)
+        return Actuate(X=s.throttle, **{s.force: output})

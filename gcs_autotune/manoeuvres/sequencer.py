@@ -1,0 +1,153 @@
+"""The engine: the only object that flies a manoeuvre, and the one that always cleans up after it.
+
+Clean-up lives here, not in the manoeuvres, so that it happens on every ending: success, stop, abort, a bug,
+Ctrl-C, a lost link. Order: actuators neutral (checked on the measured outputs), then, when the visit ends,
+mode as found, armed state as found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from gcs_autotune.craft import Craft, Observation
+from gcs_autotune.errors import AutotuneError, LinkError, NotAsFound, PreconditionFailed
+from gcs_autotune.manoeuvres.envelope import Envelope, Watch
+from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+
+__all__ = ["Flown", "Sequencer", "visit"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flown:
+    """A manoeuvre that was flown to an end of its own: its record and how it ended."""
+
+    trial: Trial
+    outcome: Outcome
+
+
+class Sequencer:
+    """Flies manoeuvres on a craft, inside an envelope.
+
+    ``keep`` is called with the trial after every ending, good or bad, before any error is raised: the
+    record must be on disk whatever happens next.
+    """
+
+    def __init__(
+        self, craft: Craft, envelope: Envelope, watcher: Watcher, keep: Callable[[Trial], None]
+    ) -> None:
+        self._craft = craft
+        self._envelope = envelope
+        self._watcher = watcher
+        self._keep = keep
+        self._broken = ""
+
+    def fly(self, manoeuvre: Manoeuvre, stage: str = "", envelope: Envelope | None = None) -> Flown:
+        """Fly *manoeuvre* to its end.
+
+        Raises
+        ------
+        PreconditionFailed
+            When an earlier manoeuvre of this sequencer was aborted.
+        GuardTripped, LinkLost, TelemetryFault, OperatorStopped, ...
+            Whatever ended it early; by then the actuators are neutral and the record is kept.
+        """
+        if self._broken:
+            raise PreconditionFailed(f"nothing more is flown after an abort ({self._broken}); start again")
+        outcome = Outcome("aborted", "the program failed")
+        self._craft.start_recording(manoeuvre.name)
+        try:
+            outcome = self._run(manoeuvre, stage, envelope or self._envelope)
+        except BaseException as error:
+            outcome = Outcome("aborted", str(error) or type(error).__name__)
+            self._broken = outcome.reason
+            self._end(manoeuvre, outcome, error)
+            raise
+        return Flown(self._end(manoeuvre, outcome, None).proper, outcome)
+
+    def _run(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope) -> Outcome:
+        craft, firmware = self._craft, self._craft.firmware
+        craft.set_mode(firmware.manual_mode if manoeuvre.in_manual else firmware.hold_mode)
+        observation = craft.observe()
+        watch = Watch(envelope, observation)
+        manoeuvre.start(observation)
+        while manoeuvre.outcome is None:
+            nearest, share = watch.check(observation)
+            craft.send(manoeuvre.update(observation))
+            for mark in manoeuvre.take_marks():
+                craft.mark(mark)
+            progress = manoeuvre.progress(observation)
+            self._watcher.update(replace(progress, stage=stage, guard=nearest, guard_share=share))
+            observation = craft.observe()
+        return manoeuvre.outcome
+
+    def _end(self, manoeuvre: Manoeuvre, outcome: Outcome, error: BaseException | None) -> Trial:
+        failure: AutotuneError | None = None
+        with self._craft.shielded():
+            try:
+                self._craft.neutral()
+            except AutotuneError as trouble:
+                failure = trouble
+            recorded = self._craft.stop_recording(outcome.ending)
+            trial = replace(recorded, reason=outcome.reason, meta={**recorded.meta, **manoeuvre.settings})
+            self._keep(trial)
+        if failure is not None:
+            self._say_not_neutral(failure)
+            if error is None:
+                raise failure
+        return trial
+
+    def _say_not_neutral(self, failure: AutotuneError) -> None:
+        self._watcher.say(
+            f"neutral outputs could not be confirmed ({failure}); the vehicle's own override time-out brings "
+            "them to neutral"
+        )
+
+
+@contextmanager
+def visit(craft: Craft, watcher: Watcher) -> Iterator[Observation]:
+    """Come aboard and leave everything as found: mode and armed state, on every way out.
+
+    Yields the first observation.
+
+    Raises
+    ------
+    NotAsFound
+        When something could not be put back; if an error was under way it stays the cause.
+    """
+    found = craft.observe()
+    watcher.say(f"found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+    try:
+        yield found
+    finally:
+        with craft.shielded():
+            differences = _put_back(craft, found)
+        if differences:
+            watcher.say("NOT as found: " + "; ".join(f"{k}: {v}" for k, v in differences.items()))
+            raise NotAsFound(
+                "the craft could not be left as found: "
+                + "; ".join(f"{what}: {why}" for what, why in differences.items())
+                + ". Check it by eye, then run `gcs-autotune restore` when the link is back.",
+                differences=differences,
+            )
+        watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+
+
+def _put_back(craft: Craft, found: Observation) -> dict[str, str]:
+    differences: dict[str, str] = {}
+    steps: list[tuple[str, Callable[[], None]]] = [("actuators", craft.neutral)]
+    if not found.armed:
+        steps.append(("armed state", craft.disarm))
+    steps.append(("mode", lambda: craft.set_mode(found.mode)))
+    for what, act in steps:
+        try:
+            act()
+        except LinkError as error:
+            differences[what] = str(error)
+            break
+        except AutotuneError as error:
+            differences[what] = str(error)
+    return differences

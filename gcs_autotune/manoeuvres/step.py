@@ -1,0 +1,131 @@
+"""Step in heading or depth under the autopilot's own loop: the before/after proof.
+
+The craft holds where it is until it is steady, follows a step one way, then the step back: both directions,
+because thrusters, rudders and buoyancy are not symmetric.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
+from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.trial import Mark
+from gcs_autotune.watch import Progress
+
+__all__ = ["Step", "StepSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class StepSettings:
+    """What to fly. ``signal`` is ``psi`` or ``z``; ``size`` in rad or m; times in s.
+
+    ``settle`` is the longest wait for steadiness, which means: within ``steady_band`` of the held value for
+    ``steady_time``. ``diverged`` is the error, as a multiple of the step, at which the loop counts as
+    running away and the manoeuvre stops by itself.
+    """
+
+    signal: str
+    size: float
+    duration: float
+    speed: float = 0.0
+    settle: float = 20.0
+    steady_time: float = 3.0
+    steady_band: float = 0.2
+    diverged: float = 2.5
+
+
+class Step:
+    """Hold, step, step back. Marks ``target`` at each change of the wanted value."""
+
+    in_manual = False
+
+    def __init__(self, settings: StepSettings, name: str = "step") -> None:
+        self.name = name
+        self.outcome: Outcome | None = None
+        self._settings = settings
+        self._marks: list[Mark] = []
+        self._phase = 0
+        self._phase_start = math.nan
+        self._steady_since = math.nan
+        self._base = math.nan
+        self._target = math.nan
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The step's settings, for the trial's meta."""
+        s = self._settings
+        return {
+            "manoeuvre": "step",
+            "signal": s.signal,
+            "size": s.size,
+            "duration": s.duration,
+            "speed": s.speed,
+        }
+
+    def start(self, observation: Observation) -> None:
+        """Hold the present value first."""
+        self._base = observation.value(self._settings.signal)
+        self._steady_since = observation.t
+        self._enter(0, observation.t, self._base)
+
+    def update(self, observation: Observation) -> Command:
+        """Move through hold, step, step back; return the wanted value."""
+        s = self._settings
+        elapsed = observation.t - self._phase_start
+        error = observation.value(s.signal) - self._target
+        if self._phase == 0:
+            self._wait_for_steadiness(observation, error, elapsed)
+        elif abs(error) > s.diverged * abs(s.size) + abs(s.size):
+            self._phase = 3
+            self.outcome = Outcome("stopped", "the loop runs away from its target: these gains are not stable here")
+        elif elapsed >= s.duration:
+            self._next(observation.t)
+        return self._command()
+
+    def take_marks(self) -> Sequence[Mark]:
+        """Return the target changes since the last call."""
+        marks, self._marks = self._marks, []
+        return marks
+
+    def progress(self, observation: Observation) -> Progress:
+        """Return value against target."""
+        s = self._settings
+        return Progress(
+            stage="",
+            manoeuvre=("settling", "step", "step back", "step")[self._phase],
+            t=observation.t,
+            signal=s.signal,
+            value=observation.value(s.signal),
+            target=self._target,
+            output=observation.output.get("N" if s.signal == "psi" else "Z", math.nan),
+            age=observation.age,
+        )
+
+    def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
+        s = self._settings
+        if abs(error) > s.steady_band * abs(s.size):
+            self._steady_since = observation.t
+        steady = observation.t - self._steady_since >= s.steady_time
+        if steady or elapsed >= s.settle:
+            self._next(observation.t)
+
+    def _next(self, t: float) -> None:
+        if self._phase == 2:
+            self._phase = 3
+            self.outcome = Outcome("completed", "step and step back flown")
+        else:
+            step = self._settings.size if self._phase == 0 else 0.0
+            self._enter(self._phase + 1, t, self._base + step)
+
+    def _enter(self, phase: int, t: float, target: float) -> None:
+        self._phase, self._phase_start, self._target = phase, t, target
+        self._marks.append(Mark(t, "target", {"value": target, "phase": ("hold", "step", "back")[phase]}))
+
+    def _command(self) -> Command:
+        if self._settings.signal == "z":
+            return DepthTarget(self._target)
+        return HeadingTarget(self._target, self._settings.speed)

@@ -1,0 +1,19 @@
+"""Whole jobs, from link to report: what the command line's verbs do."""
+
+from __future__ import annotations
+
+from gcs_autotune.workflow.operator import Operator, Unattended
+from gcs_autotune.workflow.restore import restore_parameters, restore_run, save_parameters
+from gcs_autotune.workflow.settings import Connection, TuneSettings
+from gcs_autotune.workflow.tune import tune
+
+__all__ = [
+    "Connection",
+    "Operator",
+    "TuneSettings",
+    "Unattended",
+    "restore_parameters",
+    "restore_run",
+    "save_parameters",
+    "tune",
+]

@@ -1,0 +1,70 @@
+"""Coming aboard: open the link, find the vehicle, learn what it is, ask for telemetry; and leave again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from gcs_autotune.errors import WrongVehicle
+from gcs_autotune.firmware import Axis, Firmware
+from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.settings import Connection
+
+__all__ = ["axis_of", "come_aboard", "connect"]
+
+SERVO_RATE = 40.0
+"""Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
+
+
+@contextmanager
+def connect(
+    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory | None = None
+) -> Iterator[Session]:
+    """Open the link and find the vehicle; the link is closed on every way out."""
+    with connection.open() as transport:
+        watcher.say(f"link: {transport.description}")
+        with Session(
+            transport,
+            source_system=connection.source_system or 255,
+            tlog=record.tlog if record is not None else None,
+            interrupt=operator.stop_requested,
+        ) as session:
+            session.discover(system_id=connection.system_id)
+            watcher.say(f"vehicle: {session.vehicle}")
+            yield session
+
+
+@contextmanager
+def come_aboard(
+    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory, control_rate: float
+) -> Iterator[MavlinkCraft]:
+    """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates."""
+    with connect(connection, operator, watcher, record) as session:
+        rates = {**WANTED_RATES, "ATTITUDE": control_rate, "SERVO_OUTPUT_RAW": max(SERVO_RATE, control_rate)}
+        craft = open_craft(session, wanted_rates=rates)
+        try:
+            for note in session.notes:
+                watcher.say(note)
+            yield craft
+        finally:
+            craft.rates.restore()
+
+
+def axis_of(firmware: Firmware, name: str) -> Axis:
+    """Return the firmware's loop of that name.
+
+    Raises
+    ------
+    WrongVehicle
+        When this kind of vehicle has none, e.g. depth on a boat.
+    """
+    try:
+        return firmware.axes[name]
+    except KeyError:
+        have = ", ".join(firmware.axes)
+        raise WrongVehicle(
+            f"this vehicle ({firmware.name}, a {firmware.kind}) has no {name} loop to tune; it has: {have}"
+        ) from None

@@ -1,0 +1,100 @@
+"""Which manoeuvres an axis is tuned with, and reading the step off the record."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+
+from gcs_autotune.design import StepMetrics, step_metrics
+from gcs_autotune.errors import NotAchieved
+from gcs_autotune.firmware import Axis
+from gcs_autotune.manoeuvres import Relay, RelaySettings, Step, StepSettings
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+
+__all__ = ["measure", "relay_for", "second_output", "speed_for", "step_for"]
+
+
+def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
+    """Return (throttle fraction, speed [m/s]) to tune at: the vehicle's own cruise unless told otherwise."""
+    if not axis.needs_speed:
+        return settings.throttle or 0.0, settings.speed or 0.0
+    throttle = settings.throttle
+    if throttle is None:
+        throttle = present.get("CRUISE_THROTTLE", 50.0) / 100.0
+    speed = settings.speed if settings.speed is not None else present.get("CRUISE_SPEED", 1.0)
+    return throttle, speed
+
+
+def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Step:
+    """Return the before/after step."""
+    d = DEFAULTS[axis.dof]
+    return Step(
+        StepSettings(
+            signal=d.signal,
+            size=settings.step if settings.step is not None else d.step,
+            duration=settings.step_duration or d.step_duration,
+            speed=speed,
+        ),
+        name,
+    )
+
+
+def relay_for(settings: TuneSettings, axis: Axis, throttle: float, output: float | None, name: str) -> Relay:
+    """Return a relay experiment; *output* None lets it find its size."""
+    d = DEFAULTS[axis.dof]
+    return Relay(
+        RelaySettings(
+            signal=d.signal,
+            force=DOFS[axis.dof].force,
+            output=output,
+            hysteresis=settings.relay_hysteresis,
+            throttle=throttle,
+            least_hysteresis=d.least_hysteresis,
+        ),
+        name,
+    )
+
+
+def second_output(first: float) -> float:
+    """Return the relay output of the second experiment: as different as there is room for (thesis 7.1)."""
+    return min(2.0 * first, 0.9) if first <= 0.6 else 0.5 * first
+
+
+def measure(trial: Trial) -> StepMetrics:
+    """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
+
+    A step that was stopped because the loop ran away counts as if its last error had lasted to the end.
+    """
+    signal = str(trial.meta["signal"])
+    force = "N" if signal == "psi" else "Z"
+    targets = [m for m in trial.marks if m.kind == "target"]
+    found = []
+    for before, after in itertools.pairwise(targets):
+        values = float(before.detail["value"]), float(after.detail["value"])
+        found.append(_one_step(trial, signal, force, *values, after.t))
+    return _combined(found)
+
+
+def _one_step(
+    trial: Trial, signal: str, force: str, before: float, after: float, start: float
+) -> StepMetrics:
+    end = start + float(trial.meta["duration"])
+    position = trial[signal].between(start - 1.0, end)
+    t, x = position.t, position.values
+    if t[-1] < end - 1.0:
+        t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
+    output = np.array([trial[force].held_at(moment) for moment in t])
+    return step_metrics(t - start, np.where(t < start, before, after), x, output)
+
+
+def _combined(found: list[StepMetrics]) -> StepMetrics:
+    """Error over time, travel and times are averaged; what must not be exceeded counts as worse of the two."""
+    if not found:
+        raise NotAchieved("the step trial holds no step: it ended before the target moved")
+    mean = {name: float(np.mean([getattr(m, name) for m in found])) for name in ("itae", "rise", "settling", "travel")}
+    worst = {name: max(getattr(m, name) for m in found) for name in ("overshoot", "steady_error", "oscillation")}
+    return StepMetrics(**mean, **worst)

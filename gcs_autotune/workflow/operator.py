@@ -1,0 +1,35 @@
+"""The person at the keyboard, as the workflow sees them: may stop everything, and is asked before writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+__all__ = ["Operator", "Unattended"]
+
+
+class Operator(Protocol):
+    """Somebody who can stop the work and answer a question."""
+
+    def stop_requested(self) -> bool:
+        """Whether Ctrl-C (or its like) was pressed."""
+        ...
+
+    def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
+        """Return the answer to a yes/no question; *while_waiting* is called meanwhile to keep the link alive."""
+        ...
+
+
+class Unattended:
+    """Nobody at the keyboard: every question was answered beforehand (``--yes``)."""
+
+    def __init__(self, answer: bool = True) -> None:
+        self.answer = answer
+
+    def stop_requested(self) -> bool:
+        """Never."""
+        return False
+
+    def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
+        """Return the answer given beforehand."""
+        return self.answer

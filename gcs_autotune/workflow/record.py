@@ -1,0 +1,60 @@
+"""The run directory: everything a run leaves on disk, written as it happens."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.trial import Trial, save_trial
+
+__all__ = ["RunDirectory"]
+
+
+class RunDirectory:
+    """``trials/NN-name.csv`` (+ ``.json``), ``telemetry.tlog``, ``journal.jsonl``, parameters, model, report.
+
+    Raises
+    ------
+    UsageError
+        When the directory cannot be made, or already holds a run.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            (path / "trials").mkdir(parents=True)
+        except FileExistsError:
+            raise UsageError(f"{path} already holds a run; give another --out") from None
+        except OSError as error:
+            raise UsageError(f"cannot make the run directory {path}: {error}; give another --out") from error
+        self._count = 0
+
+    @property
+    def tlog(self) -> Path:
+        """Everything sent and received."""
+        return self.path / "telemetry.tlog"
+
+    @property
+    def journal(self) -> Path:
+        """What is borrowed from the vehicle and not yet given back."""
+        return self.path / "journal.jsonl"
+
+    def keep(self, trial: Trial) -> None:
+        """Write a trial; one with a lead-in is also written whole, beside the manoeuvre proper."""
+        self._count += 1
+        stem = f"{self._count:02d}-{trial.name}"
+        if trial.proper is not trial:
+            save_trial(replace(trial, meta={}), self.path / "trials" / f"{stem}-with-lead-in.csv")
+        save_trial(trial.proper, self.path / "trials" / f"{stem}.csv")
+
+    def save_parameters(self, name: str, values: Mapping[str, float]) -> Path:
+        """Write ``parameters_<name>.json`` and the same as ``.param`` (``NAME,VALUE``); return the latter."""
+        (self.path / f"parameters_{name}.json").write_text(
+            json.dumps(dict(values), indent=1) + "\n", encoding="utf-8"
+        )
+        path = self.path / f"parameters_{name}.param"
+        path.write_text("".join(f"{k},{v:.9g}\n" for k, v in values.items()), encoding="utf-8")
+        return path

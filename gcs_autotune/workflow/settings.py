@@ -1,0 +1,78 @@
+"""What the user asked ``tune`` for; SI and radians."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gcs_autotune.link import Transport, open_link
+from gcs_autotune.manoeuvres import Envelope
+
+__all__ = ["Connection", "TuneSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """How to reach the vehicle."""
+
+    uri: str
+    baud: int = 57600
+    system_id: int | None = None
+    source_system: int | None = None
+    seed: int | None = 1
+
+    def open(self) -> Transport:
+        """Open the link.
+
+        Raises
+        ------
+        CannotOpenLink, UnknownName
+        """
+        return open_link(self.uri, baud=self.baud, seed=self.seed)
+
+
+@dataclass(frozen=True, slots=True)
+class TuneSettings:
+    """One tune. None means: choose for me.
+
+    ``step`` [rad or m], ``step_duration`` [s] each way, ``relay_output`` fraction of full output,
+    ``relay_hysteresis`` [rad or m], ``throttle`` fraction and ``speed`` [m/s] for boats, ``model`` the model
+    function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz].
+    """
+
+    axis: str
+    connection: Connection
+    directory: Path
+    step: float | None = None
+    step_duration: float | None = None
+    relay_output: float | None = None
+    relay_hysteresis: float | None = None
+    throttle: float | None = None
+    speed: float | None = None
+    model: str = "bessel"
+    settling_time: float | None = None
+    omega_0: float | None = None
+    structure: str | None = None
+    delay: float | None = None
+    dry_run: bool = False
+    control_rate: float = 10.0
+    envelope: Envelope = field(default_factory=Envelope)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisDefaults:
+    """What is flown on an axis when the user does not say: chosen for craft of half a metre to a few metres."""
+
+    signal: str
+    force: str
+    step: float
+    step_duration: float
+    least_hysteresis: float
+
+
+DEFAULTS: dict[str, AxisDefaults] = {
+    "yaw": AxisDefaults("psi", "N", math.radians(30.0), 30.0, math.radians(10.0)),
+    "heave": AxisDefaults("z", "Z", 1.0, 30.0, 0.15),
+}
+"""Degree of freedom -> what is flown on it."""

@@ -1,0 +1,122 @@
+"""What has happened so far in a tune, collected as it happens, so that any ending has its report."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gcs_autotune.design import Proposal, StepMetrics
+from gcs_autotune.identify import Fit
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.report import TuneStory
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Progress, Watcher
+from gcs_autotune.workflow.settings import TuneSettings
+
+__all__ = ["Tale"]
+
+
+class Tale:
+    """A watcher that remembers, and passes everything on to the watcher in front of the person."""
+
+    def __init__(self, settings: TuneSettings, when: str, watcher: Watcher) -> None:
+        self._settings = settings
+        self._when = when
+        self._watcher = watcher
+        self._t = math.nan
+        self._events: list[tuple[float, str]] = []
+        self._trials: list[Trial] = []
+        self._vehicle: dict[str, object] = {"link": settings.connection.uri}
+        self._rates: dict[str, tuple[float, float]] = {}
+        self._announced: tuple[str, ...] = ()
+        self._ending, self._reason = "aborted", "it never got under way"
+        self.fit: Fit | None = None
+        self.proposal: Proposal | None = None
+        self.metrics_before: StepMetrics | None = None
+        self.metrics_after: StepMetrics | None = None
+        self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
+        self.parameters_before: dict[str, float] = {}
+        self.parameters_after: dict[str, float] = {}
+
+    def update(self, progress: Progress) -> None:
+        """Note the vehicle's time and pass the tick on."""
+        self._t = progress.t
+        self._watcher.update(progress)
+
+    def say(self, text: str) -> None:
+        """Note an event and pass it on."""
+        self._events.append((self._t, text))
+        self._watcher.say(text)
+
+    def meet(self, craft: MavlinkCraft) -> None:
+        """Note which vehicle it is and how fast it talks."""
+        transport, vehicle = craft.session.transport, craft.session.vehicle
+        self._vehicle = {
+            **(vehicle.to_dict() if vehicle is not None else {}),
+            "link": transport.description,
+            "simulated": transport.is_simulated,
+        }
+        self._rates = {
+            name: (granted.asked, craft.rates.measured.get(name, math.nan))
+            for name, granted in craft.rates.granted.items()
+        }
+
+    def announce(self, intentions: tuple[str, ...]) -> None:
+        """Say, before anything moves, what is going to be done."""
+        self._announced = intentions
+        for text in intentions:
+            self.say(f"will {text}")
+
+    def flown(self, trial: Trial) -> None:
+        """Note a finished trial."""
+        self._trials.append(trial)
+
+    def end(self, ending: str, reason: str) -> None:
+        """Note how it ended."""
+        self._ending, self._reason = ending, reason
+        self.say(reason)
+
+    def abort(self, error: BaseException) -> None:
+        """Note what ended it early."""
+        self._ending, self._reason = "aborted", str(error) or type(error).__name__
+        self._events.append((self._t, f"aborted: {self._reason}"))
+
+    def relay_speed(self) -> float:
+        """Return the mean speed over ground [m/s] during the relay experiments; 0 when unknown."""
+        speeds = [float(np.mean(t["U"].values)) for t in self._relays() if "U" in t and len(t["U"])]
+        return float(np.mean(speeds)) if speeds else 0.0
+
+    def story(self) -> TuneStory:
+        """Return all of it, as far as it got."""
+        s = self._settings
+        kept, reasons = self.verdict
+        return TuneStory(
+            title=f"tune {s.axis}",
+            when=self._when,
+            vehicle=self._vehicle,
+            axis=s.axis,
+            announced=self._announced,
+            rates=self._rates,
+            step_before=self._trial("step-before"),
+            relays=tuple(self._relays()),
+            step_after=self._trial("step-after"),
+            fit=self.fit,
+            proposal=self.proposal,
+            metrics_before=self.metrics_before,
+            metrics_after=self.metrics_after,
+            kept=kept,
+            verdict_reasons=reasons,
+            parameters_before=self.parameters_before,
+            parameters_after=self.parameters_after,
+            events=tuple(self._events),
+            ending=self._ending,
+            reason=self._reason,
+            directory=str(s.directory),
+        )
+
+    def _relays(self) -> list[Trial]:
+        return [t for t in self._trials if t.name.startswith("relay")]
+
+    def _trial(self, name: str) -> Trial | None:
+        return next((t for t in self._trials if t.name == name), None)

@@ -1,0 +1,219 @@
+"""``tune``: from the link to proved gains, and back to where it started on every other ending.
+
+Order: connect, say what will happen, read and save the present parameters, fly the step as it is, swing the
+relay twice, identify, design, ask, write, read back, fly the same step, keep or give back, report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import closing
+from typing import Literal
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.design import Proposal, Spec, design, is_better
+from gcs_autotune.errors import AutotuneError, NotAchieved, OperatorStopped
+from gcs_autotune.identify import Fit, identify
+from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
+from gcs_autotune.report import TuneStory, write_story
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.aboard import axis_of, come_aboard
+from gcs_autotune.workflow.experiments import measure, relay_for, second_output, speed_for, step_for
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+from gcs_autotune.workflow.tale import Tale
+from gcs_autotune.workflow.waiting import ask, think
+
+__all__ = ["tune"]
+
+
+def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str) -> TuneStory:
+    """Tune one axis and return its story; the run directory holds everything on every ending.
+
+    Raises
+    ------
+    AutotuneError
+        Whatever ended it early. By then the craft is as found (or ``NotAsFound`` says what is not), and the
+        report of the aborted run is written.
+    """
+    record = RunDirectory(settings.directory)
+    tale = Tale(settings, when, watcher)
+    try:
+        with come_aboard(settings.connection, operator, tale, record, settings.control_rate) as craft:
+            _Tuner(settings, operator, tale, record, craft).run()
+    except BaseException as error:
+        tale.abort(error)
+        raise
+    finally:
+        write_story(tale.story(), record.path)
+    return tale.story()
+
+
+class _Tuner:
+    """One tune aboard one vehicle; each method is one leg of the journey."""
+
+    def __init__(
+        self, settings: TuneSettings, operator: Operator, tale: Tale, record: RunDirectory, craft: MavlinkCraft
+    ) -> None:
+        self._settings = settings
+        self._operator = operator
+        self._tale = tale
+        self._record = record
+        self._craft = craft
+        self._axis = axis_of(craft.firmware, settings.axis)
+        self._sequencer = Sequencer(craft, settings.envelope, tale, self._keep)
+
+    def run(self) -> None:
+        """Everything between coming aboard and leaving."""
+        tale = self._tale
+        tale.meet(self._craft)
+        present = self._read_parameters()
+        tale.parameters_before = present
+        tale.say(f"present parameters saved to {self._record.save_parameters('before', present)}")
+        self._announce(self._craft.observe())
+        try:
+            with visit(self._craft, tale) as found, closing(self._open_journal(found)) as journal:
+                self._craft.arm()
+                self._on_the_water(present, journal)
+        finally:
+            self._read_again()
+
+    def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
+        tale = self._tale
+        throttle, speed = speed_for(self._settings, self._axis, present)
+        before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
+        tale.metrics_before = measure(before.trial)
+        proposal = self._design(self._identify(throttle), present)
+        if not proposal.changes:
+            tale.end("unchanged", "the present gains are already as good as any this tool can offer")
+        elif self._settings.dry_run:
+            tale.end("dry-run", "dry run: nothing was written")
+        elif not self._agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
+            tale.end("declined", "the new gains were not wanted; nothing was written")
+        else:
+            self._prove(proposal, journal, speed)
+
+    def _identify(self, throttle: float) -> Fit:
+        s, tale = self._settings, self._tale
+        first = self._fly(
+            relay_for(s, self._axis, throttle, s.relay_output, "relay-1"), "first self-oscillation"
+        ).trial
+        output = second_output(float(first.meta["C"]))
+        second = self._fly(
+            relay_for(s, self._axis, throttle, output, "relay-2"), "second self-oscillation"
+        ).trial
+        tale.say("identifying")
+        delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
+        tale.fit = think(
+            self._craft, lambda: identify([first, second], dof=self._axis.dof, structure=s.structure, delay=delay)
+        )
+        return tale.fit
+
+    def _design(self, fit: Fit, present: Mapping[str, float]) -> Proposal:
+        s, tale = self._settings, self._tale
+        tale.say("designing")
+        speed = tale.relay_speed()
+        spec = Spec(
+            kind=s.model,
+            omega_0=s.omega_0,
+            settling_time=s.settling_time,
+            step=abs(s.step) if s.step is not None else DEFAULTS[self._axis.dof].step,
+            speed=speed if self._axis.needs_speed and speed > 0.0 else None,
+            noise_std=fit.noise_std,
+            noise_bandwidth=0.5 * s.control_rate,
+        )
+        tale.proposal = think(
+            self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec)
+        )
+        return tale.proposal
+
+    def _prove(self, proposal: Proposal, journal: Journal, speed: float) -> None:
+        tale = self._tale
+        with ParameterLoan(self._craft.parameters, journal) as loan:
+            tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in proposal.new.items()))
+            loan.set(proposal.new)
+            tale.say("written and read back")
+            after = self._fly(step_for(self._settings, self._axis, speed, "step-after"), "step with new gains")
+            tale.metrics_after = measure(after.trial)
+            assert tale.metrics_before is not None
+            verdict = is_better(tale.metrics_before, tale.metrics_after)
+            tale.verdict = (verdict.better, verdict.reasons)
+            if verdict.better:
+                loan.keep()
+                tale.end("kept", "the new gains are better and stay")
+        if not verdict.better:
+            tale.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
+
+    def _fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
+        self._tale.say(stage)
+        flown = self._sequencer.fly(manoeuvre, stage)
+        if flown.outcome.ending == "aborted":
+            raise NotAchieved(f"{stage}: {flown.outcome.reason}")
+        return flown
+
+    def _keep(self, trial: Trial) -> None:
+        self._record.keep(trial)
+        self._tale.flown(trial.proper)
+        self._tale.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
+
+    def _open_journal(self, found: Observation) -> Journal:
+        return Journal(
+            self._record.journal,
+            vehicle=self._craft.session.vehicle,
+            link=self._settings.connection.uri,
+            mode=found.mode,
+            armed=found.armed,
+        )
+
+    def _read_parameters(self) -> dict[str, float]:
+        parameters, axis = self._craft.parameters, self._axis
+        values = parameters.read_all([gain.parameter for gain in axis.gains])
+        context = parameters.read_existing(axis.context)
+        missing = [name for name in axis.context if name not in context]
+        if missing:
+            self._tale.say(f"this firmware has no {', '.join(missing)}; the design does without")
+        return {**values, **context}
+
+    def _read_again(self) -> None:
+        """Read the parameters once more, whatever happened: the proof of what the vehicle holds now."""
+        try:
+            with self._craft.shielded():
+                after = self._read_parameters()
+        except AutotuneError as error:
+            self._tale.say(f"the parameters could not be read again: {error}")
+        else:
+            self._tale.parameters_after = after
+            self._record.save_parameters("after", after)
+
+    def _announce(self, now: Observation) -> None:
+        s, axis, d, firmware = self._settings, self._axis, DEFAULTS[self._axis.dof], self._craft.firmware
+        step = s.step if s.step is not None else d.step
+        shown = f"{math.degrees(step):.0f} deg" if d.signal == "psi" else f"{step:g} m"
+        under_way = " under way, at cruise throttle" if axis.needs_speed else ""
+        gains = ", ".join(g.parameter for g in axis.gains)
+        self._tale.announce(
+            (
+                "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
+                f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
+                f"move: {shown} steps in {axis.name} and oscillations about the present {axis.name}{under_way}",
+                "write no parameter (dry run)"
+                if s.dry_run
+                else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
+            )
+        )
+        if not self._agrees("Go ahead?"):
+            raise OperatorStopped("not started: the answer was no; nothing was armed, moved or written")
+
+    def _agrees(self, question: str) -> bool:
+        if self._craft.session.transport.is_simulated:
+            self._tale.say(f"{question} Simulated vehicle: not asking.")
+            return True
+        return ask(self._craft, self._operator, question)
+
+
+def _shown(proposal: Proposal) -> str:
+    return ", ".join(f"{c.parameter} {c.old:g} -> {c.new:g}" for c in proposal.changes)

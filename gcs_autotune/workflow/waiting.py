@@ -1,0 +1,44 @@
+"""Thinking and asking while a vehicle is armed in the water: the link must not fall silent meanwhile.
+
+ArduSub disarms three seconds after the last pilot input, ArduRover goes to HOLD after two. So neutral
+overrides keep flowing from this thread while the desk works in another, or while the operator thinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from gcs_autotune.craft import Actuate
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.workflow.operator import Operator
+
+__all__ = ["ask", "think"]
+
+T = TypeVar("T")
+
+
+def think(craft: MavlinkCraft, work: Callable[[], T]) -> T:
+    """Return ``work()``, keeping the craft company meanwhile; what it raises is raised here.
+
+    On a lock-stepped link time stands still while we think, so there the work is simply done.
+    """
+    if craft.session.transport.is_simulated:
+        return work()
+    craft.send(Actuate())
+    pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")
+    try:
+        result = pool.submit(work)
+        while not result.done():
+            craft.observe()
+        return result.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
+    """Return the operator's answer, keeping the craft company until it comes."""
+    if craft.armed:
+        craft.send(Actuate())
+    return operator.ask(question, craft.observe)

@@ -1,0 +1,141 @@
+"""A pond with one toy craft in it, for testing manoeuvres and the sequencer without any link.
+
+One line of dynamics, nothing shared with ``sitl`` or ``gcs_autotune.models``: yaw acceleration follows the
+demand and is damped; in the hold modes a plain PD loop steers to the target.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation
+from gcs_autotune.errors import AutotuneError, OperatorStopped
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.trial import Channel, Mark, Trial
+
+
+class PondCraft:
+    """Implements ``Craft`` on ten lines of physics. ``fail_at`` tick -> exception to raise there."""
+
+    def __init__(self, *, gain: float = 1.0, drag: float = 0.8, bias: float = 0.0, firmware: str = "ardusub") -> None:
+        self.firmware = FIRMWARE[firmware]
+        self.clock = ManualClock()
+        self.gain, self.drag, self.bias = gain, drag, bias
+        self.psi = self.r = self.z = self.w = self.speed = 0.0
+        self.mode, self.armed = "STABILIZE" if firmware == "ardusub" else "HOLD", False
+        self.command: Command = Actuate()
+        self.tick = 0
+        self.fail_at: dict[int, AutotuneError] = {}
+        self.fail_neutral: AutotuneError | None = None
+        self.log: list[str] = []
+        self.stop_wanted = False
+        self.battery = 0.9
+        self._shielded = 0
+        self._rows: list[Observation] = []
+        self._marks: list[Mark] = []
+        self._name = ""
+
+    def observe(self) -> Observation:
+        if self.stop_wanted and not self._shielded:
+            raise OperatorStopped("stopped by the operator")
+        self.tick += 1
+        if self.tick in self.fail_at:
+            raise self.fail_at[self.tick]
+        for _ in range(10):
+            self._advance(0.01)
+        self.clock.advance(0.1)
+        seen = Observation(
+            t=self.clock.now(),
+            psi=self.psi,
+            r=self.r,
+            z=self.z,
+            x=0.0,
+            y=0.0,
+            phi=0.0,
+            theta=0.0,
+            u=self.speed,
+            speed=self.speed,
+            output={"N": self._demand()[0], "Z": self._demand()[1], "X": self._demand()[2]},
+            armed=self.armed,
+            mode=self.mode,
+            battery_remaining=self.battery,
+        )
+        self._rows.append(seen)
+        return seen
+
+    def send(self, command: Command) -> None:
+        self.command = command
+
+    def set_mode(self, mode: str) -> None:
+        self.log.append(f"mode {mode}")
+        self.mode = mode
+
+    def arm(self) -> None:
+        self.log.append("arm")
+        self.armed = True
+
+    def disarm(self) -> None:
+        self.log.append("disarm")
+        self.armed = False
+
+    def neutral(self) -> None:
+        if self.fail_neutral is not None:
+            raise self.fail_neutral
+        self.log.append("neutral")
+        self.command = Actuate()
+
+    def start_recording(self, name: str) -> None:
+        self._name, self._rows, self._marks = name, [], []
+
+    def mark(self, mark: Mark) -> None:
+        self._marks.append(mark)
+
+    def stop_recording(self, ending: str) -> Trial:
+        t = np.array([o.t for o in self._rows])
+        columns = {"psi": "rad", "r": "rad/s", "z": "m"}
+        channels = {
+            n: Channel(n, unit, t, np.array([o.value(n) for o in self._rows])) for n, unit in columns.items()
+        }
+        for force in ("N", "Z"):
+            channels[force] = Channel(force, "1", t, np.array([o.output[force] for o in self._rows]))
+        return Trial(self._name, channels, tuple(self._marks), ending)
+
+    @contextmanager
+    def shielded(self) -> Iterator[None]:
+        self._shielded += 1
+        try:
+            yield
+        finally:
+            self._shielded -= 1
+
+    def _demand(self) -> tuple[float, float, float]:
+        c = self.command
+        if isinstance(c, Actuate):
+            return c.N, c.Z, c.X
+        if isinstance(c, HeadingTarget):
+            return max(-1.0, min(1.0, 2.0 * (c.psi - self.psi) - self.r)), 0.0, 0.0
+        assert isinstance(c, DepthTarget)
+        return 0.0, max(-1.0, min(1.0, 2.0 * (c.z - self.z) - self.w)), 0.0
+
+    def _advance(self, dt: float) -> None:
+        N, Z, X = self._demand()
+        self.r += dt * (self.gain * N + self.bias - self.drag * self.r)
+        self.w += dt * (self.gain * Z + self.bias - self.drag * self.w)
+        self.psi += dt * self.r
+        self.z += dt * self.w
+        self.speed += dt * (X - 0.5 * self.speed)
+
+
+def at_rest(**changes: float) -> Observation:
+    """Return an observation of a craft at rest, with some numbers changed."""
+    base = {"t": 0.0, "psi": 0.0, "r": 0.0, "z": 1.0, "x": 0.0, "y": 0.0, "phi": 0.0, "theta": 0.0, "speed": 0.0}
+    return Observation(**{**base, **changes})  # type: ignore[arg-type]
+
+
+def turned(degrees: float) -> float:
+    return math.radians(degrees)

@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from gcs_autotune.errors import (
+    CommandDenied,
+    GuardTripped,
+    LinkLost,
+    NotAsFound,
+    OperatorStopped,
+    PreconditionFailed,
+    TelemetryFault,
+)
+from gcs_autotune.craft import Actuate
+from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings, visit
+from gcs_autotune.watch import SilentWatcher
+
+from .pond import PondCraft
+
+STEP = StepSettings("psi", math.radians(30.0), 15.0)
+
+
+class Ear(SilentWatcher):
+    def __init__(self):
+        self.heard = []
+
+    def say(self, text):
+        self.heard.append(text)
+
+
+def flight(craft, kept, manoeuvre=None, envelope=None):
+    sequencer = Sequencer(craft, envelope or Envelope(), SilentWatcher(), kept.append)
+    return sequencer, lambda: sequencer.fly(manoeuvre or Step(STEP), "a test")
+
+
+def test_a_step_is_flown_to_its_end_with_neutral_actuators_and_its_record():
+    craft, kept = PondCraft(), []
+    _, fly = flight(craft, kept)
+    flown = fly()
+    assert flown.outcome.ending == "completed"
+    assert craft.command == Actuate()
+    assert craft.log == ["mode ALT_HOLD", "neutral"]
+    assert [m.detail["phase"] for m in flown.trial.marks] == ["hold", "step", "back"]
+    assert kept[0].meta["size"] == pytest.approx(STEP.size)
+    psi = flown.trial["psi"]
+    assert psi.values.max() == pytest.approx(STEP.size, rel=0.2)
+    assert psi.values[-1] == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("tick", range(1, 60, 7))
+@pytest.mark.parametrize(
+    "error", [LinkLost("gone"), OperatorStopped("enough"), TelemetryFault("NaN"), CommandDenied("no")], ids=repr
+)
+def test_whenever_it_is_interrupted_the_actuators_go_neutral_and_the_record_is_kept(tick, error):
+    craft, kept = PondCraft(), []
+    craft.fail_at[tick] = error
+    _, fly = flight(craft, kept)
+    with pytest.raises(type(error)):
+        fly()
+    assert craft.log[-1] == "neutral"
+    assert [(t.ending, t.reason) for t in kept] == [("aborted", str(error))]
+
+
+def test_a_bug_in_a_manoeuvre_still_ends_neutral_with_its_record():
+    class Broken(Step):
+        def update(self, observation):
+            raise ZeroDivisionError("a bug")
+
+    craft, kept = PondCraft(), []
+    _, fly = flight(craft, kept, Broken(STEP))
+    with pytest.raises(ZeroDivisionError):
+        fly()
+    assert craft.log[-1] == "neutral"
+    assert kept[0].ending == "aborted"
+
+
+def test_leaving_the_envelope_ends_the_manoeuvre():
+    craft, kept = PondCraft(), []
+    _, fly = flight(craft, kept, envelope=Envelope(heading_excursion=math.radians(20.0)))
+    with pytest.raises(GuardTripped, match="heading excursion"):
+        fly()
+    assert craft.log[-1] == "neutral"
+    assert kept[0].ending == "aborted"
+
+
+def test_after_an_abort_nothing_more_is_flown():
+    craft, kept = PondCraft(), []
+    craft.fail_at[5] = LinkLost("gone")
+    sequencer, fly = flight(craft, kept)
+    with pytest.raises(LinkLost):
+        fly()
+    with pytest.raises(PreconditionFailed, match="gone"):
+        sequencer.fly(Step(STEP))
+    assert len(kept) == 1
+
+
+def test_an_error_keeps_its_name_even_when_neutral_cannot_be_confirmed():
+    craft, kept, ear = PondCraft(), [], Ear()
+    craft.fail_at[9] = TelemetryFault("frozen")
+    craft.fail_neutral = LinkLost("gone")
+    with pytest.raises(TelemetryFault):
+        Sequencer(craft, Envelope(), ear, kept.append).fly(Step(STEP))
+    assert any("could not be confirmed" in text for text in ear.heard)
+    assert kept[0].ending == "aborted"
+
+
+def test_a_visit_leaves_mode_and_armed_state_as_found():
+    craft = PondCraft()
+    with visit(craft, SilentWatcher()):
+        craft.arm()
+        craft.set_mode("MANUAL")
+    assert (craft.mode, craft.armed) == ("STABILIZE", False)
+    assert craft.log[-3:] == ["neutral", "disarm", "mode STABILIZE"]
+
+
+def test_a_craft_found_armed_stays_armed():
+    craft = PondCraft()
+    craft.armed = True
+    with visit(craft, SilentWatcher()):
+        craft.set_mode("MANUAL")
+    assert craft.armed
+
+
+def test_the_operators_stop_does_not_stop_the_clean_up():
+    craft = PondCraft()
+    with pytest.raises(OperatorStopped), visit(craft, SilentWatcher()):
+        craft.arm()
+        craft.stop_wanted = True
+        craft.observe()
+    assert not craft.armed
+
+
+def test_what_could_not_be_put_back_is_said():
+    craft = PondCraft()
+
+    def refuse():
+        raise CommandDenied("still moving")
+
+    with pytest.raises(NotAsFound, match="armed state: still moving") as caught, visit(craft, SilentWatcher()):
+        craft.arm()
+        craft.disarm = refuse
+    assert caught.value.differences == {"armed state": "still moving"}
+    assert craft.mode == "STABILIZE"
+
+
+def test_a_loop_that_runs_away_stops_the_step_by_itself():
+    class Wild(PondCraft):
+        def _demand(self):
+            return (1.0, 0.0, 0.0)
+
+    craft, kept = Wild(), []
+    _, fly = flight(craft, kept, envelope=Envelope(heading_excursion=10.0))
+    flown = fly()
+    assert flown.outcome.ending == "stopped"
+    assert "runs away" in flown.outcome.reason

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from gcs_autotune.craft import DepthTarget, HeadingTarget
+from gcs_autotune.manoeuvres import Step, StepSettings
+
+from .pond import at_rest
+
+
+def fly(step, path, dt=0.1):
+    """Feed values of the watched signal; return the targets commanded."""
+    targets = []
+    for i, value in enumerate(path):
+        seen = at_rest(t=i * dt, psi=value, z=value)
+        if i == 0:
+            step.start(seen)
+        command = step.update(seen)
+        targets.append(command.z if isinstance(command, DepthTarget) else command.psi)
+        if step.outcome is not None:
+            break
+    return targets
+
+
+def test_it_holds_until_steady_then_steps_both_ways():
+    step = Step(StepSettings("z", 1.0, 5.0))
+    targets = fly(step, [2.0] * 400)
+    assert targets[0] == 2.0
+    assert max(targets) == pytest.approx(3.0)
+    assert targets[-1] == pytest.approx(2.0)
+    assert step.outcome is not None and step.outcome.ending == "completed"
+    assert [m.detail["value"] for m in step.take_marks()] == [2.0, 3.0, 2.0]
+    assert step.take_marks() == []
+
+
+def test_an_unsteady_craft_is_waited_for_only_so_long():
+    step = Step(StepSettings("psi", 0.5, 5.0, settle=4.0))
+    targets = fly(step, [math.sin(i) for i in range(60)])
+    assert targets[45] == pytest.approx(0.5)
+
+
+def test_speed_goes_into_the_heading_target():
+    step = Step(StepSettings("psi", 0.5, 5.0, speed=1.2))
+    step.start(at_rest())
+    command = step.update(at_rest())
+    assert command == HeadingTarget(0.0, 1.2)
