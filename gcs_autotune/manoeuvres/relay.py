@@ -9,17 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.identify import LimitCycleMonitor
+from gcs_autotune.manoeuvres.depth_keeper import DepthKeeper
 from gcs_autotune.manoeuvres.lead_in import LeadIn
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
 from gcs_autotune.trial import Mark
 from gcs_autotune.watch import Progress
 
 __all__ = ["Relay", "RelaySettings"]
+
+LEAST_MOMENTUM = 5.0
+"""Chosen [s]: no craft is said to drift against the relay sooner than this after a switching."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +37,7 @@ class RelaySettings:
     hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
     throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
     reference_speed : speed [m/s] around which a surge relay swings.
+    keep_depth : hold the depth by hand meanwhile (an ROV whose heading swings drifts up or down otherwise).
     periods, tolerance : the stop rule.
     patience : longest time without a switching [s].
     """
@@ -43,6 +48,7 @@ class RelaySettings:
     hysteresis: float | None = None
     throttle: float = 0.0
     reference_speed: float = 0.0
+    keep_depth: bool = False
     first_output: float = 0.3
     growth: float = 1.5
     most_output: float = 0.9
@@ -75,6 +81,8 @@ class Relay:
         self._judged = 0
         self._switched_once = False
         self._astray = 0
+        self._first_half = self._extreme = math.nan
+        self._depth = DepthKeeper() if settings.keep_depth else None
         self._integral = 0.0
         self._last_t = math.nan
 
@@ -105,12 +113,12 @@ class Relay:
         x = self._watched(observation)
         if not self._lead_in.done:
             self._lead_in.update(observation.t, x, observation.speed)
-            return self._command(0.0)
+            return self._command(0.0, observation)
         if math.isnan(self._began):
             self._begin(observation.t, x)
         self._switch(observation.t, x - self._reference)
         self._judge(observation.t, x - self._reference)
-        return self._command(self._output if self._high else -self._output)
+        return self._command(self._output if self._high else -self._output, observation)
 
     def take_marks(self) -> Sequence[Mark]:
         """Return switchings and growths since the last call."""
@@ -159,7 +167,9 @@ class Relay:
         elif x <= -self._hysteresis:
             wanted = True
         if wanted != self._high:
-            self._high, self._last_switch, self._switched_once = wanted, t, True
+            if not self._switched_once:
+                self._first_half = t - self._began
+            self._high, self._last_switch, self._switched_once, self._extreme = wanted, t, True, x
             sign = 1.0 if wanted else -1.0
             self._marks.append(Mark(t, "switch", {"x": x, self._settings.force: sign * self._output}))
 
@@ -172,8 +182,8 @@ class Relay:
         if state.switchings >= self._judged + 2:
             self._judged = state.switchings
             self._improper_periods = 0 if state.proper else self._improper_periods + 1
-        if self._went_astray(x):
-            self._grow(t, self._wrong_way())
+        if self._went_astray(t, x):
+            self._grow(t, self._overwhelmed() if self._switched_once else self._wrong_way())
         elif t - self._last_switch > s.patience:
             self._grow(t, self._no_oscillation())
         elif self._improper_periods >= 2:
@@ -202,12 +212,16 @@ class Relay:
         s = self._settings
         return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance)
 
-    def _went_astray(self, x: float) -> bool:
-        """Whether the very first push moved the craft the other way, one more hysteresis since last asked."""
-        if self._switched_once or x > -(2.0 + self._astray) * self._hysteresis:
-            return False
-        self._astray += 1
-        return True
+    def _went_astray(self, t: float, x: float) -> bool:
+        """Whether the craft moves away from where the relay pushes it, for longer than momentum explains."""
+        if not self._switched_once:
+            astray = x < -(2.0 + self._astray) * self._hysteresis
+            self._astray += astray
+            return astray
+        away = x > self._extreme if not self._high else x < self._extreme
+        if away:
+            self._extreme = x
+        return away and t - self._last_switch > max(3.0 * self._first_half, LEAST_MOMENTUM)
 
     def _never_settled(self) -> str:
         s, cycle = self._settings, self._monitor.state.cycle
@@ -224,6 +238,13 @@ class Relay:
             "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is stronger than it"
         )
 
+    def _overwhelmed(self) -> str:
+        return (
+            f"a constant disturbance is stronger than {self._output:.2f} of full {self._settings.force} output: "
+            f"{self._settings.signal} drifts on against it. Trim the craft, wait for less wind or current, or give a "
+            "larger --relay-output"
+        )
+
     def _no_oscillation(self) -> str:
         return (
             f"no self-oscillation at relay output {self._output:.2f}: the craft did not cross the hysteresis within "
@@ -237,8 +258,8 @@ class Relay:
             f"{self._output:.2f}; give a larger --relay-output or a smaller --relay-hysteresis"
         )
 
-    def _command(self, output: float) -> Command:
+    def _command(self, output: float, observation: Observation) -> Command:
         s = self._settings
-        if s.force == "X":
-            return Actuate(X=s.throttle + output)
-        return Actuate(X=s.throttle, **{s.force: output})
+        Z = self._depth.thrust(observation) if self._depth is not None else 0.0
+        command = Actuate(X=s.throttle, Z=Z)
+        return replace(command, **{s.force: getattr(command, s.force) + output})

@@ -24,8 +24,8 @@ class StepSettings:
     """What to fly. ``signal`` is ``psi`` or ``z``; ``size`` in rad or m; times in s.
 
     ``settle`` is the longest wait for steadiness, which means: within ``steady_band`` of the held value for
-    ``steady_time``. ``diverged`` is the error, as a multiple of the step, at which the loop counts as
-    running away and the manoeuvre stops by itself.
+    ``steady_time``. ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the
+    loop counts as running away and the manoeuvre stops by itself.
     """
 
     signal: str
@@ -77,11 +77,11 @@ class Step:
         s = self._settings
         elapsed = observation.t - self._phase_start
         error = observation.value(s.signal) - self._target
-        if self._phase == 0:
-            self._wait_for_steadiness(observation, error, elapsed)
-        elif abs(error) > s.diverged * abs(s.size) + abs(s.size):
+        if abs(error) > (1.0 + s.diverged) * abs(s.size):
             self._phase = 3
             self.outcome = Outcome("stopped", "the loop runs away from its target: these gains are not stable here")
+        elif self._phase == 0:
+            self._wait_for_steadiness(observation, error, elapsed)
         elif elapsed >= s.duration:
             self._next(observation.t)
         return self._command()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from gcs_autotune.design import StepMetrics, step_metrics
-from gcs_autotune.errors import NotAchieved
 from gcs_autotune.firmware import Axis
 from gcs_autotune.manoeuvres import Relay, RelaySettings, Step, StepSettings
 from gcs_autotune.sname import DOFS
@@ -43,8 +43,10 @@ def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Ste
     )
 
 
-def relay_for(settings: TuneSettings, axis: Axis, throttle: float, output: float | None, name: str) -> Relay:
-    """Return a relay experiment; *output* None lets it find its size."""
+def relay_for(
+    settings: TuneSettings, axis: Axis, kind: str, throttle: float, output: float | None, name: str
+) -> Relay:
+    """Return a relay experiment for a *kind* of craft (``boat``, ``rov``); *output* None lets it find its size."""
     d = DEFAULTS[axis.dof]
     return Relay(
         RelaySettings(
@@ -53,6 +55,7 @@ def relay_for(settings: TuneSettings, axis: Axis, throttle: float, output: float
             output=output,
             hysteresis=settings.relay_hysteresis,
             throttle=throttle,
+            keep_depth=kind == "rov" and d.signal == "psi",
             least_hysteresis=d.least_hysteresis,
         ),
         name,
@@ -67,7 +70,8 @@ def second_output(first: float) -> float:
 def measure(trial: Trial) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
-    A step that was stopped because the loop ran away counts as if its last error had lasted to the end.
+    A step that was stopped because the loop ran away counts as if its last error had lasted to the end; when it
+    ran away before the target even moved there is nothing to measure, and all numbers are NaN.
     """
     signal = str(trial.meta["signal"])
     force = "N" if signal == "psi" else "Z"
@@ -94,7 +98,7 @@ def _one_step(
 def _combined(found: list[StepMetrics]) -> StepMetrics:
     """Error over time, travel and times are averaged; what must not be exceeded counts as worse of the two."""
     if not found:
-        raise NotAchieved("the step trial holds no step: it ended before the target moved")
+        return StepMetrics(*[math.nan] * 7)
     mean = {name: float(np.mean([getattr(m, name) for m in found])) for name in ("itae", "rise", "settling", "travel")}
     worst = {name: max(getattr(m, name) for m in found) for name in ("overshoot", "steady_error", "oscillation")}
     return StepMetrics(**mean, **worst)

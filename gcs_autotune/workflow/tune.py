@@ -99,13 +99,11 @@ class _Tuner:
 
     def _identify(self, throttle: float) -> Fit:
         s, tale = self._settings, self._tale
-        first = self._fly(
-            relay_for(s, self._axis, throttle, s.relay_output, "relay-1"), "first self-oscillation"
-        ).trial
-        output = second_output(float(first.meta["C"]))
-        second = self._fly(
-            relay_for(s, self._axis, throttle, output, "relay-2"), "second self-oscillation"
-        ).trial
+        kind = self._craft.firmware.kind
+        relay = relay_for(s, self._axis, kind, throttle, s.relay_output, "relay-1")
+        first = self._fly(relay, "first self-oscillation").trial
+        relay = relay_for(s, self._axis, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
+        second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
         delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
         tale.fit = think(

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from gcs_autotune.identify import find_cycles
+from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
+from gcs_autotune.watch import SilentWatcher
+
+from .pond import PondCraft
+
+YAW = RelaySettings("psi", "N")
+DEPTH = RelaySettings("z", "Z", least_hysteresis=0.15)
+WIDE = Envelope(heading_excursion=math.radians(170.0))
+
+
+def fly(craft, settings, envelope=WIDE):
+    kept = []
+    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings))
+    return flown, kept[0]
+
+
+def test_it_ends_by_itself_after_five_periods_that_agree_and_satisfy_condition_7_12():
+    flown, _ = fly(PondCraft(), YAW)
+    assert flown.outcome.ending == "completed"
+    (cycle,) = find_cycles(flown.trial, "yaw")
+    assert cycle.valid
+    assert cycle.periods >= 5
+    assert cycle.scatter < 0.10
+
+
+def test_the_real_switching_values_lie_beyond_the_set_one_and_are_recorded():
+    flown, _ = fly(PondCraft(), YAW)
+    switches = [m for m in flown.trial.marks if m.kind == "switch" and "x" in m.detail]
+    real = [abs(m.detail["x"]) for m in switches[1:]]
+    assert min(real) >= YAW.least_hysteresis
+    assert max(real) < 1.5 * YAW.least_hysteresis
+    (cycle,) = find_cycles(flown.trial, "yaw")
+    assert cycle.x_a_star > cycle.x_a
+
+
+def test_the_trial_proper_begins_with_the_relay_and_the_record_with_the_lead_in():
+    flown, record = fly(PondCraft(), YAW)
+    assert record.start < flown.trial.start
+    assert flown.trial.start == pytest.approx(flown.trial.meta["from_t"], abs=0.11)
+
+
+def test_it_grows_until_a_constant_disturbance_is_overcome():
+    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", keep_depth=True))
+    assert flown.trial.meta["C"] > 0.4
+    assert any(m.kind == "grow" for m in flown.trial.marks)
+    cycles = find_cycles(flown.trial, "yaw")
+    assert cycles[-1].valid
+    assert cycles[-1].x_0 > 0.0
+
+
+def test_a_given_output_is_kept_and_failing_with_it_says_what_to_try():
+    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", output=0.3, keep_depth=True))
+    assert flown.outcome.ending == "aborted"
+    assert "--relay-output" in flown.outcome.reason or "disturbance" in flown.outcome.reason
+
+
+def test_a_reversed_actuator_is_named():
+    flown, _ = fly(PondCraft(gain=-1.0), YAW)
+    assert flown.outcome.ending == "aborted"
+    assert "reversed" in flown.outcome.reason
+
+
+def test_a_dead_actuator_is_named():
+    flown, _ = fly(PondCraft(gain=0.0), RelaySettings("psi", "N", patience=10.0))
+    assert flown.outcome.ending == "aborted"
+    assert "did not cross the hysteresis" in flown.outcome.reason
+
+
+def test_a_limit_cycle_that_never_settles_is_given_up():
+    class Gusty(PondCraft):
+        rng = np.random.default_rng(3)
+
+        def _advance(self, dt):
+            if self.tick % 7 == 0:
+                self.r += 0.05 * self.rng.standard_normal()
+            super()._advance(dt)
+
+    flown, _ = fly(Gusty(), RelaySettings("psi", "N", output=0.3, most_periods=12), Envelope(heading_excursion=9.0))
+    assert flown.outcome.ending == "aborted"
+    assert "never settled" in flown.outcome.reason
+
+
+def test_noise_widens_the_hysteresis():
+    class Noisy(PondCraft):
+        rng = np.random.default_rng(1)
+
+        def observe(self):
+            seen = super().observe()
+            object.__setattr__(seen, "psi", seen.psi + math.radians(4.0) * self.rng.standard_normal())
+            return seen
+
+    flown, _ = fly(Noisy(), RelaySettings("psi", "N", tolerance=0.5))
+    assert flown.trial.meta["x_a"] > math.radians(13.0)
+
+
+def test_on_a_boat_it_waits_for_way_before_it_turns():
+    craft = PondCraft(firmware="ardurover")
+    flown, record = fly(craft, RelaySettings("psi", "N", throttle=0.5))
+    assert flown.trial.meta["speed"] == pytest.approx(1.0, rel=0.05)
+    assert flown.trial.start - record.start > 3.0
+
+
+def test_depth_swings_about_where_it_began():
+    craft = PondCraft()
+    craft.z = 4.0
+    flown, _ = fly(craft, DEPTH)
+    z = flown.trial["z"].values
+    assert flown.outcome.ending == "completed"
+    assert 0.5 * (z.max() + z.min()) == pytest.approx(4.0, abs=0.1)
+
+
+def test_a_surge_relay_swings_the_integrated_speed():
+    craft = PondCraft(firmware="ardurover")
+    settings = RelaySettings("x", "X", throttle=0.4, reference_speed=0.8, least_hysteresis=0.1)
+    flown, _ = fly(craft, settings)
+    assert flown.outcome.ending == "completed"
+
+
+def test_an_rov_keeps_its_depth_while_its_heading_swings():
+    craft = PondCraft(bias=0.1)
+    craft.z = 4.0
+    flown, _ = fly(craft, RelaySettings("psi", "N", keep_depth=True))
+    assert flown.outcome.ending == "completed"
+    assert abs(flown.trial["z"].values - 4.0).max() < 0.7
