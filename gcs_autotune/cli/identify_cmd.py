@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Literal
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.sname import DOFS
@@ -28,15 +29,15 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.identify import identify, load_runs
-    from gcs_autotune.report import print_fit
+    from gcs_autotune.report import fit_summary
 
     trials = [trial for path in args.runs for trial in load_runs(path)]
-    delay = "auto" if args.delay is None else args.delay
+    delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     fit = identify(trials, dof=args.dof, structure=args.structure, delay=delay, method=args.method)
     if args.json:
         sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")
     else:
-        print_fit(fit, Console())
+        Console().print(fit_summary(fit))
     return 0
 
 

@@ -31,8 +31,7 @@ def _run(args: argparse.Namespace) -> int:
 
     connection = Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed)
     operator = ConsoleOperator(yes=args.action == "save" or args.yes)
-    watcher = TerminalWatcher(Console(stderr=True))
-    with operator.listening():
+    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         if args.action == "save":
             count = save_parameters(connection, args.file, operator, watcher)
             sys.stdout.write(f"{count} parameters saved to {args.file}\n")

@@ -32,8 +32,8 @@ def _run(args: argparse.Namespace) -> int:
 
     operator = ConsoleOperator(yes=args.yes)
     connection = Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed)
-    with operator.listening():
-        restored = restore_run(connection, args.run, operator, TerminalWatcher(Console(stderr=True)))
+    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
+        restored = restore_run(connection, args.run, operator, watcher)
     if not restored:
         sys.stdout.write("nothing to restore: the journal is settled\n")
     for name, (found, old) in restored.items():

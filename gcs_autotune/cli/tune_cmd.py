@@ -46,7 +46,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from gcs_autotune.report import TerminalWatcher, print_tune_summary
+    from gcs_autotune.report import TerminalWatcher, show_tune, summarise
     from gcs_autotune.workflow import Connection, TuneSettings, tune
 
     now = datetime.now()
@@ -75,14 +75,13 @@ def _run(args: argparse.Namespace) -> int:
         control_rate=args.control_rate,
         envelope=envelope_from(args),
     )
-    console = Console(stderr=True)
     operator = ConsoleOperator(yes=args.yes)
-    with operator.listening():
-        story = tune(settings, operator, TerminalWatcher(console), now.isoformat(timespec="seconds"))
+    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
+        story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
     if args.json:
-        sys.stdout.write(json.dumps(story.summary(), indent=1) + "\n")
+        sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
     else:
-        print_tune_summary(story, Console())
+        show_tune(Console(), story)
     return RESTORED if story.ending == "restored" else 0
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gcs_autotune.identify import Structure
 from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope
 
@@ -53,7 +54,7 @@ class TuneSettings:
     model: str = "bessel"
     settling_time: float | None = None
     omega_0: float | None = None
-    structure: str | None = None
+    structure: Structure | None = None
     delay: float | None = None
     dry_run: bool = False
     control_rate: float = 10.0
