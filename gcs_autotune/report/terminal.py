@@ -1,0 +1,118 @@
+"""Tables and verdicts for the terminal: legible without colour, at 80 columns, and through a pipe.
+
+Each function returns something a ``rich`` console prints; nothing here prints by itself.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from gcs_autotune.design.result import Proposal
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.report import tables
+from gcs_autotune.report.story import TuneStory
+from gcs_autotune.report.wording import (
+    Tone,
+    bound_sentence,
+    decision_sentence,
+    doubt_sentence,
+    headline,
+    improvement,
+    model_sentences,
+    safety,
+    structure_words,
+    undo_command,
+)
+
+__all__ = ["fit_summary", "gains_summary", "render_text", "tune_summary"]
+
+_STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
+
+
+def render_text(thing: RenderableType, width: int = 80) -> str:
+    """Return *thing* as plain text, as it looks in a pipe: no colour, no trailing blanks."""
+    console = Console(
+        file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False
+    )
+    with console.capture() as capture:
+        console.print(thing)
+    return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
+
+
+def fit_summary(fit: Fit) -> Group:
+    """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
+    parts: list[RenderableType] = [
+        _title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")
+    ]
+    parts.append(_grid(tables.model_table(fit)))
+    parts.extend(_paragraph(s) for s in model_sentences(fit))
+    parts.append(_paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
+    if fit.decision is not None:
+        parts.extend((_title("Which kind of drag"), _paragraph(decision_sentence(fit.decision))))
+    if fit.candidates:
+        parts.append(_grid(tables.candidate_table(fit)))
+    parts.extend(_doubts(doubt_sentence(d) for d in fit.doubts))
+    return Group(*parts)
+
+
+def gains_summary(proposal: Proposal) -> Group:
+    """Return old and new gains side by side, what they promise, and how safe that is."""
+    parts: list[RenderableType] = [_title(f"Gains for {proposal.axis}"), _grid(tables.gains_table(proposal))]
+    parts.append(_paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
+    parts.append(_paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
+    parts.extend(_paragraph(note) for note in proposal.notes)
+    parts.append(_grid(tables.margins_table(proposal)))
+    parts.append(_paragraph(bound_sentence(proposal.bound)))
+    return Group(*parts)
+
+
+def tune_summary(story: TuneStory) -> Group:
+    """Return how a tune ended: the verdict, the measured step, the gains, how to undo, where the report is."""
+    verdict = headline(story)
+    parts: list[RenderableType] = [_title(verdict.text, _STYLES[verdict.tone])]
+    parts.extend(_paragraph(s) for s in verdict.sentences)
+    if story.metrics_before is not None:
+        parts.append(_grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
+    parts.extend(Padding(Text(f"- {reason}"), (0, 0, 0, 2)) for reason in story.verdict_reasons)
+    if story.proposal is not None:
+        parts.append(_grid(tables.gains_table(story.proposal)))
+    parts.extend(_doubts((*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))))
+    if story.ending == "kept":
+        parts.append(_paragraph(f"To undo: {undo_command(story)}"))
+    if story.directory:
+        parts.append(_paragraph(f"Report: {story.directory}/report.html"))
+    return Group(*parts)
+
+
+def _doubts(texts: Iterable[str]) -> list[RenderableType]:
+    found = list(texts)
+    if not found:
+        return [_paragraph("No doubts.")]
+    return [_title("What to doubt", "bold yellow"), *(Padding(Text(f"- {t}"), (0, 0, 0, 2)) for t in found)]
+
+
+def _title(text: str, style: str = "bold") -> RenderableType:
+    return Padding(Text(text, style=style), (1, 0, 0, 0))
+
+
+def _paragraph(text: str, style: str = "") -> Text:
+    return Text(text, style=style)
+
+
+def _grid(table: tables.Table) -> RichTable:
+    grid = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
+    used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
+    used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
+    for i in used:
+        right = table.align[i] == "r"
+        grid.add_column(Text(table.heads[i]), justify="right" if right else "left", no_wrap=right or i == 0)
+    for row in table.rows:
+        grid.add_row(*(Text(row[i]) for i in used))
+    return grid
