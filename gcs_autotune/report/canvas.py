@@ -24,12 +24,12 @@ FAINT = "#8a8a8a"
 BAND = "#9ecae1"
 """Okabe and Ito's colour-blind-safe set (2008), on white in light and dark pages alike."""
 
-WIDTH = 6.4
+WIDTH = 5.6
 """Figure width [in]; the page scales it to its column."""
 
 _STYLE: dict[Any, object] = {
     "font.family": "sans-serif",
-    "font.size": 8.5,
+    "font.size": 8.8,
     "text.color": INK,
     "text.parse_math": False,
     "axes.edgecolor": FAINT,
@@ -77,7 +77,7 @@ def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure,
     y = total - top
     for height in heights:
         y -= height
-        box = (0.125, y / total, 0.855, height / total)
+        box = (0.13, y / total, 0.85, height / total)
         stack.append(figure.add_axes(box, sharex=stack[0] if stack and share else None))
         y -= gap
     if share:

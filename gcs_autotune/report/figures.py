@@ -81,6 +81,8 @@ def _step_caption(story: TuneStory) -> str:
     what = _noun(story.dof)[0]
     if story.step_before is None and story.step_after is None:
         return f"Predicted {what} step with the old and the new gains; nothing of this was measured."
+    if story.step_before is None or story.step_after is None:
+        return f"Measured {what} step and step back; below, the actuator."
     return f"The same {what} step and step back, measured with the old and the new gains; below, the actuator."
 
 
@@ -91,7 +93,7 @@ def _draw_step(story: TuneStory) -> Figure | None:
         return None
     figure, (top, bottom) = new_axes((2.6, 1.1))
     _draw_target(top, after or before, story)
-    _draw_predictions(top, before, after, story)
+    _draw_predictions(top, bottom, (before, after), story)
     for series, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
         if series is not None:
             _line(top, series.position, story.dof, colour, label)
@@ -113,19 +115,23 @@ def _draw_target(axes: Axes, series: StepSeries | None, story: TuneStory) -> Non
     axes.step(target.t, _people(story.dof) * target.y, where="post", color=FAINT, lw=1.0, ls="--", label="target")
 
 
-def _draw_predictions(axes: Axes, before: StepSeries | None, after: StepSeries | None, story: TuneStory) -> None:
+def _draw_predictions(
+    top: Axes, bottom: Axes, measured: tuple[StepSeries | None, StepSeries | None], story: TuneStory
+) -> None:
+    """Draw what the model promises: beside a measured step of the same size, or alone when there is none."""
     if story.proposal is None:
         return
-    size = next((s.size for s in (after, before) if s is not None), None)
-    new = story.proposal.after
+    old, new = story.proposal.before, story.proposal.after
+    size = next((s.size for s in measured if s is not None), None)
     target = _predicted(new, "target").y
     if size is not None and not (len(target) and np.isclose(target[-1], size, rtol=0.01)):
         return
-    _line(axes, _predicted(new, "wanted"), story.dof, WANTED, "wanted", width=1.0)
-    _line(axes, _predicted(new, "position"), story.dof, AFTER, "after, predicted", style=":")
+    _line(top, _predicted(new, "wanted"), story.dof, WANTED, "wanted", width=1.0)
+    _line(top, _predicted(new, "position"), story.dof, AFTER, "after, predicted", style=":")
     if size is None:
-        old = _predicted(story.proposal.before, "position")
-        _line(axes, old, story.dof, BEFORE, "before, predicted", style=":")
+        _line(top, _predicted(old, "position"), story.dof, BEFORE, "before, predicted", style=":")
+        _draw_output(bottom, finite(old.t, old.output), story, BEFORE)
+        _draw_output(bottom, finite(new.t, new.output), story, AFTER)
 
 
 def _predicted(prediction: Prediction, name: str) -> Curve:
@@ -196,8 +202,8 @@ def _draw_fit(trace: Trace, dof: Dof) -> Figure | None:
     t, fitted, band = trace.t[index] - start, scale * trace.fitted[index], scale * trace.band[index]
     top.fill_between(t, fitted - band, fitted + band, color=BAND, alpha=0.6, lw=0, label="95 % band")
     dots = scale * trace.measured[index]
-    top.plot(t, dots, ".", ms=2.6, color=BEFORE, label="measured", rasterized=False)
-    top.plot(t, fitted, color=AFTER, lw=1.2, label="model, from the inputs alone")
+    top.plot(t, fitted, color=AFTER, lw=1.4, label="model, from the inputs alone")
+    top.plot(t, dots, ".", ms=2.4, color=BEFORE, label="measured")
     top.set_ylabel(f"{what} [{unit}]")
     bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
     bottom.plot(t, dots - fitted, color=INK, lw=0.8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.report import tables
 from gcs_autotune.report.figures import Picture, draw_pictures
-from gcs_autotune.report.numbers import format_change, format_number, format_quantity, format_seconds, format_share
+from gcs_autotune.report.numbers import (
+    format_change,
+    format_moment,
+    format_percent,
+    format_quantity,
+    format_seconds,
+    format_share,
+)
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.wording import (
     bound_sentence,
@@ -21,6 +29,7 @@ from gcs_autotune.report.wording import (
     safety,
     structure_words,
     undo_command,
+    undo_sentence,
 )
 
 __all__ = ["render_report"]
@@ -35,6 +44,7 @@ def render_report(story: TuneStory) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["glued"] = _glued
     return environment.get_template("report.html").render(_context(story)) + "\n"
 
 
@@ -59,6 +69,8 @@ def _context(story: TuneStory) -> dict[str, Any]:
         "parameters": tables.changed_parameters(story),
         "changed": len(story.differences),
         "undo": undo_command(story),
+        "undo_sentence": undo_sentence(story),
+        "when": format_moment(story.when),
     }
 
 
@@ -90,33 +102,35 @@ def _predicted(story: TuneStory) -> tables.Table | None:
 
 
 def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
-    """Return the few numbers everybody looks for first: (number, label, where it comes from)."""
+    """Return the few numbers everybody looks for first: (number, label, remark)."""
     before, after, source = story.metrics_before, story.metrics_after, "measured"
     if story.proposal is not None and (before is None or after is None):
         before, after, source = story.proposal.before.metrics, story.proposal.after.metrics, "predicted"
     tiles = []
     if before is not None and after is not None:
+        old, new = (format_seconds(m.settling, "never") for m in (before, after))
         tiles = [
-            (format_change(before.itae, after.itae) or "?", "tracking error", source),
-            (f"{format_share(before.overshoot)} → {format_share(after.overshoot)}", "overshoot", source),
-            (
-                f"{format_seconds(before.settling, 'never')} → {format_seconds(after.settling, 'never')}",
-                "settling time",
-                source,
-            ),
+            (format_change(before.itae, after.itae).replace("-", "\u2212") or "?", "tracking error", source),
+            (format_share(after.overshoot), "overshoot", f"{source}, was {format_share(before.overshoot)}"),
+            (new, "settling time", f"{source}, was {old}"),
         ]
     if story.proposal is not None:
         worst = story.proposal.worst_margins
         margin = format_quantity(worst.phase, "rad", 2) if worst.stable else "unstable"
         tiles.append((margin, "phase margin", "worst case"))
     if story.fit is not None:
-        tiles.append((f"{format_number(story.fit.fit_percent, 3)} %", "fit of the model", "free run"))
+        tiles.append((format_percent(story.fit.fit_percent), "fit of the model", "free run"))
     return tuple(tiles)
 
 
 def _by_kind(pictures: tuple[Picture, ...]) -> Mapping[str, tuple[Picture, ...]]:
     kinds = ("step", "relay", "cycle", "fit")
     return {kind: tuple(p for p in pictures if p.kind == kind) for kind in kinds}
+
+
+def _glued(text: str) -> str:
+    """Keep a number and its unit on one line."""
+    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz)\b)", "\u00a0", text)
 
 
 def _moment(t: float) -> str:

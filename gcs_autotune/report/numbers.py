@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
 
 __all__ = [
     "UNKNOWN",
     "format_change",
+    "format_moment",
     "format_number",
     "format_percent",
     "format_quantity",
@@ -102,18 +104,20 @@ def format_seconds(t: float, missing: str = UNKNOWN) -> str:
     return f"{'-' if t < 0 else ''}{whole // 60} min {whole % 60:02d} s"
 
 
-def format_percent(percent: float, digits: int = 2) -> str:
-    """Return a percentage that is one already: ``format_percent(34.2)`` is ``"34 %"``."""
+def format_percent(percent: float) -> str:
+    """Return a percentage that is one already, to a tenth below 10 and from 90 to 100, else whole.
+
+    ``format_percent(34.2)`` is ``"34 %"``, ``format_percent(98.63)`` is ``"98.6 %"``.
+    """
     if not math.isfinite(percent):
         return format_number(percent)
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(percent)))) if abs(percent) > 1e-9 else 0
-    text = f"{percent:.{min(decimals, 2)}f}"
-    return f"{text[1:] if not text.strip('-0.') and text.startswith('-') else text} %"
+    is_fine = abs(percent) < 9.95 or 90.0 <= percent < 100.0
+    return f"{round(percent, 1 if is_fine else 0) + 0.0:g} %"
 
 
-def format_share(share: float, digits: int = 2) -> str:
+def format_share(share: float) -> str:
     """Return a fraction as a percentage: ``format_share(0.245)`` is ``"24 %"``."""
-    return format_percent(100.0 * share, digits)
+    return format_percent(100.0 * share)
 
 
 def format_change(before: float, after: float) -> str:
@@ -124,6 +128,16 @@ def format_change(before: float, after: float) -> str:
     if change > 999:
         return f"x {after / before:.0f}"
     return "no change" if change == 0 else f"{change:+d} %"
+
+
+def format_moment(when: str) -> str:
+    """Return an ISO 8601 moment as ``2026-11-20 20:12 UTC``; anything else unchanged."""
+    try:
+        moment = datetime.fromisoformat(when)
+    except ValueError:
+        return when
+    zone = moment.tzname()
+    return f"{moment:%Y-%m-%d %H:%M}" + (f" {zone}" if zone else "")
 
 
 def pretty_unit(unit: str) -> str:

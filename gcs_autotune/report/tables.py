@@ -94,20 +94,27 @@ def _gain_row(change: Change) -> tuple[str, ...]:
 
 
 def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Table:
-    """Step measures before and after; lower is better throughout."""
+    """Step measures before and after, or of the only step there was; lower is better throughout."""
+    if after is None or before is None:
+        return _metrics_of_one(before or after)
     rows = []
     for name, label, show in _METRICS:
-        old = math.nan if before is None else float(getattr(before, name))
-        new = math.nan if after is None else float(getattr(after, name))
+        old, new = float(getattr(before, name)), float(getattr(after, name))
         rows.append(
             (
                 label,
-                "-" if before is None else show(old),
-                "-" if after is None else show(new),
+                show(old),
+                show(new),
                 format_change(old, new),
             )
         )
     return Table(("lower is better", "before", "after", "change"), "lrrr", tuple(rows))
+
+
+def _metrics_of_one(metrics: StepMetrics | None) -> Table:
+    found = () if metrics is None else _METRICS
+    rows = tuple((label, show(float(getattr(metrics, name)))) for name, label, show in found)
+    return Table(("lower is better", "present gains"), "lr", rows)
 
 
 def model_table(fit: Fit) -> Table:
@@ -163,12 +170,12 @@ def estimate_table(fit: Fit) -> Table:
     """IS-O's own answer per experiment, beside the refined one: the approximation and what became of it."""
     names = fit.model.axis.parameter_names()
     rows = [
-        (f"IS-O {i}", *(format_number(v, 3) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
+        (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
         for i, e in enumerate(fit.iso, start=1)
     ]
     model = fit.model
     refined = (model.alpha, model.beta, model.beta_quadratic, model.delta)
-    rows.append(("refined", *(format_number(v, 3) for v in refined)))
+    rows.append(("refined", *(format_number(v) for v in refined)))
     return Table(("", *names), "lrrrr", tuple(rows))
 
 
@@ -177,12 +184,13 @@ def candidate_table(fit: Fit) -> Table:
     best = min((c.bic for c in fit.candidates), default=math.nan)
     unit = fit.model.axis.position_unit
     rows = tuple(_candidate_row(c, best, unit, fit.structure) for c in fit.candidates)
-    return Table(("structure", "misfit rms", "numbers", "BIC above best", ""), "lrrrl", rows)
+    return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
 
 
 def _candidate_row(candidate: Candidate, best: float, unit: str, chosen: str) -> tuple[str, ...]:
     return (
-        f"{candidate.structure}: {structure_words(candidate.structure)}",
+        candidate.structure,
+        structure_words(candidate.structure),
         format_quantity(candidate.rms, unit, 4),
         str(candidate.free_parameters),
         f"{candidate.bic - best + 0.0:.1f}",

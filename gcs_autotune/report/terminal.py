@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from pathlib import PurePath
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -31,7 +32,7 @@ from gcs_autotune.report.wording import (
     undo_command,
 )
 
-__all__ = ["fit_summary", "gains_summary", "render_text", "tune_summary"]
+__all__ = ["fit_summary", "gains_summary", "render_text", "show_tune", "tune_summary"]
 
 _STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
 
@@ -74,7 +75,7 @@ def gains_summary(proposal: Proposal) -> Group:
 
 
 def tune_summary(story: TuneStory) -> Group:
-    """Return how a tune ended: the verdict, the measured step, the gains, how to undo, where the report is."""
+    """Return how a tune ended: the verdict, the measured step, the gains, the doubts."""
     verdict = headline(story)
     parts: list[RenderableType] = [_title(verdict.text, _STYLES[verdict.tone])]
     parts.extend(_paragraph(s) for s in verdict.sentences)
@@ -83,18 +84,25 @@ def tune_summary(story: TuneStory) -> Group:
     parts.extend(Padding(Text(f"- {reason}"), (0, 0, 0, 2)) for reason in story.verdict_reasons)
     if story.proposal is not None:
         parts.append(_grid(tables.gains_table(story.proposal)))
-    parts.extend(_doubts((*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))))
-    if story.ending == "kept":
-        parts.append(_paragraph(f"To undo: {undo_command(story)}"))
-    if story.directory:
-        parts.append(_paragraph(f"Report: {story.directory}/report.html"))
+    doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
+    if doubts or story.fit is not None:
+        parts.extend(_doubts(doubts))
     return Group(*parts)
+
+
+def show_tune(console: Console, story: TuneStory) -> None:
+    """Print :func:`tune_summary`, then how to undo and where the report is, each whole on its line for copying."""
+    console.print(tune_summary(story))
+    if story.ending == "kept":
+        console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)
+    if story.directory:
+        console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
 
 
 def _doubts(texts: Iterable[str]) -> list[RenderableType]:
     found = list(texts)
     if not found:
-        return [_paragraph("No doubts.")]
+        return [_paragraph("The fit raises no doubts.")]
     return [_title("What to doubt", "bold yellow"), *(Padding(Text(f"- {t}"), (0, 0, 0, 2)) for t in found)]
 
 
@@ -106,7 +114,7 @@ def _paragraph(text: str, style: str = "") -> Text:
     return Text(text, style=style)
 
 
-def _grid(table: tables.Table) -> RichTable:
+def _grid(table: tables.Table) -> Padding:
     grid = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
     used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
     used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
@@ -115,4 +123,4 @@ def _grid(table: tables.Table) -> RichTable:
         grid.add_column(Text(table.heads[i]), justify="right" if right else "left", no_wrap=right or i == 0)
     for row in table.rows:
         grid.add_row(*(Text(row[i]) for i in used))
-    return grid
+    return Padding(grid, (1, 0))

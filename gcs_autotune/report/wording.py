@@ -34,6 +34,7 @@ __all__ = [
     "safety",
     "structure_words",
     "undo_command",
+    "undo_sentence",
 ]
 
 Tone = Literal["good", "neutral", "bad"]
@@ -69,7 +70,8 @@ _STRUCTURES: Mapping[str, str] = {
 def headline(story: TuneStory) -> Headline:
     """Return the verdict of a whole tune in words: what changed, how much better, is it safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
-    sentences = [_sentence(story.reason)] if story.reason else []
+    says_enough = story.ending in ("kept", "restored", "dry-run", "declined")
+    sentences = [] if says_enough else [_sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
     elif story.proposal is not None:
@@ -85,12 +87,24 @@ def headline(story: TuneStory) -> Headline:
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
     """Return one sentence that compares two steps; *how* says where the numbers come from."""
-    change = format_change(before.itae, after.itae) or "not comparable"
     return (
-        f"Step response ({how}): tracking error {change}, overshoot {format_share(before.overshoot)} -> "
-        f"{format_share(after.overshoot)}, settling {format_seconds(before.settling, 'never')} -> "
-        f"{format_seconds(after.settling, 'never')}."
+        f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
+        f"{format_share(after.overshoot)}, before {format_share(before.overshoot)}; "
+        f"{_settling_words(after.settling)}, before {format_seconds(before.settling, 'never')}."
     )
+
+
+def _settling_words(settling: float) -> str:
+    return "never settled" if math.isnan(settling) else f"settled after {format_seconds(settling)}"
+
+
+def _change_words(before: float, after: float) -> str:
+    change = format_change(before, after)
+    if change.startswith("-"):
+        return f"{change[1:]} lower"
+    if change.startswith("+"):
+        return f"{change[1:]} HIGHER"
+    return {"": "not comparable", "no change": "unchanged"}.get(change, f"{change} HIGHER")
 
 
 def safety(proposal: Proposal) -> str:
@@ -134,6 +148,14 @@ def parameters_sentence(story: TuneStory) -> str:
     if story.ending == "kept":
         return f"Changed on the vehicle and read back: {names}."
     return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`."
+
+
+def undo_sentence(story: TuneStory) -> str:
+    """Return what introduces :func:`undo_command`."""
+    written = story.proposal is not None and story.ending in ("kept", "restored", "aborted")
+    if written:
+        return "The parameters as they were found are saved. Connect to the vehicle and run:"
+    return "Nothing was written, so there is nothing to undo. The parameters as they were found are saved:"
 
 
 def undo_command(story: TuneStory) -> str:
@@ -197,7 +219,7 @@ def model_sentences(fit: Fit) -> tuple[str, ...]:
         if math.isfinite(top):
             said.append(f"Full output sustains {format_quantity(top, unit)}.")
     said.append(
-        f"The model, simulated from the inputs alone, explains {format_percent(fit.fit_percent, 3)} of the "
+        f"The model, simulated from the inputs alone, explains {format_percent(fit.fit_percent)} of the "
         f"measured motion; {format_quantity(fit.residual_rms, axis.position_unit, 2)} rms remain, of which "
         f"{format_quantity(fit.noise_std, axis.position_unit, 2)} is measurement noise."
     )
@@ -208,4 +230,6 @@ def _sentence(text: str) -> str:
     text = text.strip()
     if not text:
         return ""
-    return text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
+    first = text.split()[0].rstrip(",.:;")
+    start = text[0].upper() if first.isalpha() else text[0]
+    return start + text[1:] + ("" if text[-1] in ".!?" else ".")
