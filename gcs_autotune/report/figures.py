@@ -178,12 +178,12 @@ def _draw_cycles(relays: Sequence[RelaySeries], dof: Dof) -> Figure | None:
     what, unit, rate_unit = _noun(dof)
     for relay, colour in zip(shown, _COLOURS, strict=False):
         assert relay.rate is not None
-        path = Curve(
-            _people(dof) * relay.position.y, _people(dof) * np.interp(relay.position.t, relay.rate.t, relay.rate.y)
-        )
+        rate = np.interp(relay.position.t, relay.rate.t, relay.rate.y)
+        x, y = _people(dof) * relay.position.y, _people(dof) * rate
         settled = relay.position.t >= relay.settled_from
-        axes.plot(path.t, path.y, color=colour, lw=0.6, alpha=0.35)
-        axes.plot(path.t[settled], path.y[settled], color=colour, lw=1.4, label=relay.name)
+        every = max(1, len(x) // 1500)
+        axes.plot(x[::every], y[::every], color=colour, lw=0.6, alpha=0.35)
+        axes.plot(x[settled][::every], y[settled][::every], color=colour, lw=1.4, label=relay.name)
     axes.set_xlabel(f"{what} from reference [{unit}]")
     axes.set_ylabel(f"rate [{rate_unit}]")
     legend(axes)
@@ -198,7 +198,7 @@ def _draw_fit(trace: Trace, dof: Dof) -> Figure | None:
     scale = _people(dof)
     what, unit, _ = _noun(dof)
     start = float(measured.t[0])
-    index = np.unique(np.linspace(0, len(trace.t) - 1, min(len(trace.t), 500)).astype(int))
+    index = np.unique(np.linspace(0, len(trace.t) - 1, min(len(trace.t), 900)).astype(int))
     t, fitted, band = trace.t[index] - start, scale * trace.fitted[index], scale * trace.band[index]
     top.fill_between(t, fitted - band, fitted + band, color=BAND, alpha=0.6, lw=0, label="95 % band")
     dots = scale * trace.measured[index]

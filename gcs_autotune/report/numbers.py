@@ -43,7 +43,7 @@ def format_value(value: float, std: float) -> str:
     """
     if not math.isfinite(value):
         return UNKNOWN
-    if std == 0.0:
+    if 0.0 <= std < 1e-300:
         return format_number(value)
     if not math.isfinite(std) or std < 0.0:
         return f"{format_number(value)} ± {UNKNOWN}"
@@ -97,9 +97,9 @@ def format_seconds(t: float, missing: str = UNKNOWN) -> str:
     if math.isinf(t):
         return "unlimited"
     if abs(t) < 1.0:
-        return f"{t + 0.0:.2f} s"
+        return f"{_rounded(t, -2)} s"
     if abs(t) < 59.95:
-        return f"{t:.1f} s"
+        return f"{_rounded(t, -1)} s"
     whole = round(abs(t))
     return f"{'-' if t < 0 else ''}{whole // 60} min {whole % 60:02d} s"
 

@@ -15,6 +15,9 @@ __all__ = ["Curve", "RelaySeries", "StepSeries", "finite", "relay_series", "step
 
 Array = NDArray[np.float64]
 
+MOST_PERIODS = 60
+"""Periods of a self-oscillation drawn at most. Chosen: twice what an experiment may last; more is solid block."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
@@ -108,10 +111,11 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
 
 
 def relay_series(trial: Trial, dof: Dof, periods: int = 5) -> RelaySeries | None:
-    """Return the self-oscillation in *trial*, or None when it holds no usable position."""
+    """Return the last :data:`MOST_PERIODS` periods in *trial*, or None when it holds no usable position."""
     if dof.position not in trial:
         return None
     start = trial.start
+    trial = _last_periods(trial)
     reference = _number(trial, "reference", float("nan"))
     if not np.isfinite(reference):
         values = trial[dof.position].values
@@ -131,6 +135,13 @@ def relay_series(trial: Trial, dof: Dof, periods: int = 5) -> RelaySeries | None
         hysteresis=_number(trial, "x_a", float("nan")),
         settled_from=first,
     )
+
+
+def _last_periods(trial: Trial) -> Trial:
+    switches = [m.t for m in trial.marks if m.kind == "switch"]
+    if len(switches) <= 2 * MOST_PERIODS:
+        return trial
+    return trial.between(switches[-2 * MOST_PERIODS], trial.end)
 
 
 def _number(trial: Trial, key: str, missing: float) -> float:

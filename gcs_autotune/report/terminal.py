@@ -81,7 +81,7 @@ def tune_summary(story: TuneStory) -> Group:
     parts.extend(_paragraph(s) for s in verdict.sentences)
     if story.metrics_before is not None:
         parts.append(_grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
-    parts.extend(Padding(Text(f"- {reason}"), (0, 0, 0, 2)) for reason in story.verdict_reasons)
+    parts.extend(_bullet(reason) for reason in story.verdict_reasons)
     if story.proposal is not None:
         parts.append(_grid(tables.gains_table(story.proposal)))
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
@@ -103,7 +103,13 @@ def _doubts(texts: Iterable[str]) -> list[RenderableType]:
     found = list(texts)
     if not found:
         return [_paragraph("The fit raises no doubts.")]
-    return [_title("What to doubt", "bold yellow"), *(Padding(Text(f"- {t}"), (0, 0, 0, 2)) for t in found)]
+    return [_title("What to doubt", "bold yellow"), *(_bullet(text) for text in found)]
+
+
+def _bullet(text: str) -> RichTable:
+    line = RichTable.grid(padding=(0, 1))
+    line.add_row(Text(" -"), Text(text))
+    return line
 
 
 def _title(text: str, style: str = "bold") -> RenderableType:

@@ -82,7 +82,7 @@ def headline(story: TuneStory) -> Headline:
     sentences.append(parameters_sentence(story))
     if story.ending == "kept" and story.proposal is not None and not story.proposal.worst_margins.stable:
         tone = "bad"
-    return Headline(text.format(axis=story.axis), tone, tuple(s for s in sentences if s))
+    return Headline(text.replace("{axis}", story.axis), tone, tuple(s for s in sentences if s))
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:

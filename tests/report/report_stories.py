@@ -16,6 +16,7 @@ from gcs_autotune.trial import Channel, Mark, Trial
 MODEL = SingleDof("yaw", "1", alpha=0.1795, beta=0.052, beta_quadratic=0.4076, delta=0.01, delay=0.2)
 DT = 0.1
 STEP = math.radians(30.0)
+HYSTERESIS = math.radians(10.0)
 
 
 def _rate(model: SingleDof, r: float, tau: float) -> float:
@@ -33,7 +34,7 @@ def _trial(name, columns, marks, meta, ending="completed"):
     return Trial(name, channels, tuple(marks), ending, "as planned", meta)
 
 
-def relay_trial(name="relay-1", output=0.3, hysteresis=math.radians(10.0), duration=90.0, seed=3):
+def relay_trial(name="relay-1", output=0.3, hysteresis=HYSTERESIS, duration=90.0, seed=3):
     rng = np.random.default_rng(seed)
     psi, r, high, marks = 1.2, 0.0, True, [Mark(5.0, "switch", {"x": 0.0, "N": output})]
     columns = {"t": [], "psi": [], "r": [], "N": []}
@@ -81,7 +82,9 @@ def trace_of(trial: Trial, seed=7) -> Trace:
     return Trace(trial.name, t, measured, fitted, np.full(len(t), 0.011))
 
 
-def fit(structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(0.0011, 0.0, 0.0064, 0.0009)) -> Fit:
+def fit(
+    structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(0.0011, 0.0, 0.0064, 0.0009)
+) -> Fit:
     model = replace(MODEL, beta=0.0 if structure == "nonlinear" else MODEL.beta)
     names, units = model.axis.parameter_names(), model.axis.parameter_units("1")
     values = (model.alpha, model.beta, model.beta_quadratic, model.delta)
@@ -94,7 +97,9 @@ def fit(structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(
         LimitCycle(0.3, 0.1745, 0.1832, 0.41, 0.012, 0.72, 4.5, 4.2, 5, 0.04, True),
         LimitCycle(0.6, 0.1745, 0.1951, 0.47, -0.008, 1.03, 3.1, 3.0, 5, 0.06, True),
     ]
-    iso = tuple(IsoEstimate(c, 0.186, b, q, 0.011, 0.2) for c, b, q in zip(cycles, (0.21, 0.32), (0.43, 0.42), strict=True))
+    iso = tuple(
+        IsoEstimate(c, 0.186, b, q, 0.011, 0.2) for c, b, q in zip(cycles, (0.21, 0.32), (0.43, 0.42), strict=True)
+    )
     sigma = (20.8, 1.2) if verdict != "undecided" else (4.0, 3.1)
     candidates = tuple(
         Candidate(s, replace(model), rms, -bic / 2, k, bic)
