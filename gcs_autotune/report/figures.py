@@ -63,7 +63,7 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
     for i, relay in enumerate(relays, start=1):
         caption = f"Self-oscillation '{relay.name}': {what} about its reference, with the switchings marked."
         yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
-    caption = f"Limit cycles: rate of change against {what}. Strong lines: the settled periods used."
+    caption = f"Limit cycles: rate of change against {what}. Strong lines: the last five periods."
     yield "cycle", caption, partial(_draw_cycles, relays, dof)
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
         caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over."
@@ -161,11 +161,11 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
             mew=1.2,
             label="switching",
         )
-        top.axvspan(relay.settled_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
+        top.axvspan(relay.last_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
     top.set_ylabel(f"{what} from reference [{unit}]")
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
-    bottom.set_xlabel("time [s]; shaded: the settled periods")
+    bottom.set_xlabel("time [s]; shaded: the last five periods")
     legend(top)
     return figure
 
@@ -180,10 +180,10 @@ def _draw_cycles(relays: Sequence[RelaySeries], dof: Dof) -> Figure | None:
         assert relay.rate is not None
         rate = np.interp(relay.position.t, relay.rate.t, relay.rate.y)
         x, y = _people(dof) * relay.position.y, _people(dof) * rate
-        settled = relay.position.t >= relay.settled_from
+        last = relay.position.t >= relay.last_from
         every = max(1, len(x) // 1500)
         axes.plot(x[::every], y[::every], color=colour, lw=0.6, alpha=0.35)
-        axes.plot(x[settled][::every], y[settled][::every], color=colour, lw=1.4, label=relay.name)
+        axes.plot(x[last][::every], y[last][::every], color=colour, lw=1.4, label=relay.name)
     axes.set_xlabel(f"{what} from reference [{unit}]")
     axes.set_ylabel(f"rate [{rate_unit}]")
     legend(axes)

@@ -44,7 +44,7 @@ class StepSeries:
 class RelaySeries:
     """A self-oscillation: times from its beginning [s], positions from the relay's reference [rad or m].
 
-    ``switches`` are where the relay switched; ``settled_from`` the time from which the last ``periods`` run.
+    ``switches`` are where the relay switched; ``last_from`` the time from which the last ``periods`` run.
     """
 
     name: str
@@ -53,7 +53,7 @@ class RelaySeries:
     output: Curve | None
     switches: Curve
     hysteresis: float
-    settled_from: float
+    last_from: float
 
 
 def finite(t: Array, y: Array) -> Curve:
@@ -133,7 +133,7 @@ def relay_series(trial: Trial, dof: Dof, periods: int = 5) -> RelaySeries | None
         output=_from(trial[dof.force], start, 0.0) if dof.force in trial else None,
         switches=Curve(switched, at),
         hysteresis=_number(trial, "x_a", float("nan")),
-        settled_from=first,
+        last_from=first,
     )
 
 

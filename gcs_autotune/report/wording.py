@@ -55,7 +55,7 @@ _ENDINGS: Mapping[str, tuple[str, Tone]] = {
     "dry-run": ("Dry run: new {axis} gains are proposed, nothing was written.", "neutral"),
     "declined": ("New {axis} gains were proposed and declined; nothing was written.", "neutral"),
     "unchanged": ("The present {axis} gains stay: nothing better was found for them.", "neutral"),
-    "aborted": ("The {axis} tune was aborted before it could prove anything.", "bad"),
+    "aborted": ("The {axis} tune was aborted.", "bad"),
 }
 """Ending -> headline, tone."""
 
@@ -145,7 +145,7 @@ def parameters_sentence(story: TuneStory) -> str:
     if not changed:
         return "All parameters were read back at the end and are as they were found."
     names = ", ".join(changed)
-    if story.ending == "kept":
+    if story.ending == "kept" or story.kept:
         return f"Changed on the vehicle and read back: {names}."
     return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`."
 

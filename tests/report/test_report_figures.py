@@ -45,10 +45,10 @@ def test_a_relay_is_shown_about_its_reference_with_every_switching():
     assert np.all(high > series.hysteresis * 0.99)
 
 
-def test_the_settled_part_holds_the_last_five_periods():
+def test_the_shaded_part_holds_the_last_five_periods():
     trial = stories.relay_trial()
     series = relay_series(trial, YAW)
-    assert np.count_nonzero(series.switches.t >= series.settled_from) == 11
+    assert np.count_nonzero(series.switches.t >= series.last_from) == 11
 
 
 def test_pictures_come_in_the_order_of_the_report():

@@ -150,6 +150,13 @@ def test_an_abort_after_the_push_does_not_claim_that_the_old_gains_are_back():
     assert "No parameter was written" not in text
 
 
+def test_gains_that_proved_better_before_a_late_abort_are_reported_as_changed():
+    story = replace(stories.kept(), ending="aborted", reason="the mode could not be restored")
+    text = Page(render_report(story)).text
+    assert "The heading tune was aborted." in text
+    assert "Changed on the vehicle and read back: ATC_RAT_YAW_P" in text
+
+
 def test_parameters_that_should_be_back_and_are_not_are_named():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_ANG_YAW_P": 1.82})
     assert "NOT as found, although they should be: ATC_ANG_YAW_P" in Page(render_report(story)).text
