@@ -1,1 +1,15 @@
-"""(being built)"""
+"""The only room that formats for people: the report, the terminal tables, the live line, the wording.
+
+``story`` is what there is to tell; ``tables``, ``figures`` and ``wording`` turn it into rows, pictures and
+sentences; ``html`` and ``terminal`` put those on a page or a screen; ``live`` shows a running manoeuvre;
+``run_directory`` writes everything down.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.report.live import TerminalWatcher
+from gcs_autotune.report.run_directory import write_story
+from gcs_autotune.report.story import TuneStory
+from gcs_autotune.watch import SilentWatcher
+
+__all__ = ["SilentWatcher", "TerminalWatcher", "TuneStory", "write_story"]

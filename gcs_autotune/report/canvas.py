@@ -1,0 +1,122 @@
+"""Paper and pens: the look of every figure, and its way into the page as SVG with the same bytes each time."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup, escape
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["AFTER", "BAND", "BEFORE", "FAINT", "INK", "WANTED", "legend", "new_axes", "pens", "to_svg"]
+
+BEFORE = "#d55e00"
+AFTER = "#0072b2"
+WANTED = "#009e73"
+INK = "#222222"
+FAINT = "#8a8a8a"
+BAND = "#9ecae1"
+"""Okabe and Ito's colour-blind-safe set (2008), on white in light and dark pages alike."""
+
+WIDTH = 5.6
+"""Figure width [in]; the page scales it to its column."""
+
+_STYLE: dict[Any, object] = {
+    "font.family": "sans-serif",
+    "font.size": 8.8,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "axes.unicode_minus": True,
+    "svg.fonttype": "none",
+    "path.simplify": True,
+}
+
+
+@contextmanager
+def pens(name: str) -> Iterator[None]:
+    """Hold the style, and the salt of the identifiers of figure *name*, while drawing and saving.
+
+    The user's own matplotlibrc is set aside meanwhile: the report looks the same everywhere.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update({**_STYLE, "svg.hashsalt": name})
+        yield
+
+
+def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure, list[Axes]]:
+    """Return a figure with one axes per height [in], stacked, sharing time unless told otherwise."""
+    from matplotlib.figure import Figure
+
+    top, bottom, gap = 0.28, 0.48, 0.14
+    total = sum(heights) + top + bottom + gap * (len(heights) - 1)
+    figure = Figure(figsize=(WIDTH, total))
+    stack: list[Axes] = []
+    y = total - top
+    for height in heights:
+        y -= height
+        box = (0.13, y / total, 0.85, height / total)
+        stack.append(figure.add_axes(box, sharex=stack[0] if stack and share else None))
+        y -= gap
+    if share:
+        for axes in stack[:-1]:
+            axes.tick_params(labelbottom=False)
+    return figure, stack
+
+
+def legend(axes: Axes, columns: int = 5) -> None:
+    """Put the legend in one line above the axes, outside the data."""
+    handles, _ = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(-0.01, 1.0),
+            ncols=columns,
+            borderaxespad=0.1,
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+
+
+def to_svg(figure: Figure, name: str, description: str) -> Markup:
+    """Return the figure as an inline SVG element that scales with its column.
+
+    Identifiers begin with *name*, so that several figures live in one page; *description* is read out by
+    screen readers.
+    """
+    stream = io.StringIO()
+    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    figure.savefig(stream, format="svg", metadata=nothing)
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r"\n\s*", "\n", text)
+    label = f'<svg role="img" aria-label="{escape(description)}" '
+    text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'{label}viewBox="\1">', text, count=1, flags=re.DOTALL)
+    return Markup(text.replace("xlink:href", "href"))

@@ -1,0 +1,246 @@
+"""The pictures of a tune: step before and after, self-oscillation, limit cycle, fit against measurement.
+
+Each function returns a figure, or None when the story does not reach that far. Matplotlib is imported when
+the first one is drawn. Angles are in degrees here, and only here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from gcs_autotune.design.result import Prediction
+from gcs_autotune.identify.result import Trace
+from gcs_autotune.report.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes, pens, to_svg
+from gcs_autotune.report.numbers import pretty_unit, to_people
+from gcs_autotune.report.series import Curve, RelaySeries, StepSeries, finite, relay_series, step_series, thin
+from gcs_autotune.report.story import TuneStory
+from gcs_autotune.sname import Dof
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["MOST_RELAYS", "Picture", "draw_pictures"]
+
+MOST_RELAYS = 6
+"""Relay experiments and fit traces drawn one by one; chosen so that the page stays small."""
+
+_COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9")
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure ready for the page."""
+
+    kind: str
+    caption: str
+    svg: Markup
+
+
+def draw_pictures(story: TuneStory) -> tuple[Picture, ...]:
+    """Draw everything the story has data for, in the order of the report."""
+    drawn = []
+    for name, caption, draw in _wanted(story):
+        with pens(name):
+            figure = draw()
+            if figure is not None:
+                drawn.append(Picture(name.split("-")[0], caption, to_svg(figure, name, caption)))
+    return tuple(drawn)
+
+
+def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | None]]]:
+    dof = story.dof
+    what = _noun(dof)[0]
+    yield "step", _step_caption(story), partial(_draw_step, story)
+    found = (relay_series(trial, dof) for trial in story.relays[:MOST_RELAYS])
+    relays = [series for series in found if series is not None]
+    for i, relay in enumerate(relays, start=1):
+        caption = f"Self-oscillation '{relay.name}': {what} about its reference, with the switchings marked."
+        yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
+    caption = f"Limit cycles: rate of change against {what}. Strong lines: the last five periods."
+    yield "cycle", caption, partial(_draw_cycles, relays, dof)
+    for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
+        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over."
+        yield f"fit-{i}", caption, partial(_draw_fit, trace, dof)
+
+
+def _noun(dof: Dof) -> tuple[str, str, str]:
+    """Return what the position is called, its unit for people, and the rate's unit."""
+    words = {"psi": "heading", "z": "depth", "x": "position ahead", "y": "position abeam"}
+    unit, _ = to_people(dof.position_unit)
+    return words.get(dof.position, dof.position), unit, f"{unit}/s"
+
+
+def _step_caption(story: TuneStory) -> str:
+    what = _noun(story.dof)[0]
+    if story.step_before is None and story.step_after is None:
+        return f"Predicted {what} step with the old and the new gains; nothing of this was measured."
+    if story.step_before is None or story.step_after is None:
+        return f"Measured {what} step and step back; below, the actuator."
+    return f"The same {what} step and step back, measured with the old and the new gains; below, the actuator."
+
+
+def _draw_step(story: TuneStory) -> Figure | None:
+    before, after = step_series(story.step_before, story.dof), step_series(story.step_after, story.dof)
+    what, unit, _ = _noun(story.dof)
+    if before is None and after is None and story.proposal is None:
+        return None
+    figure, (top, bottom) = new_axes((2.6, 1.1))
+    _draw_target(top, after or before, story)
+    _draw_predictions(top, bottom, (before, after), story)
+    for series, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
+        if series is not None:
+            _line(top, series.position, story.dof, colour, label)
+            _draw_output(bottom, series.output, story, colour)
+    top.set_ylabel(f"{what}, from the start [{unit}]")
+    _label_output(bottom, story)
+    bottom.set_xlabel("time since the step [s]")
+    legend(top)
+    return figure
+
+
+def _draw_target(axes: Axes, series: StepSeries | None, story: TuneStory) -> None:
+    if series is not None:
+        target = series.target
+    elif story.proposal is not None:
+        target = _predicted(story.proposal.after, "target")
+    else:
+        return
+    axes.step(target.t, _people(story.dof) * target.y, where="post", color=FAINT, lw=1.0, ls="--", label="target")
+
+
+def _draw_predictions(
+    top: Axes, bottom: Axes, measured: tuple[StepSeries | None, StepSeries | None], story: TuneStory
+) -> None:
+    """Draw what the model promises: beside a measured step of the same size, or alone when there is none."""
+    if story.proposal is None:
+        return
+    old, new = story.proposal.before, story.proposal.after
+    size = next((s.size for s in measured if s is not None), None)
+    target = _predicted(new, "target").y
+    if size is not None and not (len(target) and np.isclose(target[-1], size, rtol=0.01)):
+        return
+    _line(top, _predicted(new, "wanted"), story.dof, WANTED, "wanted", width=1.0)
+    _line(top, _predicted(new, "position"), story.dof, AFTER, "after, predicted", style=":")
+    if size is None:
+        _line(top, _predicted(old, "position"), story.dof, BEFORE, "before, predicted", style=":")
+        _draw_output(bottom, finite(old.t, old.output), story, BEFORE)
+        _draw_output(bottom, finite(new.t, new.output), story, AFTER)
+
+
+def _predicted(prediction: Prediction, name: str) -> Curve:
+    base = float(prediction.position[0]) if len(prediction.position) else 0.0
+    return finite(prediction.t, getattr(prediction, name) - base)
+
+
+def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
+    dof = story.dof
+    figure, (top, bottom) = new_axes((1.9, 0.9))
+    scale = _people(dof)
+    what, unit, _ = _noun(dof)
+    if np.isfinite(relay.hysteresis):
+        for sign in (-1.0, 1.0):
+            label = "set switching value" if sign > 0 else None
+            axes_level = sign * scale * relay.hysteresis
+            top.axhline(axes_level, color=FAINT, lw=0.9, ls="--", label=label)
+    _line(top, relay.position, dof, AFTER, what)
+    if len(relay.switches):
+        top.plot(
+            relay.switches.t,
+            scale * relay.switches.y,
+            "o",
+            ms=4.5,
+            mfc="white",
+            mec=BEFORE,
+            mew=1.2,
+            label="switching",
+        )
+        top.axvspan(relay.last_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
+    top.set_ylabel(f"{what} from reference [{unit}]")
+    _draw_output(bottom, relay.output, story, INK)
+    _label_output(bottom, story)
+    bottom.set_xlabel("time [s]; shaded: the last five periods")
+    legend(top)
+    return figure
+
+
+def _draw_cycles(relays: Sequence[RelaySeries], dof: Dof) -> Figure | None:
+    shown = [relay for relay in relays if relay.rate is not None and len(relay.rate)]
+    if not shown:
+        return None
+    figure, (axes,) = new_axes((3.0,), share=False)
+    what, unit, rate_unit = _noun(dof)
+    for relay, colour in zip(shown, _COLOURS, strict=False):
+        assert relay.rate is not None
+        rate = np.interp(relay.position.t, relay.rate.t, relay.rate.y)
+        x, y = _people(dof) * relay.position.y, _people(dof) * rate
+        last = relay.position.t >= relay.last_from
+        every = max(1, len(x) // 1500)
+        axes.plot(x[::every], y[::every], color=colour, lw=0.6, alpha=0.35)
+        axes.plot(x[last][::every], y[last][::every], color=colour, lw=1.4, label=relay.name)
+    axes.set_xlabel(f"{what} from reference [{unit}]")
+    axes.set_ylabel(f"rate [{rate_unit}]")
+    legend(axes)
+    return figure
+
+
+def _draw_fit(trace: Trace, dof: Dof) -> Figure | None:
+    measured = finite(trace.t, trace.measured)
+    if len(measured) < 2:
+        return None
+    figure, (top, bottom) = new_axes((1.9, 0.9))
+    scale = _people(dof)
+    what, unit, _ = _noun(dof)
+    start = float(measured.t[0])
+    index = np.unique(np.linspace(0, len(trace.t) - 1, min(len(trace.t), 900)).astype(int))
+    t, fitted, band = trace.t[index] - start, scale * trace.fitted[index], scale * trace.band[index]
+    top.fill_between(t, fitted - band, fitted + band, color=BAND, alpha=0.6, lw=0, label="95 % band")
+    dots = scale * trace.measured[index]
+    top.plot(t, fitted, color=AFTER, lw=1.4, label="model, from the inputs alone")
+    top.plot(t, dots, ".", ms=2.4, color=BEFORE, label="measured")
+    top.set_ylabel(f"{what} [{unit}]")
+    bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
+    bottom.plot(t, dots - fitted, color=INK, lw=0.8)
+    bottom.set_ylabel(f"residual [{unit}]")
+    bottom.set_xlabel("time [s]")
+    legend(top)
+    return figure
+
+
+def _people(dof: Dof) -> float:
+    return to_people(dof.position_unit)[1]
+
+
+def _line(
+    axes: Axes, curve: Curve, dof: Dof, colour: str, label: str, width: float = 1.5, style: str = "-"
+) -> None:
+    few = thin(curve)
+    axes.plot(few.t, _people(dof) * few.y, color=colour, lw=width, ls=style, label=label)
+
+
+def _draw_output(axes: Axes, curve: Curve | None, story: TuneStory, colour: str) -> None:
+    if curve is None or not len(curve):
+        return
+    few = thin(curve)
+    axes.step(few.t, _output_scale(story) * few.y, where="post", color=colour, lw=1.0)
+
+
+def _label_output(axes: Axes, story: TuneStory) -> None:
+    unit = "% of full" if _output_scale(story) != 1.0 else pretty_unit(_output_unit(story))
+    axes.set_ylabel(f"{story.dof.force} [{unit}]")
+
+
+def _output_unit(story: TuneStory) -> str:
+    trials = (story.step_before, story.step_after, *story.relays)
+    units = (t[story.dof.force].unit for t in trials if t is not None and story.dof.force in t)
+    return next(units, "1")
+
+
+def _output_scale(story: TuneStory) -> float:
+    return 100.0 if _output_unit(story) == "1" else 1.0

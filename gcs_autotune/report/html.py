@@ -1,0 +1,137 @@
+"""The page: one self-contained ``report.html`` that opens without a network, on a phone and on paper."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.report import tables
+from gcs_autotune.report.figures import Picture, draw_pictures
+from gcs_autotune.report.numbers import (
+    format_change,
+    format_moment,
+    format_percent,
+    format_quantity,
+    format_seconds,
+    format_share,
+)
+from gcs_autotune.report.story import TuneStory
+from gcs_autotune.report.wording import (
+    bound_sentence,
+    decision_sentence,
+    doubt_sentence,
+    headline,
+    model_sentences,
+    safety,
+    structure_words,
+    undo_command,
+    undo_sentence,
+)
+
+__all__ = ["render_report"]
+
+
+def render_report(story: TuneStory) -> str:
+    """Return the whole page; the same story gives the same bytes."""
+    environment = Environment(
+        loader=PackageLoader("gcs_autotune.report", "templates"),
+        autoescape=select_autoescape(["html"]),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["glued"] = _glued
+    return environment.get_template("report.html").render(_context(story)) + "\n"
+
+
+def _context(story: TuneStory) -> dict[str, Any]:
+    proposal, fit = story.proposal, story.fit
+    return {
+        "story": story,
+        "headline": headline(story),
+        "tiles": _tiles(story),
+        "pictures": _by_kind(draw_pictures(story)),
+        "metrics": _metrics(story),
+        "gains": None if proposal is None else tables.gains_table(proposal),
+        "margins": None if proposal is None else tables.margins_table(proposal),
+        "safety": "" if proposal is None else safety(proposal),
+        "bound": "" if proposal is None else bound_sentence(proposal.bound),
+        "predicted": _predicted(story),
+        "fit": None if fit is None else _fit(fit),
+        "vehicle": tables.vehicle_rows(story.vehicle),
+        "simulated": bool(story.vehicle.get("simulated", False)),
+        "rates": tables.rates_table(story.rates),
+        "events": tuple((_moment(t), text) for t, text in story.events),
+        "parameters": tables.changed_parameters(story),
+        "changed": len(story.differences),
+        "undo": undo_command(story),
+        "undo_sentence": undo_sentence(story),
+        "when": format_moment(story.when),
+    }
+
+
+def _fit(fit: Fit) -> Mapping[str, Any]:
+    return {
+        "structure": structure_words(fit.structure),
+        "method": fit.method,
+        "used": ", ".join(fit.used),
+        "sentences": model_sentences(fit),
+        "doubts": tuple(doubt_sentence(d) for d in fit.doubts),
+        "model": tables.model_table(fit),
+        "decision": "" if fit.decision is None else decision_sentence(fit.decision),
+        "candidates": tables.candidate_table(fit),
+        "cycles": tables.cycle_table(fit),
+        "estimates": tables.estimate_table(fit),
+    }
+
+
+def _metrics(story: TuneStory) -> tables.Table | None:
+    if story.metrics_before is None and story.metrics_after is None:
+        return None
+    return tables.metrics_table(story.metrics_before, story.metrics_after)
+
+
+def _predicted(story: TuneStory) -> tables.Table | None:
+    if story.proposal is None:
+        return None
+    return tables.metrics_table(story.proposal.before.metrics, story.proposal.after.metrics)
+
+
+def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
+    """Return the few numbers everybody looks for first: (number, label, remark)."""
+    before, after, source = story.metrics_before, story.metrics_after, "measured"
+    if story.proposal is not None and (before is None or after is None):
+        before, after, source = story.proposal.before.metrics, story.proposal.after.metrics, "predicted"
+    tiles = []
+    if before is not None and after is not None:
+        old, new = (format_seconds(m.settling, "never") for m in (before, after))
+        tiles = [
+            (format_change(before.itae, after.itae).replace("-", "\u2212") or "?", "tracking error", source),
+            (format_share(after.overshoot), "overshoot", f"{source}, was {format_share(before.overshoot)}"),
+            (new, "settling time", f"{source}, was {old}"),
+        ]
+    if story.proposal is not None:
+        worst = story.proposal.worst_margins
+        margin = format_quantity(worst.phase, "rad", 2) if worst.stable else "unstable"
+        tiles.append((margin, "phase margin", "worst case"))
+    if story.fit is not None:
+        tiles.append((format_percent(story.fit.fit_percent), "fit of the model", "free run"))
+    return tuple(tiles)
+
+
+def _by_kind(pictures: tuple[Picture, ...]) -> Mapping[str, tuple[Picture, ...]]:
+    kinds = ("step", "relay", "cycle", "fit")
+    return {kind: tuple(p for p in pictures if p.kind == kind) for kind in kinds}
+
+
+def _glued(text: str) -> str:
+    """Keep a number and its unit on one line."""
+    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz)\b)", "\u00a0", text)
+
+
+def _moment(t: float) -> str:
+    return "" if t != t else f"{t:.1f} s"

@@ -1,0 +1,151 @@
+"""The live line: how a manoeuvre goes while the vehicle moves.
+
+In a terminal one line is rewritten in place; elsewhere a plain line comes every few seconds of *vehicle* time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
+from rich.text import Text
+
+from gcs_autotune.clock import Clock, WallClock
+from gcs_autotune.report.numbers import format_quantity, format_seconds, format_share
+from gcs_autotune.watch import Progress
+
+__all__ = ["TerminalWatcher", "describe_progress"]
+
+_SIGNALS: Mapping[str, tuple[str, str]] = {
+    "psi": ("heading", "rad"),
+    "z": ("depth", "m"),
+    "x": ("speed", "m/s"),
+    "u": ("speed", "m/s"),
+}
+"""Progress.signal -> (name, SI unit of its value)."""
+
+REDRAW = 0.1
+"""Shortest time [s] between two redrawings of the line. Chosen: ten a second is as much as an eye follows."""
+
+PLAIN_EVERY = 5.0
+"""Vehicle time [s] between two plain lines. Chosen: a log one can still read afterwards."""
+
+STALE = 1.0
+"""Age [s] of the last message above which the link is mentioned first. Chosen: ten control periods."""
+
+
+def describe_progress(progress: Progress, width: int = 0) -> str:
+    """Return one line about *progress*; with a *width*, the least important pieces make room.
+
+    Order of importance: what and when, a silent link, the signal against its target, periods, the nearest
+    limit, the swing, the output, the scatter.
+    """
+    pieces = _pieces(progress)
+    while width and len(pieces) > 1 and len(_join(pieces)) > width:
+        pieces.remove(max(pieces, key=lambda piece: piece[0]))
+    line = _join(pieces)
+    return line if not width or len(line) <= width else line[: max(0, width - 1)] + "~"
+
+
+def _join(pieces: list[tuple[int, str]]) -> str:
+    return "  ".join(text for _, text in pieces)
+
+
+def _pieces(p: Progress) -> list[tuple[int, str]]:
+    """Return (rank, text) in the order of the line; a lower rank stays longer."""
+    pieces = [(0, f"{p.manoeuvre or p.stage} {format_seconds(p.t)}")]
+    if p.signal:
+        pieces.append((2, _signal(p)))
+    if math.isfinite(p.output):
+        pieces.append((6, f"output {format_share(p.output)}"))
+    if math.isfinite(p.amplitude):
+        pieces.append((5, f"swing {format_quantity(p.amplitude, _unit_of_swing(p.signal))}"))
+    if p.periods_needed:
+        pieces.append((3, f"periods {p.periods}/{p.periods_needed}"))
+    if math.isfinite(p.scatter):
+        pieces.append((7, f"scatter {format_share(p.scatter)}"))
+    if p.guard:
+        pieces.append((4, f"{p.guard} {format_share(p.guard_share)}"))
+    if p.age > STALE:
+        pieces.insert(1, (1, f"NOTHING HEARD FOR {format_seconds(p.age)}"))
+    return pieces
+
+
+def _signal(p: Progress) -> str:
+    name, unit = _SIGNALS.get(p.signal, (p.signal, ""))
+    text = f"{name} {_reading(p.value, p.signal, unit)}"
+    return text + (f" (wanted {_reading(p.target, p.signal, unit)})" if math.isfinite(p.target) else "")
+
+
+def _reading(value: float, signal: str, unit: str) -> str:
+    if not math.isfinite(value):
+        return "?"
+    if signal == "psi":
+        return f"{math.degrees(value) % 360.0:05.1f}°"
+    return f"{value:.2f} {unit}".rstrip()
+
+
+def _unit_of_swing(signal: str) -> str:
+    return "rad" if signal == "psi" else "m"
+
+
+class TerminalWatcher:
+    """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes."""
+
+    def __init__(self, console: Console, clock: Clock | None = None) -> None:
+        self._console = console
+        self._clock = clock or WallClock()
+        self._drawn = -math.inf
+        self._told = -math.inf
+        self._leg = ("", "")
+        self._line_open = False
+
+    def __enter__(self) -> TerminalWatcher:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def update(self, progress: Progress) -> None:
+        """Show one control tick, if it is time for it."""
+        if self._console.is_terminal:
+            self._redraw(progress)
+        else:
+            self._tell(progress)
+
+    def say(self, text: str) -> None:
+        """Show a sentence on a line of its own."""
+        self._erase()
+        self._console.print(Text(text))
+
+    def close(self) -> None:
+        """End the live line, so that other output begins on a fresh one; harmless when there is none."""
+        if self._line_open:
+            self._console.print()
+            self._line_open = False
+
+    def _redraw(self, progress: Progress) -> None:
+        now = self._clock.now()
+        if now - self._drawn < REDRAW:
+            return
+        self._drawn = now
+        self._erase()
+        line = describe_progress(progress, self._console.width - 1)
+        self._console.print(Text(line), end="", no_wrap=True, crop=True)
+        self._line_open = True
+
+    def _erase(self) -> None:
+        if self._line_open:
+            self._console.control(Control((ControlType.CARRIAGE_RETURN,), (ControlType.ERASE_IN_LINE, 2)))
+            self._line_open = False
+
+    def _tell(self, progress: Progress) -> None:
+        leg = (progress.stage, progress.manoeuvre)
+        since = progress.t - self._told
+        if leg == self._leg and 0.0 <= since < PLAIN_EVERY:
+            return
+        self._leg, self._told = leg, progress.t
+        self._console.print(Text(describe_progress(progress)), soft_wrap=True)

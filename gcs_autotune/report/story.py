@@ -1,0 +1,77 @@
+"""What there is to tell about one tune, as far as it got."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gcs_autotune.design.result import Proposal, StepMetrics
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Trial
+
+__all__ = ["AXIS_DOFS", "TuneStory"]
+
+AXIS_DOFS: Mapping[str, str] = {"heading": "yaw", "depth": "heave", "speed": "surge"}
+"""Axis as users call it -> degree of freedom."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TuneStory:
+    """One tune from its announcement to its ending; whatever was not reached is None or empty.
+
+    Attributes
+    ----------
+    when : ISO 8601 moment, given by the caller (this room never reads a clock).
+    vehicle : what is known of it: ``name, firmware, version, system_id, link, simulated`` and more.
+    announced : what the tune said it would do, before anything moved.
+    rates : message name -> (asked, measured) [Hz].
+    kept : whether the new gains stayed; None when that was never decided; ``verdict_reasons`` say why.
+    parameters_before, parameters_after : as read from the vehicle; empty when not read.
+    events : (vehicle time [s] or NaN, what happened).
+    ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
+    doubts : sentences about the tune as a whole (the fit carries its own).
+    directory : the run directory as the user named it; ``files`` in it (found by looking when empty).
+    restore_file : the file in it that puts the old parameters back.
+    """
+
+    title: str
+    when: str
+    vehicle: Mapping[str, object]
+    axis: str
+    announced: tuple[str, ...] = ()
+    rates: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    step_before: Trial | None = None
+    relays: tuple[Trial, ...] = ()
+    step_after: Trial | None = None
+    fit: Fit | None = None
+    proposal: Proposal | None = None
+    metrics_before: StepMetrics | None = None
+    metrics_after: StepMetrics | None = None
+    kept: bool | None = None
+    verdict_reasons: tuple[str, ...] = ()
+    parameters_before: Mapping[str, float] = field(default_factory=dict)
+    parameters_after: Mapping[str, float] = field(default_factory=dict)
+    events: tuple[tuple[float, str], ...] = ()
+    ending: str = "aborted"
+    reason: str = ""
+    doubts: tuple[str, ...] = ()
+    directory: str = ""
+    files: tuple[str, ...] = ()
+    restore_file: str = "parameters_before.param"
+
+    @property
+    def dof(self) -> Dof:
+        """The degree of freedom this axis moves in."""
+        name = self.fit.dof if self.fit is not None else AXIS_DOFS.get(self.axis, "yaw")
+        return DOFS[name]
+
+    @property
+    def differences(self) -> Mapping[str, tuple[float, float]]:
+        """Parameter -> (before, after) where they differ; empty unless both were read."""
+        after = self.parameters_after
+        return {
+            name: (old, after[name])
+            for name, old in self.parameters_before.items()
+            if name in after and after[name] != old
+        }

@@ -1,0 +1,260 @@
+"""The rows of every table, as text: written once, shown by the page and by the terminal alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
+from gcs_autotune.identify.result import Candidate, Fit, IsoEstimate, Parameter
+from gcs_autotune.report.numbers import (
+    UNKNOWN,
+    format_change,
+    format_number,
+    format_quantity,
+    format_seconds,
+    format_share,
+    format_value,
+    pretty_unit,
+)
+from gcs_autotune.report.story import TuneStory
+from gcs_autotune.report.wording import structure_words
+from gcs_autotune.sname import Dof
+
+__all__ = [
+    "Table",
+    "candidate_table",
+    "changed_parameters",
+    "cycle_table",
+    "estimate_table",
+    "gains_table",
+    "margins_table",
+    "metrics_table",
+    "model_table",
+    "rates_table",
+    "vehicle_rows",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under heads; ``align`` has one letter a column, ``l`` text or ``r`` number."""
+
+    heads: tuple[str, ...]
+    align: str
+    rows: tuple[tuple[str, ...], ...]
+
+
+_METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("itae", "tracking error (ITAE per unit step)", lambda v: _with_unit(v, "s²")),
+    ("overshoot", "overshoot", format_share),
+    ("rise", "rise time, 10 to 90 %", lambda v: format_seconds(v, "never")),
+    ("settling", "settling time, to 5 %", lambda v: format_seconds(v, "never")),
+    ("steady_error", "remaining error", format_share),
+    ("travel", "actuator travel, of full per second", format_share),
+)
+"""Field of StepMetrics, what people call it, how it is shown."""
+
+_STATUS: Mapping[str, str] = {
+    "fitted": "",
+    "absent": "not in this structure",
+    "fixed": "fixed, not fitted",
+    "at_bound": "AT ITS BOUND: do not trust it",
+}
+"""Parameter status -> remark."""
+
+_VEHICLE: Mapping[str, str] = {
+    "name": "vehicle",
+    "firmware": "firmware",
+    "version": "version",
+    "system_id": "system id",
+    "link": "link",
+    "simulated": "simulated",
+}
+"""Keys of ``TuneStory.vehicle`` -> label; other keys are shown as they are."""
+
+
+def gains_table(proposal: Proposal) -> Table:
+    """Old and new gains, the documented range, and why."""
+    rows = tuple(_gain_row(change) for change in proposal.changes)
+    return Table(("parameter", "old", "new", "range", "why"), "lrrll", rows)
+
+
+def _gain_row(change: Change) -> tuple[str, ...]:
+    limits = f"{format_number(change.low)} to {format_number(change.high)}"
+    remark = " (at limit)" if change.at_limit else ""
+    return (
+        change.parameter,
+        format_number(change.old),
+        format_number(change.new),
+        limits + remark,
+        change.reason,
+    )
+
+
+def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Table:
+    """Step measures before and after, or of the only step there was; lower is better throughout."""
+    if after is None or before is None:
+        return _metrics_of_one(before or after)
+    rows = []
+    for name, label, show in _METRICS:
+        old, new = float(getattr(before, name)), float(getattr(after, name))
+        rows.append(
+            (
+                label,
+                show(old),
+                show(new),
+                format_change(old, new),
+            )
+        )
+    return Table(("lower is better", "before", "after", "change"), "lrrr", tuple(rows))
+
+
+def _metrics_of_one(metrics: StepMetrics | None) -> Table:
+    found = () if metrics is None else _METRICS
+    rows = tuple((label, show(float(getattr(metrics, name)))) for name, label, show in found)
+    return Table(("lower is better", "present gains"), "lr", rows)
+
+
+def model_table(fit: Fit) -> Table:
+    """Identified parameters, rounded to their standard error."""
+    meaning = _meanings(fit.model.axis)
+    rows = tuple(
+        (p.name, _parameter_value(p), pretty_unit(p.unit) or "1", meaning.get(p.name, ""), _STATUS[p.status])
+        for p in fit.parameters.values()
+    )
+    return Table(("parameter", "value ± std", "unit", "meaning", "remark"), "lrlll", rows)
+
+
+def _parameter_value(parameter: Parameter) -> str:
+    if parameter.status == "absent":
+        return "0"
+    return format_value(parameter.value, parameter.std)
+
+
+def _meanings(axis: Dof) -> dict[str, str]:
+    words = ("inertia with added mass", "drag, constant", "drag, growing with speed", "constant disturbance")
+    return {**dict(zip(axis.parameter_names(), words, strict=True)), "delay": "input to force"}
+
+
+def cycle_table(fit: Fit) -> Table:
+    """The limit cycles that IS-O read off the relay experiments."""
+    unit = fit.model.axis.position_unit
+    rows = tuple(_cycle_row(e, unit, fit.model.input_unit) for e in fit.iso)
+    heads = ("output C", "x_a set", "x_a* real", "amplitude", "bias", "period", "periods", "scatter", "valid")
+    return Table(heads, "rrrrrrrrl", rows)
+
+
+def _cycle_row(estimate: IsoEstimate, unit: str, input_unit: str) -> tuple[str, ...]:
+    cycle = estimate.cycle
+    period = 2.0 * math.pi / cycle.omega if cycle.omega > 0.0 else math.nan
+    return (
+        _output(cycle.C, input_unit),
+        format_quantity(cycle.x_a, unit),
+        format_quantity(cycle.x_a_star, unit),
+        format_quantity(cycle.X_m, unit),
+        format_quantity(cycle.x_0, unit, 2),
+        format_seconds(period),
+        str(cycle.periods),
+        format_share(cycle.scatter),
+        "yes" if cycle.valid else "NO (7.12)",
+    )
+
+
+def _output(value: float, input_unit: str) -> str:
+    return format_share(value) if input_unit == "1" else format_quantity(value, input_unit)
+
+
+def estimate_table(fit: Fit) -> Table:
+    """IS-O's own answer per experiment, beside the refined one: the approximation and what became of it."""
+    names = fit.model.axis.parameter_names()
+    rows = [
+        (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
+        for i, e in enumerate(fit.iso, start=1)
+    ]
+    model = fit.model
+    refined = (model.alpha, model.beta, model.beta_quadratic, model.delta)
+    rows.append(("refined", *(format_number(v) for v in refined)))
+    return Table(("", *names), "lrrrr", tuple(rows))
+
+
+def candidate_table(fit: Fit) -> Table:
+    """Drag structures side by side; the smallest BIC explains the record with the fewest numbers."""
+    best = min((c.bic for c in fit.candidates), default=math.nan)
+    unit = fit.model.axis.position_unit
+    rows = tuple(_candidate_row(c, best, unit, fit.structure) for c in fit.candidates)
+    return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
+
+
+def _candidate_row(candidate: Candidate, best: float, unit: str, chosen: str) -> tuple[str, ...]:
+    return (
+        candidate.structure,
+        structure_words(candidate.structure),
+        format_quantity(candidate.rms, unit, 4),
+        str(candidate.free_parameters),
+        f"{candidate.bic - best + 0.0:.1f}",
+        "chosen" if candidate.structure == chosen else "",
+    )
+
+
+def margins_table(proposal: Proposal) -> Table:
+    """Stability margins at the model and at the worst point of its 95 % region."""
+    shown = [_margin_cells(m) for m in (proposal.margins, proposal.worst_margins)]
+    labels = ("stable", "gain margin", "phase margin", "delay margin")
+    rows = tuple((label, *cells) for label, *cells in zip(labels, *shown, strict=True))
+    return Table(("", "at the model", "worst in 95 %"), "lrr", rows)
+
+
+def _margin_cells(margins: Margins) -> tuple[str, ...]:
+    gain = format_number(margins.gain, 3)
+    if 0.0 < margins.gain < math.inf:
+        gain += f" ({20.0 * math.log10(margins.gain):.1f} dB)"
+    phase = format_quantity(margins.phase, "rad")
+    return ("yes" if margins.stable else "NO", gain, phase, format_seconds(margins.delay))
+
+
+def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
+    """Message rates asked for and measured."""
+    rows = tuple(
+        (
+            name,
+            _with_unit(asked, "Hz"),
+            _with_unit(measured, "Hz"),
+            "slower than asked" if measured < 0.8 * asked else "",
+        )
+        for name, (asked, measured) in rates.items()
+    )
+    return Table(("message", "asked", "measured", ""), "lrrl", rows)
+
+
+def changed_parameters(story: TuneStory) -> Table:
+    """Every parameter that was read, the changed ones first."""
+    changed = story.differences
+    names = [*changed, *(n for n in story.parameters_before if n not in changed)]
+    rows = tuple(
+        (
+            name,
+            format_number(story.parameters_before[name], 6),
+            format_number(story.parameters_after[name], 6) if name in story.parameters_after else "not read",
+            "changed" if name in changed else "",
+        )
+        for name in names
+    )
+    return Table(("parameter", "before", "after", ""), "lrrl", rows)
+
+
+def vehicle_rows(vehicle: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+    """Label and text of what is known about the vehicle, the known keys first."""
+    keys = [*(k for k in _VEHICLE if k in vehicle), *(k for k in vehicle if k not in _VEHICLE)]
+    return tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return UNKNOWN if value is None else str(value)
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return format_number(value, 3) + (f" {unit}" if math.isfinite(value) else "")

@@ -1,0 +1,132 @@
+"""Tables and verdicts for the terminal: legible without colour, at 80 columns, and through a pipe.
+
+Each function returns something a ``rich`` console prints; nothing here prints by itself.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from pathlib import PurePath
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from gcs_autotune.design.result import Proposal
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.report import tables
+from gcs_autotune.report.story import TuneStory
+from gcs_autotune.report.wording import (
+    Tone,
+    bound_sentence,
+    decision_sentence,
+    doubt_sentence,
+    headline,
+    improvement,
+    model_sentences,
+    safety,
+    structure_words,
+    undo_command,
+)
+
+__all__ = ["fit_summary", "gains_summary", "render_text", "show_tune", "tune_summary"]
+
+_STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
+
+
+def render_text(thing: RenderableType, width: int = 80) -> str:
+    """Return *thing* as plain text, as it looks in a pipe: no colour, no trailing blanks."""
+    console = Console(
+        file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False
+    )
+    with console.capture() as capture:
+        console.print(thing)
+    return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
+
+
+def fit_summary(fit: Fit) -> Group:
+    """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
+    parts: list[RenderableType] = [
+        _title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")
+    ]
+    parts.append(_grid(tables.model_table(fit)))
+    parts.extend(_paragraph(s) for s in model_sentences(fit))
+    parts.append(_paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
+    if fit.decision is not None:
+        parts.extend((_title("Which kind of drag"), _paragraph(decision_sentence(fit.decision))))
+    if fit.candidates:
+        parts.append(_grid(tables.candidate_table(fit)))
+    parts.extend(_doubts(doubt_sentence(d) for d in fit.doubts))
+    return Group(*parts)
+
+
+def gains_summary(proposal: Proposal) -> Group:
+    """Return old and new gains side by side, what they promise, and how safe that is."""
+    parts: list[RenderableType] = [_title(f"Gains for {proposal.axis}"), _grid(tables.gains_table(proposal))]
+    parts.append(_paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
+    parts.append(_paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
+    parts.extend(_paragraph(note) for note in proposal.notes)
+    parts.append(_grid(tables.margins_table(proposal)))
+    parts.append(_paragraph(bound_sentence(proposal.bound)))
+    return Group(*parts)
+
+
+def tune_summary(story: TuneStory) -> Group:
+    """Return how a tune ended: the verdict, the measured step, the gains, the doubts."""
+    verdict = headline(story)
+    parts: list[RenderableType] = [_title(verdict.text, _STYLES[verdict.tone])]
+    parts.extend(_paragraph(s) for s in verdict.sentences)
+    if story.metrics_before is not None:
+        parts.append(_grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
+    parts.extend(_bullet(reason) for reason in story.verdict_reasons)
+    if story.proposal is not None:
+        parts.append(_grid(tables.gains_table(story.proposal)))
+    doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
+    if doubts or story.fit is not None:
+        parts.extend(_doubts(doubts))
+    return Group(*parts)
+
+
+def show_tune(console: Console, story: TuneStory) -> None:
+    """Print :func:`tune_summary`, then how to undo and where the report is, each whole on its line for copying."""
+    console.print(tune_summary(story))
+    if story.ending == "kept":
+        console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)
+    if story.directory:
+        console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
+
+
+def _doubts(texts: Iterable[str]) -> list[RenderableType]:
+    found = list(texts)
+    if not found:
+        return [_paragraph("The fit raises no doubts.")]
+    return [_title("What to doubt", "bold yellow"), *(_bullet(text) for text in found)]
+
+
+def _bullet(text: str) -> RichTable:
+    line = RichTable.grid(padding=(0, 1))
+    line.add_row(Text(" -"), Text(text))
+    return line
+
+
+def _title(text: str, style: str = "bold") -> RenderableType:
+    return Padding(Text(text, style=style), (1, 0, 0, 0))
+
+
+def _paragraph(text: str, style: str = "") -> Text:
+    return Text(text, style=style)
+
+
+def _grid(table: tables.Table) -> Padding:
+    grid = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
+    used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
+    used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
+    for i in used:
+        right = table.align[i] == "r"
+        grid.add_column(Text(table.heads[i]), justify="right" if right else "left", no_wrap=right or i == 0)
+    for row in table.rows:
+        grid.add_row(*(Text(row[i]) for i in used))
+    return Padding(grid, (1, 0))

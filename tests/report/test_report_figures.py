@@ -1,0 +1,69 @@
+"""The curves behind the pictures, and the pictures' cost."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import report_stories as stories
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_autotune.report.figures import draw_pictures
+from gcs_autotune.report.series import Curve, relay_series, step_series, thin
+from gcs_autotune.sname import DOFS
+
+YAW = DOFS["yaw"]
+
+
+@given(st.integers(2, 5000), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_ends_and_extremes_and_invents_nothing(n, seed):
+    curve = Curve(np.arange(float(n)), np.random.default_rng(seed).normal(size=n))
+    few = thin(curve, 200)
+    assert len(few) <= 203
+    assert (few.t[0], few.t[-1]) == (curve.t[0], curve.t[-1])
+    assert (few.y.min(), few.y.max()) == (curve.y.min(), curve.y.max())
+    assert np.all(np.diff(few.t) > 0)
+    assert np.array_equal(few.y, curve.y[few.t.astype(int)])
+
+
+def test_a_step_begins_at_zero_with_the_target_it_was_given():
+    series = step_series(stories.step_trial(), YAW)
+    assert series.size == pytest.approx(math.radians(30.0))
+    assert series.position.t[0] == pytest.approx(-2.0, abs=0.11)
+    assert series.target.t[1] == 0.0
+    assert np.allclose(series.target.y, [0.0, series.size, 0.0, 0.0])
+
+
+def test_a_relay_is_shown_about_its_reference_with_every_switching():
+    trial = stories.relay_trial()
+    series = relay_series(trial, YAW)
+    assert abs(float(np.mean(series.position.y))) < math.radians(2.0)
+    assert len(series.switches) == len(trial.marks)
+    high = np.abs(series.switches.y[1:])
+    assert np.all(high > series.hysteresis * 0.99)
+
+
+def test_the_shaded_part_holds_the_last_five_periods():
+    trial = stories.relay_trial()
+    series = relay_series(trial, YAW)
+    assert np.count_nonzero(series.switches.t >= series.last_from) == 11
+
+
+def test_pictures_come_in_the_order_of_the_report():
+    kinds = [picture.kind for picture in draw_pictures(stories.kept())]
+    assert kinds == ["step", "relay", "relay", "cycle", "fit", "fit"]
+
+
+def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():
+    (first, *_) = draw_pictures(stories.dry_run())
+    assert "nothing of this was measured" in first.caption
+
+
+def test_a_record_of_an_hour_stays_small():
+    relay = stories.relay_trial(duration=1800.0)
+    story = stories.replace(stories.aborted(), relays=(relay,) * 8)
+    pictures = draw_pictures(story)
+    assert sum(picture.kind == "relay" for picture in pictures) == 6
+    assert sum(len(picture.svg) for picture in pictures) < 1_500_000

@@ -1,0 +1,56 @@
+"""What people read in the terminal, word for word: the bad news as carefully as the good."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import report_stories as stories
+from rich.console import Group
+
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.report.terminal import fit_summary, gains_summary, render_text, tune_summary
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+
+FAST = Doubt(
+    "residuals-not-white",
+    "the residuals follow a slow wave that the model does not know",
+    "look for a current or a tether pulling, and repeat at slack water",
+)
+
+
+def undecided() -> Group:
+    return fit_summary(stories.fit("affine", verdict="undecided", stds=(0.0011, 0.004, 0.0064, 0.0009)))
+
+
+def weakly_excited() -> Group:
+    return fit_summary(stories.fit(doubts=(stories.WEAK, FAST), stds=(0.0011, 0.0, 0.17, 0.0009)))
+
+
+CASES = {
+    "fit_good": lambda: fit_summary(stories.fit()),
+    "fit_undecided": undecided,
+    "fit_weakly_excited": weakly_excited,
+    "gains": lambda: gains_summary(stories.proposal()),
+    "gains_unsafe": lambda: gains_summary(stories.proposal(worst_stable=False)),
+    "tune_kept": lambda: tune_summary(stories.kept()),
+    "tune_restored": lambda: tune_summary(stories.restored()),
+    "tune_aborted": lambda: tune_summary(stories.aborted()),
+    "tune_never_started": lambda: tune_summary(stories.never_started()),
+    "tune_dry_run": lambda: tune_summary(stories.dry_run()),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_terminal_says_exactly_what_the_golden_file_says(name, tmp_path):
+    text = render_text(CASES[name]())
+    (tmp_path / f"{name}.txt").write_text(text, encoding="utf-8")
+    assert text == (GOLDEN / f"{name}.txt").read_text(encoding="utf-8"), f"what came out is in {tmp_path}"
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_nothing_is_wider_than_eighty_columns_and_nothing_is_cut_off(name):
+    text = render_text(CASES[name]())
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "…" not in text

@@ -1,0 +1,130 @@
+"""What a person sees while the vehicle moves."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.report.live import TerminalWatcher, describe_progress
+from gcs_autotune.watch import Progress
+
+SWINGING = Progress(
+    stage="first self-oscillation",
+    manoeuvre="relay",
+    t=42.3,
+    signal="psi",
+    value=math.radians(383.4),
+    target=math.radians(360.0),
+    output=-0.3,
+    amplitude=math.radians(24.1),
+    periods=3,
+    periods_needed=5,
+    scatter=0.07,
+    guard="heading excursion",
+    guard_share=0.45,
+    age=0.02,
+)
+
+
+def _watcher(*, terminal: bool, width: int = 80) -> tuple[TerminalWatcher, io.StringIO, ManualClock]:
+    out, clock = io.StringIO(), ManualClock()
+    console = Console(
+        file=out, force_terminal=terminal, width=width, color_system=None, legacy_windows=False, _environ={}
+    )
+    return TerminalWatcher(console, clock), out, clock
+
+
+def test_the_line_tells_everything_when_there_is_room():
+    assert describe_progress(SWINGING) == (
+        "relay 42.3 s  heading 023.4° (wanted 000.0°)  output -30 %  swing 24.1°  periods 3/5  scatter 7 %  "
+        "heading excursion 45 %"
+    )
+
+
+def test_on_a_narrow_line_the_least_important_pieces_make_room():
+    line = describe_progress(SWINGING, 79)
+    assert len(line) <= 79
+    assert "periods 3/5" in line
+    assert "scatter" not in line
+
+
+def test_a_silent_link_is_mentioned_before_anything_else_makes_room():
+    line = describe_progress(replace(SWINGING, age=2.4), 45)
+    assert "NOTHING HEARD FOR 2.4 s" in line
+
+
+@given(st.integers(1, 200))
+def test_the_line_is_never_wider_than_asked(width):
+    assert len(describe_progress(SWINGING, width)) <= width
+
+
+def test_a_manoeuvre_without_any_number_still_gives_a_line():
+    assert describe_progress(Progress("settling", "", 1.0)) == "settling 1.0 s"
+
+
+def test_a_value_that_is_not_known_is_shown_as_unknown():
+    assert "depth ? (wanted 1.00 m)" in describe_progress(Progress("", "step", 1.0, "z", math.nan, 1.0))
+
+
+def test_in_a_pipe_a_plain_line_comes_every_five_seconds_of_vehicle_time():
+    watcher, out, _ = _watcher(terminal=False)
+    for i in range(121):
+        watcher.update(replace(SWINGING, t=0.1 * i))
+    lines = out.getvalue().splitlines()
+    assert [line.split("  ")[0] for line in lines] == ["relay 0.00 s", "relay 5.0 s", "relay 10.0 s"]
+    assert "\x1b" not in out.getvalue()
+    assert "\r" not in out.getvalue()
+
+
+def test_in_a_pipe_a_new_manoeuvre_is_told_at_once():
+    watcher, out, _ = _watcher(terminal=False)
+    watcher.update(SWINGING)
+    watcher.update(replace(SWINGING, manoeuvre="step", t=42.4))
+    assert len(out.getvalue().splitlines()) == 2
+
+
+def test_a_vehicle_clock_that_starts_again_does_not_silence_the_log():
+    watcher, out, _ = _watcher(terminal=False)
+    watcher.update(SWINGING)
+    watcher.update(replace(SWINGING, t=1.0))
+    assert len(out.getvalue().splitlines()) == 2
+
+
+def test_in_a_terminal_one_line_is_rewritten_at_most_ten_times_a_second():
+    watcher, out, clock = _watcher(terminal=True)
+    for i in range(1000):
+        clock.advance_to(0.001 * i)
+        watcher.update(replace(SWINGING, t=0.1 * i))
+    assert 9 <= out.getvalue().count("relay ") <= 11
+    assert "\n" not in out.getvalue()
+    assert all(len(piece) <= 80 for piece in out.getvalue().replace("\x1b[2K", "").split("\r"))
+
+
+def test_a_sentence_replaces_the_line_and_stands_on_its_own():
+    watcher, out, _ = _watcher(terminal=True)
+    watcher.update(SWINGING)
+    watcher.say("written and read back [not markup]")
+    assert out.getvalue().endswith("\r\x1b[2Kwritten and read back [not markup]\n")
+
+
+def test_closing_ends_the_line_once_and_nothing_hides_the_cursor():
+    watcher, out, _ = _watcher(terminal=True)
+    with watcher:
+        watcher.update(SWINGING)
+    watcher.close()
+    assert out.getvalue().count("\n") == 1
+    assert "\x1b[?25l" not in out.getvalue()
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_saying_something_before_any_progress_is_just_a_line(terminal):
+    watcher, out, _ = _watcher(terminal=terminal)
+    watcher.say("link: sitl:videoray")
+    assert out.getvalue() == "link: sitl:videoray\n"

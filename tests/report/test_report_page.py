@@ -1,0 +1,234 @@
+"""The page: self-contained, well-formed, safe to open, the same every time, and true to the story."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import report_stories as stories
+
+from gcs_autotune.report.html import render_report
+from gcs_autotune.trial import Channel, Mark, Trial
+
+VOID = {"meta", "link", "br", "hr", "img", "input", "path", "use", "rect"}
+HOSTILE = "<script>alert('$x^2$')</script>\"&"
+
+
+class Page(HTMLParser):
+    """Checks that every element is closed in order, and collects what the page is made of."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.tags: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href", "action", "data", "poster", "srcset"):
+                self.references.append(value)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-3:]}"
+            self.open.pop()
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words).replace("\u00a0", " "))
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return {name: render_report(make()) for name, make in stories.STORIES.items()}
+
+
+@pytest.mark.parametrize("name", stories.STORIES)
+def test_every_page_is_well_formed_with_unique_identifiers(name, pages):
+    page = Page(pages[name])
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+
+
+@pytest.mark.parametrize("name", stories.STORIES)
+def test_no_page_fetches_anything(name, pages):
+    page = Page(pages[name])
+    assert all(reference.startswith("#") for reference in page.references)
+    assert {r[1:] for r in page.references} <= set(page.ids)
+    assert not re.search(r"url\((?!#)|@import|https?://", pages[name])
+    assert not {"script", "link", "iframe", "img", "object"} & set(page.tags)
+
+
+@pytest.mark.parametrize("name", stories.STORIES)
+def test_every_page_is_small(name, pages):
+    assert len(pages[name].encode()) < 2_000_000
+
+
+def test_the_same_story_gives_the_same_bytes(pages):
+    assert render_report(stories.kept()) == pages["kept"]
+
+
+def test_a_clip_or_marker_used_in_a_figure_is_defined_in_the_same_figure(pages):
+    for figure in re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL):
+        used = set(re.findall(r"url\(#([^)]+)\)", figure)) | set(re.findall(r'href="#([^"]+)"', figure))
+        assert used <= set(re.findall(r'id="([^"]+)"', figure))
+
+
+def test_a_finished_tune_shows_every_figure_with_axes_in_degrees(pages):
+    page = Page(pages["kept"])
+    assert page.tags.count("svg") == 6
+    for label in (
+        "heading, from the start [°]",
+        "rate [°/s]",
+        "residual [°]",
+        "N [% of full]",
+        "time since the step [s]",
+    ):
+        assert label in page.text
+
+
+def test_every_figure_has_a_description_for_those_who_cannot_see_it(pages):
+    assert len(re.findall(r'<svg role="img" aria-label="[^"]{20,}" viewBox=', pages["kept"])) == 6
+
+
+def test_the_verdict_comes_before_everything_else(pages):
+    text = Page(pages["kept"]).text
+    assert text.index("proved better") < text.index("Step before and after") < text.index("ATC_RAT_YAW_P 0.18")
+
+
+def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):
+    text = Page(pages["kept"]).text
+    assert "tracking error 68 % lower; overshoot 6 %, before 41 %" in text
+    assert "Changed on the vehicle and read back: ATC_RAT_YAW_P" in text
+    assert "gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in text
+    assert "0.1795 ± 0.0011" in text
+    assert "6 parameters read, 4 changed" in text
+
+
+def test_bad_news_stands_where_it_is_seen(pages):
+    text = Page(pages["restored"]).text
+    assert "tracking error 14 % HIGHER" in text
+    assert "never settled" in text
+    assert "not everywhere in its 95 % region" in text
+    assert text.index("What to doubt") < text.index("Step before and after")
+
+
+def test_an_aborted_tune_says_why_and_claims_nothing_it_does_not_know(pages):
+    text = Page(pages["aborted"]).text
+    assert "Heading excursion 131 deg is beyond the limit" in text
+    assert "No parameter was written." in text
+    assert "not read" in text
+    for absent in ("Stability", "Fit against measurement", "Self-oscillation", "What to doubt"):
+        assert absent not in text
+
+
+def test_an_abort_after_the_push_does_not_claim_that_the_old_gains_are_back():
+    story = replace(stories.kept(), ending="aborted", reason="link lost", kept=None, parameters_after={})
+    text = Page(render_report(story)).text
+    assert "were not read back at the end" in text
+    assert "No parameter was written" not in text
+
+
+def test_gains_that_proved_better_before_a_late_abort_are_reported_as_changed():
+    story = replace(stories.kept(), ending="aborted", reason="the mode could not be restored")
+    text = Page(render_report(story)).text
+    assert "The heading tune was aborted." in text
+    assert "Changed on the vehicle and read back: ATC_RAT_YAW_P" in text
+
+
+def test_parameters_that_should_be_back_and_are_not_are_named():
+    story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_ANG_YAW_P": 1.82})
+    assert "NOT as found, although they should be: ATC_ANG_YAW_P" in Page(render_report(story)).text
+
+
+def test_kept_gains_that_are_not_safe_over_the_uncertainty_do_not_look_green():
+    story = replace(stories.kept(), proposal=stories.proposal(worst_stable=False))
+    assert 'class="verdict bad"' in render_report(story)
+
+
+def test_hostile_names_are_shown_and_not_obeyed():
+    story = stories.kept()
+    hostile = replace(
+        story,
+        title=HOSTILE,
+        when=HOSTILE,
+        axis=HOSTILE,
+        vehicle={**story.vehicle, "name": HOSTILE, HOSTILE: HOSTILE},
+        announced=(HOSTILE,),
+        rates={HOSTILE: (1.0, 1.0)},
+        relays=tuple(replace(r, name=HOSTILE) for r in story.relays),
+        events=((1.0, HOSTILE),),
+        reason=HOSTILE,
+        ending="aborted",
+        doubts=(HOSTILE,),
+        files=(HOSTILE,),
+        directory=HOSTILE,
+        verdict_reasons=(HOSTILE,),
+        parameters_before={HOSTILE: 1.0},
+        parameters_after={HOSTILE: 2.0},
+    )
+    text = render_report(hostile)
+    page = Page(text)
+    assert "script" not in page.tags
+    assert page.open == []
+    assert "alert('$x^2$')" in page.text
+
+
+def _trial(psi: np.ndarray, **more: object) -> Trial:
+    t = np.arange(len(psi)) * 0.1
+    return Trial("relay-1", {"psi": Channel("psi", "rad", t, psi)}, **more)
+
+
+@pytest.mark.parametrize(
+    "trial",
+    [
+        Trial("nothing", {}),
+        _trial(np.empty(0)),
+        _trial(np.full(50, math.nan)),
+        _trial(np.array([1.0])),
+        _trial(np.linspace(0.0, 1.0, 50)),
+        _trial(np.linspace(0.0, 1.0, 50), marks=(Mark(1.0, "target", {"value": 1.0, "phase": "step"}),)),
+        _trial(np.linspace(0.0, 1.0, 50), marks=(Mark(99.0, "target", {"value": 1.0, "phase": "step"}),)),
+        _trial(
+            np.linspace(0.0, 1.0, 50), marks=(Mark(2.0, "switch", {"x": math.nan}),), meta={"reference": math.nan}
+        ),
+    ],
+    ids=["no channel", "no sample", "all nan", "one sample", "no mark", "no hold", "late mark", "no input"],
+)
+def test_a_broken_record_does_not_break_the_report(trial):
+    story = replace(
+        stories.aborted(), step_before=trial, step_after=trial, relays=(trial, trial), metrics_before=None
+    )
+    assert Page(render_report(story)).open == []
+
+
+def test_a_tune_in_depth_is_drawn_in_metres():
+    trial = stories.step_trial()
+    channels = {
+        "z": replace(trial["psi"], name="z", unit="m"),
+        "w": replace(trial["r"], name="w", unit="m/s"),
+        "Z": replace(trial["N"], name="Z"),
+    }
+    story = replace(stories.aborted(), axis="depth", step_before=replace(trial, channels=channels))
+    assert "depth, from the start [m]" in Page(render_report(story)).text

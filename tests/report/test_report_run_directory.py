@@ -1,0 +1,115 @@
+"""What is on disk afterwards."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import report_stories as stories
+from rich.console import Console
+
+from gcs_autotune.models import SingleDof
+from gcs_autotune.report import run_directory as room
+from gcs_autotune.report import write_story
+from gcs_autotune.report.terminal import show_tune
+
+
+def _read(path):
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def test_a_finished_tune_leaves_all_its_files_and_no_drafts(tmp_path):
+    page = write_story(stories.kept(), tmp_path)
+    assert page == tmp_path / "report.html"
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "fit.json",
+        "gains.json",
+        "model.json",
+        "parameters_after.json",
+        "parameters_before.json",
+        "report.html",
+        "summary.json",
+    ]
+
+
+def test_the_model_on_disk_can_be_read_back(tmp_path):
+    story = stories.kept()
+    write_story(story, tmp_path)
+    assert SingleDof.from_dict(_read(tmp_path / "model.json")) == story.fit.model
+    assert _read(tmp_path / "parameters_before.json") == stories.PARAMETERS
+
+
+def test_the_summary_tells_programs_how_it_ended(tmp_path):
+    write_story(stories.kept(), tmp_path)
+    summary = _read(tmp_path / "summary.json")
+    assert (summary["schema"], summary["ending"], summary["kept"]) == (1, "kept", True)
+    assert summary["metrics"]["before"]["itae"] == 9.8
+    assert summary["gains"]["ATC_ANG_YAW_P"] == [4.5, 1.82]
+    assert summary["stable"] == {"model": True, "worst": True}
+
+
+def test_numbers_that_are_not_finite_are_null_and_never_break_the_json(tmp_path):
+    story = replace(
+        stories.restored(),
+        vehicle={"odd": np.float32(1.5), "worse": math.nan, "array": np.array([1.0, math.inf]), "thing": object},
+    )
+    write_story(story, tmp_path)
+    summary = _read(tmp_path / "summary.json")
+    assert summary["metrics"]["after"]["settling"] is None
+    assert summary["vehicle"]["odd"] == 1.5
+    assert summary["vehicle"]["worse"] is None
+    assert summary["vehicle"]["array"] == [1.0, None]
+
+
+def test_a_tune_that_never_started_still_leaves_a_summary_and_a_page(tmp_path):
+    write_story(stories.never_started(), tmp_path / "new" / "run")
+    assert sorted(p.name for p in (tmp_path / "new" / "run").iterdir()) == ["report.html", "summary.json"]
+    assert _read(tmp_path / "new" / "run" / "summary.json")["kept"] is None
+
+
+def test_the_page_lists_what_is_in_the_directory_when_the_story_does_not(tmp_path):
+    (tmp_path / "trials").mkdir()
+    (tmp_path / "trials" / "01-step.csv").write_text("t[s]\n", encoding="utf-8")
+    text = write_story(replace(stories.aborted(), files=()), tmp_path).read_text(encoding="utf-8")
+    assert "trials/01-step.csv" in text
+    assert "summary.json" in text
+    assert ".part" not in text
+
+
+def test_the_numbers_are_on_disk_even_when_the_page_cannot_be_drawn(tmp_path, monkeypatch):
+    def fail(story: object) -> str:
+        raise RuntimeError("no ink")
+
+    monkeypatch.setattr(room, "render_report", fail)
+    with pytest.raises(RuntimeError, match="no ink"):
+        write_story(stories.kept(), tmp_path)
+    assert _read(tmp_path / "summary.json")["ending"] == "kept"
+
+
+def test_a_file_that_cannot_be_finished_leaves_the_old_one_whole(tmp_path, monkeypatch):
+    write_story(stories.kept(), tmp_path)
+    old = (tmp_path / "summary.json").read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(room.os, "fsync", full)
+    with pytest.raises(OSError, match="no space"):
+        write_story(stories.aborted(), tmp_path)
+    assert (tmp_path / "summary.json").read_bytes() == old
+
+
+def test_the_undo_command_and_the_report_path_stand_whole_on_one_line_for_copying():
+    out = io.StringIO()
+    console = Console(file=out, width=40, force_terminal=False, color_system=None, legacy_windows=False)
+    show_tune(console, stories.kept())
+    lines = out.getvalue().splitlines()
+    assert "  gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in lines
+    assert "Report: runs/2026-11-20T20-12-00-heading/report.html" in lines
