@@ -1,1 +1,42 @@
-"""An ArduRover/ArduSub-style vehicle in a simulated sea, speaking MAVLink 2. Knows nothing of the tuner."""
+"""An ArduRover/ArduSub-style vehicle in a simulated sea, speaking MAVLink 2. Knows nothing of the tuner.
+
+``catalogue`` and ``vehicles/`` say which craft there are; ``vehicle`` is one craft (``body``, ``actuators``,
+``sensors``, ``battery``, ``autopilot/``); ``mavlink/`` speaks for it; ``lockstep`` and ``listen`` put it on a pipe
+or a link. ``python -m sitl --help`` runs it as a process of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sitl.catalogue import VEHICLES, UnknownVehicle, load_vehicle
+from sitl.effects import Effect
+from sitl.mavlink import Server
+from sitl.vehicle import Vehicle
+
+__all__ = ["VEHICLES", "Effect", "Server", "UnknownVehicle", "open_vehicle"]
+
+
+def open_vehicle(
+    name: str,
+    *,
+    seed: int = 0,
+    parameters: Mapping[str, float] | None = None,
+    effects: Sequence[Effect] = (),
+) -> Server:
+    """Return the vehicle called *name*, at rest and just booted, behind its MAVLink server.
+
+    Parameters
+    ----------
+    seed : of the sensors' noise; the same seed and the same bytes at the same times give the same bytes back.
+    parameters : autopilot parameters set before boot.
+    effects : hidden effects, in order.
+
+    Raises
+    ------
+    UnknownVehicle
+        There is no such vehicle.
+    KeyError
+        The firmware has no such parameter.
+    """
+    return Server(Vehicle(load_vehicle(name), seed=seed, parameters=parameters, effects=effects))

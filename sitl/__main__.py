@@ -1,0 +1,135 @@
+"""``python -m sitl NAME``: one simulated vehicle as a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
+from sitl.catalogue import load_vehicle
+from sitl.clock import Pacer
+from sitl.eeprom import keep_parameters, read_parameters
+from sitl.listen import AddressError, CannotListen, open_link, serve_free_running
+from sitl.lockstep import serve_lockstep
+
+__all__ = ["main"]
+
+_OK, _USAGE, _IN_USE = 0, 2, 3
+_DEFAULT_ADDRESS = "udp:127.0.0.1:14550"
+
+
+class _Stopped(BaseException):
+    """Somebody asked the process to end."""
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    raise _Stopped
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="sitl", description="A simulated ArduRover/ArduSub-style vehicle that speaks MAVLink 2."
+    )
+    parser.add_argument("vehicle", nargs="?", help=f"one of {', '.join(VEHICLES)}")
+    parser.add_argument("--list", action="store_true", help="show the vehicles there are")
+    parser.add_argument(
+        "--listen",
+        metavar="ADDRESS",
+        default=_DEFAULT_ADDRESS,
+        help="udp:HOST:PORT (waits to be called), udpout:HOST:PORT (calls), tcp:HOST:PORT (server), "
+        f"serial:DEVICE[,BAUD]; default {_DEFAULT_ADDRESS}",
+    )
+    parser.add_argument("--speedup", type=float, default=1.0, help="simulated seconds per second; default 1")
+    parser.add_argument("--lockstep", action="store_true", help="time by grants on standard input (decision 1)")
+    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise; default 0")
+    parser.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="set a parameter before boot; repeatable",
+    )
+    parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
+    return parser
+
+
+class _Usage(ValueError):
+    """The command line cannot be carried out as it stands."""
+
+
+def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
+    presets: dict[str, float] = {}
+    for argument in arguments:
+        name, _, value = argument.partition("=")
+        try:
+            presets[name] = float(value)
+        except ValueError as error:
+            raise _Usage(f"--param {argument}: give NAME=VALUE with a number") from error
+    return presets
+
+
+def _open(args: argparse.Namespace) -> Server:
+    if args.vehicle is None:
+        raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
+    if not 0.0 < args.speedup < float("inf"):
+        raise _Usage(f"--speedup {args.speedup:g}: give a number above 0")
+    load_vehicle(args.vehicle)
+    presets = dict(read_parameters(args.eeprom)) if args.eeprom else {}
+    presets.update(_read_presets(args.param))
+    try:
+        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets)
+    except KeyError as error:
+        raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
+    if args.eeprom:
+        keep_parameters(server.vehicle.parameters, args.eeprom)
+    return server
+
+
+def _run(args: argparse.Namespace) -> None:
+    server = _open(args)
+    if args.lockstep:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        serve_lockstep(server, sys.stdin.buffer, sys.stdout.buffer)
+        return
+    link = open_link(args.listen)
+    try:
+        print(
+            f"{server.vehicle.data.title}: {args.listen}, speed-up {args.speedup:g}", file=sys.stderr, flush=True
+        )
+        serve_free_running(server, link, Pacer(args.speedup))
+    finally:
+        link.close()
+
+
+def _show_vehicles() -> None:
+    for name in VEHICLES:
+        print(f"{name:12} {load_vehicle(name).title}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not to be had."""
+    args = _make_parser().parse_args(argv)
+    signal.signal(signal.SIGINT, _stop)
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        if args.list:
+            _show_vehicles()
+        else:
+            _run(args)
+    except (UnknownVehicle, AddressError, ValueError) as error:
+        print(f"sitl: {error}", file=sys.stderr)
+        return _USAGE
+    except CannotListen as error:
+        print(f"sitl: {error}", file=sys.stderr)
+        return _IN_USE
+    except (_Stopped, BrokenPipeError):
+        return _OK
+    return _OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,153 @@
+"""What both firmwares share: boot, modes, arming, texts, and the order of things in one loop."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+from sitl.autopilot.battery_monitor import BatteryMonitor
+from sitl.autopilot.estimator import Estimate
+from sitl.autopilot.mode import Mode
+from sitl.autopilot.parameters import ParameterStore
+from sitl.autopilot.rc_input import RcInput
+from sitl.autopilot.servo_rail import ServoRail
+from sitl.sensors import Reading
+
+__all__ = ["CRITICAL", "ERROR", "INFO", "WARNING", "Autopilot"]
+
+CRITICAL, ERROR, WARNING, INFO = 2, 3, 4, 6
+"""MAV_SEVERITY."""
+_PREARM_PERIOD_MS = 1000
+_PREARM_REPORT_MS = 30000
+_FIRST_REPORT_MS = 2000
+
+
+class Autopilot(ABC):
+    """One firmware on its board. ``tick`` is one loop; everything else may be called between loops.
+
+    ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``last_gcs_ms`` when
+    the ground station was last heard, ``failsafe`` whether one is in force.
+    """
+
+    firmware: str
+    mav_type: int
+    boot_mode: int
+
+    def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
+        self.parameters = parameters
+        self.dt = dt
+        self.ready_ms = ready_ms
+        self.ms = 0
+        self.estimate = Estimate(parameters)
+        self.rc = RcInput(parameters)
+        self.rail = ServoRail(parameters)
+        self.battery = BatteryMonitor(parameters)
+        self.armed = False
+        self.last_gcs_ms = 0
+        self.texts: list[tuple[int, str]] = []
+        self.prearm_ok = False
+        self._next_report_ms = _FIRST_REPORT_MS
+        self.modes: Mapping[int, Mode] = self._make_modes()
+        self.mode: Mode = self.modes[self.boot_mode]
+
+    @abstractmethod
+    def _make_modes(self) -> Mapping[int, Mode]:
+        """Return the flight modes by number."""
+
+    @property
+    @abstractmethod
+    def failsafe(self) -> bool:
+        """Whether a failsafe is in force."""
+
+    @property
+    @abstractmethod
+    def throttle_percent(self) -> int:
+        """What VFR_HUD shows."""
+
+    @abstractmethod
+    def check_failsafes(self) -> None:
+        """Look for lost pilots and ground stations, and act."""
+
+    @abstractmethod
+    def act_on_battery(self, action: int) -> None:
+        """Carry out the battery failsafe's *action* (the firmware's own numbers)."""
+
+    @abstractmethod
+    def arming_fault(self, *, arming: bool) -> str | None:
+        """Return why the craft must not arm, or None. *arming*: also what only counts at that moment."""
+
+    @abstractmethod
+    def write_outputs(self) -> None:
+        """Put the demands, or neutral when disarmed, on the servo rail."""
+
+    @property
+    def pwm(self) -> list[int]:
+        """The pulses on the servo rail [us]."""
+        return self.rail.pwm
+
+    @property
+    def position_ok(self) -> bool:
+        """Whether the position estimate is good enough for modes that need it."""
+        return self.ms >= self.ready_ms
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT (at most 50 characters reach the ground)."""
+        self.texts.append((severity, text))
+
+    def hear_gcs(self) -> None:
+        """Note that the ground station with the right id has spoken."""
+        self.last_gcs_ms = self.ms
+
+    def tick(self, ms: int, reading: Reading, voltage: float, consumed_mah: float) -> None:
+        """Run one loop at *ms* since boot."""
+        self.ms = ms
+        self.estimate.update(reading, self.dt)
+        self.check_failsafes()
+        self.battery.update(self, voltage, consumed_mah)
+        if ms % _PREARM_PERIOD_MS == 0:
+            self._check_prearm()
+        if self.armed:
+            self.mode.run()
+        self.write_outputs()
+
+    def set_mode(self, number: int) -> bool:
+        """Change the flight mode; return whether it was accepted (a text says why not)."""
+        mode = self.modes.get(number)
+        if mode is None:
+            self.say(WARNING, f"No such mode {number}")
+            return False
+        if mode is self.mode:
+            return True
+        if mode.needs_position and self.armed and not self.position_ok:
+            self.say(WARNING, f"Mode change to {mode.name} failed: requires position")
+            return False
+        self.mode = mode
+        mode.enter()
+        return True
+
+    def arm(self, *, force: bool) -> bool:
+        """Arm; return whether that was accepted (a text says why not)."""
+        if self.armed:
+            return True
+        fault = None if force else self.arming_fault(arming=True)
+        if fault is not None:
+            self.say(CRITICAL, f"Arm: {fault}")
+            return False
+        self.armed = True
+        self.mode.enter()
+        self.say(INFO, "Throttle armed")
+        return True
+
+    def disarm(self) -> bool:
+        """Disarm at once."""
+        if self.armed:
+            self.armed = False
+            self.say(INFO, "Throttle disarmed")
+        return True
+
+    def _check_prearm(self) -> None:
+        fault = self.arming_fault(arming=False)
+        self.prearm_ok = fault is None
+        if fault is not None and not self.armed and self.ms >= self._next_report_ms:
+            self._next_report_ms = self.ms + _PREARM_REPORT_MS
+            self.say(CRITICAL, f"PreArm: {fault}")

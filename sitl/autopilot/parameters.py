@@ -1,0 +1,120 @@
+"""The autopilot's parameters: names, stored types, values, and how a written value is taken."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+__all__ = ["Definition", "ParameterStore", "ReadOnlyParameter", "parse_table"]
+
+_FLOAT = 9
+_TYPES: Mapping[str, int] = {"i8": 2, "i16": 4, "i32": 6, "f32": _FLOAT}
+"""Stored type -> MAV_PARAM_TYPE."""
+_RANGES: Mapping[int, tuple[float, float]] = {2: (-128, 127), 4: (-32768, 32767), 6: (-2147483648, 2147483647)}
+_NUDGE = 0.01
+"""ArduPilot adds this before it cuts a float to an integer: 2.99 is stored as 3, 2.7 as 2."""
+
+
+class ReadOnlyParameter(ValueError):
+    """Somebody wrote a parameter that only the firmware may change."""
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """A parameter's name, MAV_PARAM_TYPE, default and whether a ground station may write it."""
+
+    name: str
+    kind: int
+    default: float
+    read_only: bool = False
+
+
+def parse_table(text: str) -> tuple[Definition, ...]:
+    """Read lines of ``NAME TYPE DEFAULT [ro]``; ``#`` starts a comment."""
+    rows = (line.partition("#")[0].split() for line in text.splitlines())
+    return tuple(Definition(row[0], _TYPES[row[1]], float(row[2]), row[3:] == ["ro"]) for row in rows if row)
+
+
+def _as_float32(value: float) -> float:
+    return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def _store(kind: int, value: float) -> float:
+    if kind == _FLOAT:
+        limit = 3.4028234e38
+        return _as_float32(max(-limit, min(limit, value)))
+    low, high = _RANGES[kind]
+    return float(int(max(low, min(high, value + math.copysign(_NUDGE, value)))))
+
+
+class ParameterStore:
+    """Name -> value, in a fixed order (ArduPilot's own: by name).
+
+    ``version`` counts changes, so that what is derived from parameters knows when it is stale. ``values`` is the
+    plain dictionary, for the loops that read dozens of parameters every tick.
+    """
+
+    def __init__(self, definitions: Iterable[Definition]) -> None:
+        ordered = sorted(definitions, key=lambda d: d.name)
+        self._definitions = {d.name: d for d in ordered}
+        self._index = {d.name: k for k, d in enumerate(ordered)}
+        self._names = tuple(self._definitions)
+        self.values: dict[str, float] = {d.name: _store(d.kind, d.default) for d in ordered}
+        self.version = 0
+        self.on_change: Callable[[str, float], None] | None = None
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    def name_at(self, index: int) -> str | None:
+        """Return the name at *index*, or None when there is none."""
+        return self._names[index] if 0 <= index < len(self._names) else None
+
+    def index_of(self, name: str) -> int:
+        """Return the place of *name* in the list."""
+        return self._index[name]
+
+    def kind_of(self, name: str) -> int:
+        """Return the MAV_PARAM_TYPE of *name*."""
+        return self._definitions[name].kind
+
+    def write(self, name: str, value: float) -> bool:
+        """Take a value written by a ground station; return whether it was taken (NaN and infinity are not).
+
+        Raises
+        ------
+        KeyError
+            No such parameter.
+        ReadOnlyParameter
+            Only the firmware may change it.
+        """
+        definition = self._definitions[name]
+        if definition.read_only:
+            raise ReadOnlyParameter(name)
+        if not math.isfinite(value):
+            return False
+        self.preset(name, value)
+        if self.on_change is not None:
+            self.on_change(name, self.values[name])
+        return True
+
+    def preset(self, name: str, value: float) -> None:
+        """Set a value from inside: defaults of a vehicle, a memory read at boot. ``KeyError`` when unknown."""
+        self.values[name] = _store(self._definitions[name].kind, value)
+        self.version += 1
+
+    def hash(self) -> int:
+        """Return a 24-bit check sum of all names and values (24 bits survive the float of a PARAM_VALUE)."""
+        state = 0
+        for name in self._names:
+            state = zlib.crc32(name.encode() + struct.pack("<f", self.values[name]), state)
+        return state & 0xFFFFFF

@@ -1,0 +1,93 @@
+"""RC channels: overrides from the ground station, their expiry, and the receiver there may be.
+
+Without a receiver a channel keeps its last value when its override is released or expires; only the radio
+failsafe brings the outputs to neutral. That is the firmware's behaviour, and the reason to send neutral sticks
+before letting go.
+"""
+
+from __future__ import annotations
+
+from sitl.autopilot.parameters import ParameterStore
+
+__all__ = ["CHANNELS", "RcInput"]
+
+CHANNELS = 18
+_STICK_PWM = 1500
+_IGNORE_OVERRIDES = 2
+"""RC_OPTIONS bit 1."""
+_KEYS = {n: (f"RC{n}_MIN", f"RC{n}_TRIM", f"RC{n}_MAX", f"RC{n}_REVERSED") for n in range(1, 9)}
+
+
+class RcInput:
+    """The sticks as the firmware sees them. Channels are 1-based; times are milliseconds since boot."""
+
+    def __init__(self, parameters: ParameterStore) -> None:
+        self._values = parameters.values
+        self.pwm = [_STICK_PWM] * (CHANNELS + 1)
+        self._override = [0] * (CHANNELS + 1)
+        self._stamp = [0] * (CHANNELS + 1)
+        self._new = False
+        self._had_receiver = False
+
+    @property
+    def has_receiver(self) -> bool:
+        """Whether an RC receiver is delivering frames."""
+        return self._values["SIM_RC_FAIL"] == 0.0
+
+    def override(self, channel: int, pwm: int, ms: int) -> None:
+        """Take an override; 0 releases the channel."""
+        self._override[channel] = pwm
+        self._stamp[channel] = ms
+        self._new = True
+
+    def clear_overrides(self) -> None:
+        """Drop every override (a failsafe does)."""
+        self._override = [0] * (CHANNELS + 1)
+
+    def update(self, ms: int) -> bool:
+        """Read the sticks; return whether anything valid came in since the last call."""
+        if self.has_receiver:
+            self._had_receiver = True
+        elif not self._new:
+            return False
+        self._new = False
+        valid = False
+        for channel in range(1, CHANNELS + 1):
+            if self._in_force(channel, ms):
+                self.pwm[channel] = self._override[channel]
+                valid = True
+            elif self._had_receiver:
+                self.pwm[channel] = _STICK_PWM
+                valid = True
+        return valid
+
+    def _in_force(self, channel: int, ms: int) -> bool:
+        if self._override[channel] == 0 or int(self._values["RC_OPTIONS"]) & _IGNORE_OVERRIDES:
+            return False
+        timeout = self._values["RC_OVERRIDE_TIME"]
+        return timeout < 0.0 or ms - self._stamp[channel] < timeout * 1000.0
+
+    def angle(self, channel: int, full: int, dead_zone: float) -> int:
+        """Return the stick as a whole number within -full..full, zero inside the dead zone."""
+        low, trim, high, sign = self._ends(channel)
+        pwm = self.pwm[channel]
+        above, below = trim + dead_zone, trim - dead_zone
+        if pwm > above and high != above:
+            out = int(full * (pwm - above) / (high - above))
+        elif pwm < below and below != low:
+            out = -int(full * (below - pwm) / (below - low))
+        else:
+            return 0
+        return sign * max(-full, min(full, out))
+
+    def fraction(self, channel: int) -> float:
+        """Return the stick as -1..1 about its trim, without any dead zone."""
+        low, trim, high, sign = self._ends(channel)
+        pwm = self.pwm[channel]
+        span = high - trim if pwm >= trim else trim - low
+        return 0.0 if span <= 0.0 else max(-1.0, min(1.0, sign * (pwm - trim) / span))
+
+    def _ends(self, channel: int) -> tuple[float, float, float, int]:
+        values = self._values
+        low, trim, high, reverse = _KEYS[channel]
+        return values[low], values[trim], values[high], -1 if values[reverse] else 1

@@ -1,0 +1,44 @@
+"""The servo outputs: which function drives which channel, and from a demand to a pulse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sitl.autopilot.parameters import ParameterStore
+
+__all__ = ["OUTPUTS", "ServoRail"]
+
+OUTPUTS = 16
+_PARAMETERISED = 8
+
+
+class ServoRail:
+    """Pulses [us] of all outputs. Assignments and end points are read again whenever a parameter has changed.
+
+    A channel without a function gives no pulse (0).
+    """
+
+    def __init__(self, parameters: ParameterStore) -> None:
+        self._parameters = parameters
+        self._version = -1
+        self._rows: list[tuple[int, int, int, int, int, int]] = []
+        self.pwm = [0] * OUTPUTS
+
+    def write(self, pulse_for: Callable[[int, int, int, int, int], int]) -> None:
+        """Set every assigned channel to ``pulse_for(function, low, trim, high, sign)``."""
+        if self._version != self._parameters.version:
+            self._read_assignments()
+        for index, function, low, trim, high, sign in self._rows:
+            self.pwm[index] = pulse_for(function, low, trim, high, sign)
+
+    def _read_assignments(self) -> None:
+        values = self._parameters.values
+        self._version = self._parameters.version
+        self.pwm = [0] * OUTPUTS
+        self._rows = []
+        for n in range(1, _PARAMETERISED + 1):
+            function, low, trim, high, reverse = (
+                int(values[f"SERVO{n}_{key}"]) for key in ("FUNCTION", "MIN", "TRIM", "MAX", "REVERSED")
+            )
+            if function > 0:
+                self._rows.append((n - 1, function, low, trim, high, -1 if reverse else 1))

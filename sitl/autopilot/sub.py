@@ -1,0 +1,155 @@
+"""ArduSub: pilot sticks, joystick gain, arming rules, failsafes, and the controllers the modes use."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.mode import Mode
+from sitl.autopilot.parameters import ParameterStore
+from sitl.autopilot.shaping import clamp
+from sitl.autopilot.sub_depth import SubDepth
+from sitl.autopilot.sub_failsafe import SubFailsafe
+from sitl.autopilot.sub_modes import make_sub_modes
+from sitl.autopilot.sub_motors import SubMotors
+from sitl.autopilot.sub_yaw import SubYaw
+
+__all__ = ["Sub"]
+
+_THROTTLE, _YAW, _FORWARD, _LATERAL = 3, 4, 5, 6
+_STICK_SPAN = 400.0
+_YAW_STICK_FULL = 4500
+_TARGET_LIFE_MS = 5000
+_STOPPING_MS = 250
+_CM = 100.0
+_DEPTH_CUTOFF = 2.0
+"""Hz, of the low-pass on the depth loop's throttle; fixed in the firmware."""
+
+
+class Sub(Autopilot):
+    """The Sub firmware. Boots in MANUAL. ``gain`` is the joystick gain, read from JS_GAIN_DEFAULT at boot only."""
+
+    firmware = "ArduSub"
+    mav_type = 12
+    boot_mode = 19
+
+    def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
+        self.motors = SubMotors(parameters, dt)
+        self.yaw = SubYaw(parameters, dt)
+        self.depth = SubDepth(parameters, dt)
+        self.gain = clamp(parameters["JS_GAIN_DEFAULT"], 0.1, 1.0)
+        super().__init__(parameters, dt, ready_ms)
+        self._failsafe = SubFailsafe(parameters, self)
+        self._hold_heading = 0.0
+        self._turned_ms = -_STOPPING_MS
+        self._target_ms = -_TARGET_LIFE_MS
+
+    def _make_modes(self) -> Mapping[int, Mode]:
+        return make_sub_modes(self)
+
+    @property
+    def failsafe(self) -> bool:
+        """Whether the pilot or the ground station is lost."""
+        return self.armed and (self._failsafe.pilot_lost or self._failsafe.gcs_lost)
+
+    @property
+    def throttle_percent(self) -> int:
+        """The throttle demand [%]; 50 is neutral."""
+        return round(100.0 * self.motors.throttle)
+
+    def check_failsafes(self) -> None:
+        """Read the sticks and look for lost ones."""
+        self.rc.update(self.ms)
+        self._failsafe.update()
+
+    def act_on_battery(self, action: int) -> None:
+        """Carry out BATT_FS_LOW_ACT: 0 nothing, anything else disarms (surfacing is not simulated)."""
+        if action:
+            self.disarm()
+
+    def arming_fault(self, *, arming: bool) -> str | None:
+        """Return why the craft must not arm, or None."""
+        if self.parameters["ARMING_CHECK"] == 0.0:
+            return None
+        return "Gyros not calibrated" if self.ms < self.ready_ms else self.battery.arming_fault()
+
+    def write_outputs(self) -> None:
+        """Put the motors' pulses on the servo rail."""
+        if not self.armed:
+            self.reset_loops()
+        self.motors.output(self.rail, armed=self.armed)
+
+    def hear_pilot(self) -> None:
+        """Note that sticks have come from the ground."""
+        self._failsafe.last_pilot_ms = self.ms
+
+    def reset_loops(self) -> None:
+        """Let heading and depth be held where they are now."""
+        estimate = self.estimate
+        self._hold_heading = estimate.yaw
+        self.yaw.reset(estimate.yaw)
+        self.depth.reset(-_CM * estimate.z, _CM * estimate.climb, self.motors.throttle)
+
+    def set_heading_target(self, heading: float) -> None:
+        """Hold *heading* [rad]; a target from the ground rules over the sticks for 5 s."""
+        self._target_ms = self.ms
+        self._hold_heading = heading
+
+    def set_depth_target(self, altitude: float) -> None:
+        """Hold *altitude* [m, up from the surface: negative under water]."""
+        self.depth.target = _CM * altitude
+
+    def pass_horizontal_sticks(self) -> None:
+        """Pass forward and lateral sticks to the motors (no dead zone)."""
+        self.motors.forward = self.rc.fraction(_FORWARD)
+        self.motors.lateral = self.rc.fraction(_LATERAL)
+
+    def pass_yaw_stick(self) -> None:
+        """Pass the yaw stick to the motors (no dead zone)."""
+        self.motors.yaw = self.rc.fraction(_YAW)
+
+    def pass_throttle_stick(self) -> None:
+        """Pass the throttle stick to the motors, past the depth loop."""
+        self.motors.set_throttle(0.5 * (1.0 + self.rc.fraction(_THROTTLE)), 0.0)
+
+    def steer(self) -> None:
+        """Turn as the yaw stick says, else hold the heading once 250 ms have passed to come to rest."""
+        estimate, ms = self.estimate, self.ms
+        stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
+        if ms - self._target_ms < _TARGET_LIFE_MS:
+            self.yaw.hold(self._hold_heading)
+        elif stick != 0:
+            self.yaw.turn(math.radians(stick * self.parameters["ACRO_YAW_P"] / 100.0))
+            self._hold_heading, self._turned_ms = estimate.yaw, ms
+        elif ms - self._turned_ms < _STOPPING_MS:
+            self.yaw.turn(0.0)
+            self._hold_heading = estimate.yaw
+        else:
+            self.yaw.hold(self._hold_heading)
+        self.motors.yaw = self.yaw.run(estimate.yaw, estimate.yaw_rate, self.motors.limit_yaw)
+
+    def hold_depth(self) -> None:
+        """Climb as the throttle stick says, else hold the depth."""
+        estimate, depth = self.estimate, self.depth
+        rate = self._climb_stick()
+        altitude = -_CM * estimate.z
+        if rate == 0.0 and altitude > self.parameters["SURFACE_DEPTH"]:
+            depth.target = min(depth.target, self.parameters["SURFACE_DEPTH"])
+        depth.climb(rate)
+        throttle = depth.run(
+            altitude, _CM * estimate.climb, _CM * estimate.climb_acceleration, self.motors.limit_throttle
+        )
+        if altitude > self.parameters["SURFACE_DEPTH"]:
+            throttle = min(throttle, 0.5 + 0.5 * self.parameters["SURFACE_MAX_THR"])
+        self.motors.set_throttle(throttle, _DEPTH_CUTOFF)
+
+    def _climb_stick(self) -> float:
+        """Return the wanted climb rate [cm/s, up], zero within THR_DZ (scaled by the gain)."""
+        stick = self.rc.fraction(_THROTTLE)
+        dead = self.parameters["THR_DZ"] * self.gain / 500.0
+        if abs(stick) <= dead:
+            return 0.0
+        up, down = self.parameters["PILOT_SPEED_UP"], self.parameters["PILOT_SPEED_DN"]
+        fastest = up if stick > 0.0 else down or up
+        return math.copysign((abs(stick) - dead) / (1.0 - dead) * fastest, stick)

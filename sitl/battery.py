@@ -1,0 +1,39 @@
+"""The battery: a voltage that sags with the load and a charge that runs down."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+__all__ = ["Battery"]
+
+_IDLE_CURRENT = 0.4
+_FULL_CURRENT = 6.0
+_RESISTANCE = 0.02
+"""Chosen: a small 12 V craft; amperes at rest, amperes per fully driven output, ohms inside."""
+
+
+class Battery:
+    """Open-circuit voltage and capacity are the autopilot's SIM_BATT_VOLTAGE and BATT_CAPACITY."""
+
+    def __init__(self) -> None:
+        self.current = _IDLE_CURRENT
+        self.consumed_mah = 0.0
+
+    def drain(self, pwm: Sequence[int], dt: float) -> None:
+        """Run *dt* [s] with these servo pulses [us]."""
+        load = 0.0
+        for pulse in pwm:
+            if pulse:
+                load += abs(pulse - 1500)
+        self.current = _IDLE_CURRENT + _FULL_CURRENT * load / 500.0
+        self.consumed_mah += self.current * dt / 3.6
+
+    def voltage(self, open_circuit: float) -> float:
+        """Return the terminal voltage [V]."""
+        return open_circuit - _RESISTANCE * self.current
+
+    def remaining_percent(self, capacity_mah: float) -> int:
+        """Return what is left [%], or -1 when the capacity is not known."""
+        if capacity_mah <= 0.0:
+            return -1
+        return max(0, min(100, int(100.0 - 100.0 * self.consumed_mah / capacity_mah)))

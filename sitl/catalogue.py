@@ -1,0 +1,123 @@
+"""The vehicles there are, and the loader of their data files.
+
+A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
+``vehicles/`` and one line in :data:`VEHICLES`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from sitl.actuators import FRAMES, Actuators, RudderBoat, ThrusterFrame, YawSchedule
+from sitl.body import AxisDynamics, Body, World
+from sitl.sensors import SensorData
+
+__all__ = ["VEHICLES", "UnknownVehicle", "VehicleData", "load_vehicle"]
+
+VEHICLES: Mapping[str, str] = {
+    "charlie": "charlie.toml",
+    "videoray": "videoray.toml",
+    "automarine": "automarine.toml",
+    "falcon": "falcon.toml",
+}
+"""Name -> data file in ``vehicles/``."""
+
+_FOLDER = Path(__file__).parent / "vehicles"
+_RUDDER = "rudder"
+
+
+class UnknownVehicle(KeyError):
+    """There is no vehicle of that name; the message gives the nearest ones."""
+
+    def __init__(self, name: str) -> None:
+        near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(VEHICLES)}"
+        super().__init__(f"no vehicle called '{name}'; {hint}")
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleData:
+    """One vehicle's data file, numbers without their sources (SI, radians).
+
+    ``parameters`` holds what its owner has set in the autopilot; ``ready_time`` [s] is when the autopilot's
+    estimates become good enough to arm.
+    """
+
+    name: str
+    title: str
+    firmware: str
+    sensors: SensorData
+    parameters: Mapping[str, float]
+    up_delay: float
+    down_delay: float
+    ready_time: float
+    tables: Mapping[str, Any]
+
+    @property
+    def is_boat(self) -> bool:
+        """Whether it stays at the surface."""
+        return str(self.tables["actuators"]) == _RUDDER
+
+    def make_body(self) -> Body:
+        """Return a new hull at its starting place, at rest."""
+        start = _values(self.tables["start"])
+        world = World(bottom=start["bottom"], floats=self.is_boat)
+        yaw = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["yaw"])
+        heave = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["heave"])
+        body = Body(_axis(self.tables["surge"]), heave, yaw, world)
+        body.z, body.psi = start["depth"], start["heading"]
+        return body
+
+    def make_actuators(self) -> Actuators:
+        """Return what turns servo pulses into forces."""
+        yaw, surge = _values(self.tables["yaw"]), _values(self.tables["surge"])
+        if self.is_boat:
+            rows = tuple(zip(yaw["n2"], yaw["alpha"], yaw["beta"], strict=True))
+            full_n = _values(self.tables["propeller"])["full_n"]
+            return RudderBoat(YawSchedule(rows), yaw["full_rudder"], full_n, surge["authority"], yaw["bias"], 1, 3)
+        heave = _values(self.tables["heave"])
+        motors = FRAMES[self.tables["actuators"]]
+        full = (yaw["authority"], surge["authority"], heave["authority"])
+        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"])
+
+
+def _values(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    return {name: entry["value"] for name, entry in table.items()}
+
+
+def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
+    values = _values(table)
+    return AxisDynamics(values["alpha"], values["beta"], values["beta2"])
+
+
+def load_vehicle(name: str) -> VehicleData:
+    """Return the data of the vehicle called *name*.
+
+    Raises
+    ------
+    UnknownVehicle
+        There is none; the message gives the nearest spellings.
+    """
+    if name not in VEHICLES:
+        raise UnknownVehicle(name)
+    tables = tomllib.loads((_FOLDER / VEHICLES[name]).read_text(encoding="utf-8"))
+    sensors, link = _values(tables["sensors"]), _values(tables["link"])
+    return VehicleData(
+        name=name,
+        title=tables["title"],
+        firmware=tables["firmware"],
+        sensors=SensorData(**{field.name: sensors[field.name] for field in fields(SensorData)}),
+        parameters=_values(tables["parameters"]),
+        up_delay=link["up_delay"],
+        down_delay=link["down_delay"],
+        ready_time=_values(tables["start"])["ready_time"],
+        tables=tables,
+    )

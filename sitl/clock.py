@@ -1,0 +1,42 @@
+"""Simulated time against the wall clock, for a vehicle that runs free. The only sleep is here."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+__all__ = ["Pacer"]
+
+_MOST_BEHIND = 0.5
+"""Chosen: wall seconds of delay that are caught up; beyond them the simulation slips instead."""
+
+
+class Pacer:
+    """Says how much simulated time has passed at *speedup*, and waits for more of it.
+
+    ``wall`` and ``sleep`` can be replaced, for tests.
+    """
+
+    def __init__(
+        self,
+        speedup: float,
+        *,
+        wall: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._speedup = speedup
+        self._wall = wall
+        self._sleep = sleep
+        self._origin = wall()
+
+    def now(self) -> float:
+        """Return the simulated time [s] it should be."""
+        return (self._wall() - self._origin) * self._speedup
+
+    def wait_until(self, t: float) -> None:
+        """Sleep until simulated time *t* [s]; when that is long past, let the clock slip back to it."""
+        ahead = (t - self.now()) / self._speedup
+        if ahead > 0.0:
+            self._sleep(ahead)
+        elif ahead < -_MOST_BEHIND:
+            self._origin -= ahead

@@ -1,0 +1,45 @@
+"""Parameters that outlive the process: a text file of ``NAME,VALUE`` lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sitl.autopilot.parameters import ParameterStore
+
+__all__ = ["keep_parameters", "read_parameters"]
+
+
+def read_parameters(path: Path) -> Mapping[str, float]:
+    """Return what *path* holds, nothing when there is no such file yet.
+
+    Raises
+    ------
+    ValueError
+        A line is not ``NAME,VALUE``.
+    """
+    if not path.exists():
+        return {}
+    values: dict[str, float] = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        name, _, value = line.partition(",")
+        try:
+            values[name] = float(value)
+        except ValueError as error:
+            raise ValueError(
+                f"{path}, line {number}: '{line}' is not NAME,VALUE; delete the file or the line"
+            ) from error
+    return values
+
+
+def keep_parameters(store: ParameterStore, path: Path) -> None:
+    """From now on write every changed parameter to *path* (whole file, renamed into place)."""
+    changed = dict(read_parameters(path))
+
+    def save(name: str, value: float) -> None:
+        changed[name] = value
+        fresh = path.with_name(path.name + ".part")
+        fresh.write_text("".join(f"{key},{number!r}\n" for key, number in changed.items()), encoding="utf-8")
+        fresh.replace(path)
+
+    store.on_change = save

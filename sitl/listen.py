@@ -1,0 +1,241 @@
+"""The links a free-running vehicle can be reached by: UDP, a TCP server, a serial device."""
+
+from __future__ import annotations
+
+import errno
+import socket
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import serial
+
+from sitl.clock import Pacer
+from sitl.mavlink import Server
+from sitl.vehicle import TICKS_PER_SECOND
+
+__all__ = ["LINKS", "AddressError", "CannotListen", "Link", "open_link", "serve_free_running"]
+
+_CHUNK = 65536
+_DATAGRAM = 1400
+_BACKLOG_LIMIT = 1 << 20
+"""Chosen: bytes kept for a client that does not read; more is dropped."""
+_DEFAULT_BAUD = 57600
+
+
+class AddressError(ValueError):
+    """The address cannot be understood."""
+
+
+class CannotListen(OSError):
+    """The address is taken or not ours to use."""
+
+
+class Link(Protocol):
+    """A link that never waits."""
+
+    def read(self) -> bytes:
+        """Return what has come in, perhaps nothing."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send, or keep, or drop; never block."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the address."""
+        ...
+
+
+class UdpLink:
+    """Bound to a port (answers the last who spoke), or calling a fixed address."""
+
+    def __init__(self, host: str, port: int, *, calls: bool = False) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._peer: tuple[str, int] | None = (host, port) if calls else None
+        self._socket.setblocking(False)
+        if not calls:
+            _bind(self._socket, host, port)
+
+    def read(self) -> bytes:
+        """Return the datagrams that have come in, joined."""
+        data = bytearray()
+        while True:
+            try:
+                piece, self._peer = self._socket.recvfrom(_CHUNK)
+            except BlockingIOError:
+                return bytes(data)
+            except ConnectionError:
+                continue
+            data += piece
+
+    def write(self, data: bytes) -> None:
+        """Send in datagrams of whole or cut messages (MAVLink parsers join them)."""
+        if self._peer is None:
+            return
+        for start in range(0, len(data), _DATAGRAM):
+            try:
+                self._socket.sendto(data[start : start + _DATAGRAM], self._peer)
+            except (BlockingIOError, ConnectionError):
+                continue
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class TcpLink:
+    """A server for one client at a time; a new one takes over."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        _bind(self._server, host, port)
+        self._server.listen(1)
+        self._server.setblocking(False)
+        self._client: socket.socket | None = None
+        self._backlog = bytearray()
+
+    def read(self) -> bytes:
+        """Return what the client has sent; take in a new client."""
+        self._accept()
+        if self._client is None:
+            return b""
+        try:
+            data = self._client.recv(_CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop()
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send as much as the client takes; keep the rest for later."""
+        if self._client is None:
+            return
+        if len(self._backlog) < _BACKLOG_LIMIT:
+            self._backlog += data
+        try:
+            del self._backlog[: self._client.send(self._backlog)]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop()
+
+    def close(self) -> None:
+        """Close both sockets."""
+        self._drop()
+        self._server.close()
+
+    def _accept(self) -> None:
+        try:
+            client, _ = self._server.accept()
+        except BlockingIOError:
+            return
+        self._drop()
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client = client
+
+    def _drop(self) -> None:
+        if self._client is not None:
+            self._client.close()
+        self._client = None
+        self._backlog.clear()
+
+
+class SerialLink:
+    """A serial device, at a baud rate that a pseudo-terminal ignores."""
+
+    def __init__(self, device: str, baud: int) -> None:
+        try:
+            self._port = serial.Serial(device, baud, timeout=0, write_timeout=0)
+        except (OSError, ValueError) as error:
+            raise CannotListen(
+                f"cannot open {device}: {error}; is it there, and is no other program using it?"
+            ) from error
+
+    def read(self) -> bytes:
+        """Return what has come in. ``CannotListen`` when the device has gone."""
+        try:
+            return bytes(self._port.read(_CHUNK))
+        except serial.SerialException as error:
+            raise CannotListen(f"the serial device {self._port.port} has gone: {error}") from error
+
+    def write(self, data: bytes) -> None:
+        """Send what the device takes; the rest is lost, as on a real wire."""
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException:
+            return
+        except serial.SerialException as error:
+            raise CannotListen(f"the serial device {self._port.port} has gone: {error}") from error
+
+    def close(self) -> None:
+        """Close the device."""
+        self._port.close()
+
+
+def _bind(bound: socket.socket, host: str, port: int) -> None:
+    try:
+        bound.bind((host, port))
+    except OSError as error:
+        bound.close()
+        if error.errno == errno.EADDRINUSE:
+            reason = "the port is in use; stop the other program or choose another port"
+        else:
+            reason = f"{error.strerror}; check the address"
+        raise CannotListen(f"cannot listen on {host}:{port}: {reason}") from error
+
+
+def _host_and_port(rest: str) -> tuple[str, int]:
+    host, _, port = rest.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > 65535:
+        raise AddressError(f"'{rest}' is not HOST:PORT, for example 127.0.0.1:14550")
+    return host, int(port)
+
+
+def _open_serial(rest: str) -> Link:
+    device, _, baud = rest.partition(",")
+    if not device or (baud and not baud.isdecimal()):
+        raise AddressError(f"'{rest}' is not DEVICE or DEVICE,BAUD, for example /dev/ttyUSB0,57600")
+    return SerialLink(device, int(baud) if baud else _DEFAULT_BAUD)
+
+
+LINKS: Mapping[str, Callable[[str], Link]] = {
+    "udp": lambda rest: UdpLink(*_host_and_port(rest)),
+    "udpout": lambda rest: UdpLink(*_host_and_port(rest), calls=True),
+    "tcp": lambda rest: TcpLink(*_host_and_port(rest)),
+    "serial": _open_serial,
+}
+"""Scheme -> what opens the rest of the address. ``udp`` waits to be called, ``udpout`` calls."""
+
+
+def open_link(address: str) -> Link:
+    """Open ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or ``serial:DEVICE[,BAUD]``.
+
+    Raises
+    ------
+    AddressError
+        The address is none of these.
+    CannotListen
+        It is taken, or the system does not let us have it.
+    """
+    scheme, _, rest = address.partition(":")
+    if scheme not in LINKS:
+        raise AddressError(f"'{address}': an address begins with {', '.join(f'{name}:' for name in LINKS)}")
+    return LINKS[scheme](rest)
+
+
+def serve_free_running(server: Server, link: Link, pacer: Pacer, *, until: float = float("inf")) -> None:
+    """Run the vehicle at the pacer's speed until simulated time *until* [s]; the link is served every tick."""
+    tick = 0
+    while tick < until * TICKS_PER_SECOND:
+        tick += 1
+        t = tick / TICKS_PER_SECOND
+        pacer.wait_until(t)
+        server.receive(link.read())
+        sent = server.advance_to(t)
+        if sent:
+            link.write(sent)

@@ -1,0 +1,32 @@
+"""The vehicle on a pipe, its clock waiting for the other end: decision record 1.
+
+One request, one reply. Request: ``<dI`` (grant [s], n) and n bytes for the vehicle; reply: ``<dI`` (time reached
+[s], n) and n bytes from it. End of file ends it.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import BinaryIO
+
+from sitl.mavlink import Server
+
+__all__ = ["serve_lockstep"]
+
+_HEAD = struct.Struct("<dI")
+
+
+def serve_lockstep(server: Server, requests: BinaryIO, replies: BinaryIO) -> None:
+    """Answer requests until the other end closes. A request cut short by the end of file is dropped."""
+    while True:
+        head = requests.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return
+        grant, count = _HEAD.unpack(head)
+        data = requests.read(count)
+        if len(data) < count:
+            return
+        server.receive(data)
+        sent = server.advance_to(grant)
+        replies.write(_HEAD.pack(server.now, len(sent)) + sent)
+        replies.flush()

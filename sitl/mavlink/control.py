@@ -1,0 +1,142 @@
+"""Sticks and targets from the ground: overrides, MANUAL_CONTROL, attitude and position targets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, Rover
+from sitl.autopilot.rover_modes import GuidedTarget
+from sitl.autopilot.sub import Sub
+from sitl.mavlink.dialect import Message, mavlink
+
+if TYPE_CHECKING:
+    from sitl.mavlink.server import Server
+
+__all__ = [
+    "handle_attitude_target",
+    "handle_global_target",
+    "handle_local_target",
+    "handle_manual_control",
+    "handle_override",
+]
+
+_IGNORE, _RELEASE, _RELEASE_HIGH = 65535, 0, 65534
+_FIRST_HIGH_CHANNEL = 9
+_UNUSED_AXIS = 32767
+_NEUTRAL_PWM = 1500
+_ALT_HOLD, _GUIDED_SUB = 2, 4
+_RATE_IGNORED, _THROTTLE_IGNORED, _ATTITUDE_IGNORED = 4, 64, 128
+_Z_IGNORED, _VX_IGNORED, _ACCELERATION_IGNORED = 4, 8, 448
+_YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048
+_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
+
+
+def handle_override(server: Server, message: Message) -> None:
+    """Take RC_CHANNELS_OVERRIDE from the ground station: it also counts as a sign of life."""
+    autopilot = server.vehicle.autopilot
+    if not server.is_from_gcs(message):
+        return
+    for channel in range(1, 19):
+        pwm = getattr(message, f"chan{channel}_raw")
+        if channel >= _FIRST_HIGH_CHANNEL:
+            pwm = {_RELEASE: _IGNORE, _RELEASE_HIGH: _RELEASE}.get(pwm, pwm)
+        if pwm != _IGNORE:
+            autopilot.rc.override(channel, pwm, autopilot.ms)
+    autopilot.hear_gcs()
+    if isinstance(autopilot, Sub):
+        autopilot.hear_pilot()
+
+
+def handle_manual_control(server: Server, message: Message) -> None:
+    """Take joystick axes from the ground station; they become overrides."""
+    autopilot = server.vehicle.autopilot
+    if not server.is_from_gcs(message):
+        return
+    autopilot.hear_gcs()
+    if isinstance(autopilot, Rover):
+        _override_axis(autopilot, STEERING_CHANNEL, message.y)
+        _override_axis(autopilot, THROTTLE_CHANNEL, message.z)
+    elif isinstance(autopilot, Sub):
+        autopilot.hear_pilot()
+        _override_sub_sticks(autopilot, message)
+
+
+def _override_axis(rover: Rover, channel: int, value: int) -> None:
+    if value == _UNUSED_AXIS:
+        rover.rc.override(channel, _RELEASE, rover.ms)
+        return
+    low, high = (rover.parameters[f"RC{channel}_{end}"] for end in ("MIN", "MAX"))
+    pwm = low + (high - low) * (value + 1000) / 2000.0
+    rover.rc.override(channel, int(max(low, min(high, pwm))), rover.ms)
+
+
+def _override_sub_sticks(sub: Sub, message: Message) -> None:
+    side, up = 0.4 * sub.gain, 0.8 * sub.gain * sub.parameters["JS_THR_GAIN"]
+    sticks = ((5, side * message.x), (6, side * message.y), (4, side * message.r), (3, up * (message.z - 500)))
+    for channel, offset in (*sticks, (1, 0.0), (2, 0.0)):
+        sub.rc.override(channel, int(max(1100.0, min(1900.0, _NEUTRAL_PWM + offset))), sub.ms)
+
+
+def _all_finite(*numbers: float) -> bool:
+    return all(math.isfinite(number) for number in numbers)
+
+
+def _yaw_of(q: Sequence[float]) -> float | None:
+    """Return the yaw [rad] of a quaternion (w, x, y, z), or None when it is none."""
+    if not _all_finite(*q) or not any(q):
+        return None
+    w, x, y, z = q
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def handle_attitude_target(server: Server, message: Message) -> None:
+    """Take SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
+    autopilot, mask = server.vehicle.autopilot, message.type_mask
+    yaw = _yaw_of(message.q)
+    if isinstance(autopilot, Sub):
+        if yaw is not None and mask & _THROTTLE_IGNORED and not mask & _ATTITUDE_IGNORED:
+            autopilot.set_heading_target(yaw)
+        return
+    if not isinstance(autopilot, Rover) or autopilot.mode is not autopilot.guided:
+        return
+    if mask & _THROTTLE_IGNORED or not _all_finite(message.thrust, message.body_yaw_rate):
+        return
+    speed = max(-1.0, min(1.0, message.thrust)) * autopilot.parameters["WP_SPEED"]
+    if not mask & _RATE_IGNORED:
+        autopilot.guided.target = GuidedTarget(autopilot.ms, speed, None, message.body_yaw_rate)
+    elif yaw is not None:
+        autopilot.guided.target = GuidedTarget(autopilot.ms, speed, yaw)
+
+
+def handle_local_target(server: Server, message: Message) -> None:
+    """Take SET_POSITION_TARGET_LOCAL_NED on Rover in GUIDED: velocity, with yaw, yaw rate or neither."""
+    rover, mask = server.vehicle.autopilot, message.type_mask
+    if not isinstance(rover, Rover) or rover.mode is not rover.guided:
+        return
+    if mask & _VX_IGNORED or mask & _ACCELERATION_IGNORED != _ACCELERATION_IGNORED:
+        return
+    if not _all_finite(message.vx, message.vy, message.yaw, message.yaw_rate):
+        return
+    in_body = message.coordinate_frame in _BODY_FRAMES
+    origin = rover.estimate.yaw if in_body else 0.0
+    backwards = in_body and message.vx < 0.0
+    speed = math.copysign(math.hypot(message.vx, message.vy), -1.0 if backwards else 1.0)
+    if not mask & _YAW_RATE_IGNORED:
+        target = GuidedTarget(rover.ms, speed, None, message.yaw_rate)
+    elif not mask & _YAW_IGNORED:
+        target = GuidedTarget(rover.ms, speed, origin + message.yaw)
+    else:
+        course = 0.0 if backwards else math.atan2(message.vy, message.vx)
+        target = GuidedTarget(rover.ms, speed, origin + course)
+    rover.guided.target = target
+
+
+def handle_global_target(server: Server, message: Message) -> None:
+    """Take SET_POSITION_TARGET_GLOBAL_INT on Sub in ALT_HOLD or GUIDED: ``alt`` [m], negative under water."""
+    sub = server.vehicle.autopilot
+    if not isinstance(sub, Sub) or sub.mode.number not in (_ALT_HOLD, _GUIDED_SUB):
+        return
+    if not message.type_mask & _Z_IGNORED and math.isfinite(message.alt):
+        sub.set_depth_target(message.alt)

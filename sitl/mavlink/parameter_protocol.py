@@ -1,0 +1,82 @@
+"""The parameter protocol as ArduPilot speaks it: values as C-cast floats, silence for unknown names."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from sitl.autopilot.autopilot import WARNING
+from sitl.autopilot.parameters import ReadOnlyParameter
+from sitl.mavlink.dialect import Message, mavlink
+
+if TYPE_CHECKING:
+    from sitl.mavlink.server import Server
+
+__all__ = ["HASH_NAME", "ParameterProtocol"]
+
+HASH_NAME = "_HASH_CHECK"
+_BY_NAME = -1
+_NO_INDEX = 65535
+_UINT32 = 5
+_PER_TICK = 25
+"""Parameters sent per loop while a list runs: about what a real one does on a fast link."""
+
+
+class ParameterProtocol:
+    """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+        self._store = server.vehicle.parameters
+        self._cursor: int | None = None
+
+    def request_list(self, message: Message) -> None:
+        """Begin to send the whole list."""
+        self._cursor = 0
+
+    def request_read(self, message: Message) -> None:
+        """Send one parameter, by name (index -1) or by index; silence when there is none."""
+        by_name = message.param_index == _BY_NAME
+        name = _name_of(message) if by_name else self._store.name_at(message.param_index)
+        if name == HASH_NAME:
+            value = self._store.hash()
+            self._server.send(_value_message(HASH_NAME, float(value), _UINT32, len(self._store), _NO_INDEX))
+        elif name is not None and name in self._store:
+            self._send(name, self._store.index_of(name))
+
+    def set(self, message: Message) -> None:
+        """Take a value and echo what is stored; a NaN, an infinity or an unknown name meets silence."""
+        name = _name_of(message)
+        if name not in self._store:
+            return
+        try:
+            taken = self._store.write(name, message.param_value)
+        except ReadOnlyParameter:
+            self._server.vehicle.autopilot.say(WARNING, f"Param write denied ({name})")
+            taken = True
+        if taken:
+            self._send(name, _NO_INDEX)
+
+    def tick(self) -> None:
+        """Send the next few of a list under way."""
+        if self._cursor is None:
+            return
+        last = min(self._cursor + _PER_TICK, len(self._store))
+        for index in range(self._cursor, last):
+            name = self._store.name_at(index)
+            assert name is not None
+            self._send(name, index)
+        self._cursor = None if last == len(self._store) else last
+
+    def _send(self, name: str, index: int) -> None:
+        store = self._store
+        self._server.send(_value_message(name, store[name], store.kind_of(name), len(store), index))
+
+
+def _value_message(name: str, value: float, kind: int, count: int, index: int) -> Message:
+    assert math.isfinite(value)
+    return mavlink.MAVLink_param_value_message(name.encode("ascii"), value, kind, count, index)
+
+
+def _name_of(message: Message) -> str:
+    return str(message.param_id).split("\0", 1)[0]

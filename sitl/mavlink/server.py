@@ -1,0 +1,177 @@
+"""The vehicle as the ground sees it: bytes in, time, bytes out. No input or output of its own."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+
+from sitl.mavlink.commands import handle_command, handle_set_mode
+from sitl.mavlink.control import (
+    handle_attitude_target,
+    handle_global_target,
+    handle_local_target,
+    handle_manual_control,
+    handle_override,
+)
+from sitl.mavlink.dialect import Message, mavlink
+from sitl.mavlink.parameter_protocol import ParameterProtocol
+from sitl.mavlink.streams import STREAM_GROUPS, Streams
+from sitl.mavlink.telemetry import MESSAGES, available_messages
+from sitl.vehicle import TICKS_PER_SECOND, Vehicle
+
+__all__ = ["HANDLERS", "Server"]
+
+_COMPONENT = 1
+_TEXT_LENGTH = 50
+_ROUNDING = 1e-6
+
+
+class Server:
+    """Joins a vehicle to a link, sans I/O: :meth:`receive` takes bytes, :meth:`advance_to` gives them.
+
+    What is received is handled at the next loop tick (later by the link's delay); what is sent at a tick leaves
+    with it (later by the delay). Stamps are those of the measurement.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.now = 0.0
+        self._up_ticks = round(vehicle.data.up_delay * TICKS_PER_SECOND)
+        self._down_ticks = round(vehicle.data.down_delay * TICKS_PER_SECOND)
+        self._uplink: deque[tuple[int, bytes]] = deque()
+        self._downlink: deque[tuple[int, bytes]] = deque()
+        self._out = bytearray()
+        self._codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=_COMPONENT)
+        self._codec.robust_parsing = True
+        self._reboots = False
+        self.parameters = ParameterProtocol(self)
+        self.streams = Streams(available_messages(vehicle.autopilot))
+        self._announce()
+
+    @property
+    def now_us(self) -> int:
+        """The vehicle's time of boot stamps [us]."""
+        return self.vehicle.ms * 1000
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes that arrive now."""
+        if data:
+            self._uplink.append((self.vehicle.tick + max(1, self._up_ticks), bytes(data)))
+
+    def advance_to(self, t: float) -> bytes:
+        """Run until *t* [s] (nothing happens when that is not ahead) and return the bytes sent meanwhile."""
+        if not math.isfinite(t) or t <= self.now:
+            return b""
+        self.now = t
+        last = math.floor(t * TICKS_PER_SECOND + _ROUNDING)
+        arrived = bytearray()
+        while self.vehicle.tick < last:
+            self._tick()
+            if self._out:
+                self._downlink.append((self.vehicle.tick + self._down_ticks, bytes(self._out)))
+                self._out.clear()
+            while self._downlink and self._downlink[0][0] <= self.vehicle.tick:
+                arrived += self._downlink.popleft()[1]
+        return bytes(arrived)
+
+    def send(self, message: Message) -> None:
+        """Put a message on the wire."""
+        self._codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
+        self._out += message.pack(self._codec)
+        self._codec.seq = (self._codec.seq + 1) % 256
+
+    def send_now(self, message_id: int) -> None:
+        """Send a message of :data:`~sitl.mavlink.telemetry.MESSAGES` once."""
+        for message in MESSAGES[message_id][0](self.vehicle):
+            self.send(message)
+
+    def reboot_soon(self) -> None:
+        """Restart the autopilot at the end of this tick, so that the acknowledgement still goes out."""
+        self._reboots = True
+
+    def is_from_gcs(self, message: Message) -> bool:
+        """Return whether *message* comes from the ground station that may drive (MAV_GCS_SYSID)."""
+        return bool(message.get_srcSystem() == int(self.vehicle.parameters["MAV_GCS_SYSID"]))
+
+    def _announce(self) -> None:
+        autopilot = self.vehicle.autopilot
+        autopilot.say(6, f"{autopilot.firmware} V4.7.0-dev (simulated {self.vehicle.data.name})")
+
+    def _tick(self) -> None:
+        vehicle = self.vehicle
+        vehicle.move()
+        vehicle.autopilot.ms = vehicle.ms
+        while self._uplink and self._uplink[0][0] <= vehicle.tick:
+            self._hear(self._uplink.popleft()[1])
+        vehicle.control()
+        for message_id in self.streams.due(self.now_us):
+            self.send_now(message_id)
+        self.parameters.tick()
+        self._send_texts()
+        if self._reboots:
+            self._reboot()
+
+    def _send_texts(self) -> None:
+        texts = self.vehicle.autopilot.texts
+        if texts:
+            for severity, text in texts:
+                self.send(mavlink.MAVLink_statustext_message(severity, text[:_TEXT_LENGTH].encode()))
+            texts.clear()
+
+    def _reboot(self) -> None:
+        self._reboots = False
+        self.vehicle.reboot()
+        self.parameters = ParameterProtocol(self)
+        self.streams = Streams(available_messages(self.vehicle.autopilot))
+        self._announce()
+
+    def _hear(self, data: bytes) -> None:
+        for message in self._codec.parse_buffer(data) or ():
+            handler = HANDLERS.get(message.get_type())
+            if handler is not None and self._is_addressed(message):
+                handler(self, message)
+
+    def _is_addressed(self, message: Message) -> bool:
+        system = getattr(message, "target_system", getattr(message, "target", 0))
+        component = getattr(message, "target_component", 0)
+        return system in (0, int(self.vehicle.parameters["MAV_SYSID"])) and component in (0, _COMPONENT)
+
+
+def _handle_heartbeat(server: Server, message: Message) -> None:
+    if server.is_from_gcs(message):
+        server.vehicle.autopilot.hear_gcs()
+
+
+def _handle_timesync(server: Server, message: Message) -> None:
+    if message.tc1 == 0:
+        server.send(mavlink.MAVLink_timesync_message(server.now_us * 1000, message.ts1))
+
+
+def _handle_data_stream(server: Server, message: Message) -> None:
+    rate = message.req_message_rate if message.start_stop else 0
+    interval = 1e6 / rate if rate else -1.0
+    everything = message.req_stream_id == mavlink.MAV_DATA_STREAM_ALL
+    for group, members in STREAM_GROUPS.items():
+        for member in members if everything or group == message.req_stream_id else ():
+            if server.streams.interval(member) is not None:
+                server.streams.request(member, max(interval, 25_000.0) if rate else -1.0, server.now_us)
+
+
+HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
+    "HEARTBEAT": _handle_heartbeat,
+    "TIMESYNC": _handle_timesync,
+    "REQUEST_DATA_STREAM": _handle_data_stream,
+    "COMMAND_LONG": handle_command,
+    "COMMAND_INT": handle_command,
+    "SET_MODE": handle_set_mode,
+    "PARAM_REQUEST_LIST": lambda server, message: server.parameters.request_list(message),
+    "PARAM_REQUEST_READ": lambda server, message: server.parameters.request_read(message),
+    "PARAM_SET": lambda server, message: server.parameters.set(message),
+    "RC_CHANNELS_OVERRIDE": handle_override,
+    "MANUAL_CONTROL": handle_manual_control,
+    "SET_ATTITUDE_TARGET": handle_attitude_target,
+    "SET_POSITION_TARGET_LOCAL_NED": handle_local_target,
+    "SET_POSITION_TARGET_GLOBAL_INT": handle_global_target,
+}
+"""Message type -> what the vehicle does with it; everything else is left unheard."""

@@ -1,0 +1,149 @@
+"""The messages the vehicle can send, each built from its present state. Units are MAVLink's own here."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+
+from sitl.autopilot import Autopilot
+from sitl.autopilot.sub import Sub
+from sitl.mavlink.dialect import Message, mavlink
+from sitl.mavlink.pid_tuning import make_pid_tuning
+from sitl.vehicle import Vehicle
+
+__all__ = ["MESSAGES", "available_messages", "make_heartbeat"]
+
+_HOME_LATITUDE, _HOME_LONGITUDE = 44.4250, 8.7640
+"""Chosen: Genoa Pra harbour [deg], where the thesis' boat was tried."""
+_METRES_PER_DEGREE = 111319.5
+_SURFACE_HPA = 1013.25
+_HPA_PER_METRE = 98.0665
+"""Fresh water; times BARO_SPEC_GRAV."""
+_EPOCH_US = 1_767_225_600_000_000
+"""Chosen: the simulation begins on 2026-01-01, UTC."""
+_FIRMWARE_VERSION = 4 << 24 | 7 << 16
+"""4.7.0, development: parameter names are those of mid-2025."""
+_CAPABILITIES = 2 | 4 | 8 | 64 | 128 | 256 | 8192
+"""Float parameters, MISSION_INT, COMMAND_INT, attitude target, local and global position target, MAVLink 2."""
+_CUSTOM_MODE, _ARMED = 1, 128
+_STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
+_SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | 0x20 | 0x8000 | 0x2000000
+"""Gyro, accelerometer, compass, pressure, GPS, motor outputs, battery."""
+_RC_RECEIVER, _PREARM = 0x10000, 0x10000000
+
+
+def make_heartbeat(vehicle: Vehicle) -> Message:
+    """Return HEARTBEAT."""
+    autopilot = vehicle.autopilot
+    base = _CUSTOM_MODE | autopilot.mode.flags | (_ARMED if autopilot.armed else 0)
+    status = _CRITICAL if autopilot.failsafe else _ACTIVE if autopilot.armed else _STANDBY
+    return mavlink.MAVLink_heartbeat_message(autopilot.mav_type, 3, base, autopilot.mode.number, status, 3)
+
+
+def _attitude(vehicle: Vehicle) -> Message:
+    e = vehicle.autopilot.estimate
+    return mavlink.MAVLink_attitude_message(
+        vehicle.ms, e.roll, e.pitch, e.yaw, e.roll_rate, e.pitch_rate, e.yaw_rate
+    )
+
+
+def _vfr_hud(vehicle: Vehicle) -> Message:
+    e = vehicle.autopilot.estimate
+    heading = int(math.degrees(e.yaw)) % 360
+    speed = abs(e.speed)
+    return mavlink.MAVLink_vfr_hud_message(
+        speed, speed, heading, vehicle.autopilot.throttle_percent, -e.z, e.climb
+    )
+
+
+def _global_position(vehicle: Vehicle) -> Message:
+    e = vehicle.autopilot.estimate
+    latitude = _HOME_LATITUDE + e.x / _METRES_PER_DEGREE
+    longitude = _HOME_LONGITUDE + e.y / (_METRES_PER_DEGREE * math.cos(math.radians(_HOME_LATITUDE)))
+    altitude = round(-1000.0 * e.z)
+    return mavlink.MAVLink_global_position_int_message(
+        vehicle.ms,
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+        altitude,
+        altitude,
+        round(100.0 * e.vx),
+        round(100.0 * e.vy),
+        round(100.0 * e.vz),
+        round(math.degrees(e.yaw) * 100.0) % 36000,
+    )
+
+
+def _local_position(vehicle: Vehicle) -> Message:
+    e = vehicle.autopilot.estimate
+    return mavlink.MAVLink_local_position_ned_message(vehicle.ms, e.x, e.y, e.z, e.vx, e.vy, e.vz)
+
+
+def _servo_output(vehicle: Vehicle) -> Message:
+    return mavlink.MAVLink_servo_output_raw_message(vehicle.ms * 1000, 0, *vehicle.autopilot.pwm)
+
+
+def _rc_channels(vehicle: Vehicle) -> Message:
+    rc = vehicle.autopilot.rc
+    count = 16 if rc.has_receiver else 0
+    return mavlink.MAVLink_rc_channels_message(vehicle.ms, count, *rc.pwm[1:19], 255 if count else 0)
+
+
+def _sys_status(vehicle: Vehicle) -> Message:
+    autopilot, battery = vehicle.autopilot, vehicle.battery
+    present = _SENSORS | _RC_RECEIVER | _PREARM
+    health = _SENSORS
+    health |= _RC_RECEIVER if autopilot.rc.has_receiver else 0
+    health |= _PREARM if autopilot.prearm_ok else 0
+    millivolts = max(0, min(65534, round(1000.0 * autopilot.battery.voltage)))
+    remaining = battery.remaining_percent(vehicle.parameters["BATT_CAPACITY"])
+    return mavlink.MAVLink_sys_status_message(
+        present, present, health, 100, millivolts, round(100.0 * battery.current), remaining, 0, 0, 0, 0, 0, 0
+    )
+
+
+def _water_pressure(vehicle: Vehicle) -> Message:
+    depth = vehicle.autopilot.estimate.z
+    pressure = _SURFACE_HPA + _HPA_PER_METRE * vehicle.parameters["BARO_SPEC_GRAV"] * depth
+    return mavlink.MAVLink_scaled_pressure2_message(vehicle.ms, pressure, 0.0, 2000)
+
+
+def _system_time(vehicle: Vehicle) -> Message:
+    return mavlink.MAVLink_system_time_message(_EPOCH_US + vehicle.tick * 20_000, vehicle.ms)
+
+
+def _autopilot_version(vehicle: Vehicle) -> Message:
+    uid = zlib.crc32(vehicle.data.name.encode())
+    nothing = [0] * 8
+    return mavlink.MAVLink_autopilot_version_message(
+        _CAPABILITIES, _FIRMWARE_VERSION, 0, 0, 0, nothing, nothing, nothing, 0, 0, uid
+    )
+
+
+def _one(make: Callable[[Vehicle], Message]) -> Callable[[Vehicle], Iterable[Message]]:
+    return lambda vehicle: (make(vehicle),)
+
+
+_SUB_ONLY = mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2
+
+MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: (_one(make_heartbeat), 1.0),
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: (_one(_sys_status), 1.0),
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: (_one(_system_time), 1.0),
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: (_one(_attitude), 2.0),
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: (_one(_local_position), 2.0),
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: (_one(_global_position), 2.0),
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: (_one(_servo_output), 1.0),
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: (_one(_rc_channels), 1.0),
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: (_one(_vfr_hud), 2.0),
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
+    mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
+}
+"""Message id -> (builder, rate [Hz] at boot; 0: only on request)."""
+
+
+def available_messages(autopilot: Autopilot) -> Iterable[int]:
+    """Return the ids this firmware sends: water pressure is Sub's alone."""
+    return [m for m in MESSAGES if m != _SUB_ONLY or isinstance(autopilot, Sub)]
