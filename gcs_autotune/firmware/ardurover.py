@@ -72,4 +72,5 @@ FIRMWARE = Firmware(
     axes={"heading": _HEADING},
     servo_functions={26: "N", 70: "X"},
     motor_span=500.0,
+    manual_dead_zone=True,
 )

@@ -47,6 +47,7 @@ class Firmware:
     ``manual_mode``; ``override_span`` is the PWM deflection of full output on it. ``mixing`` maps a frame
     (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
     ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead.
+    ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Firmware:
     frame_parameter: str = ""
     mixing: Mapping[int, Sequence[Mapping[str, float]]] = field(default_factory=dict)
     motor_span: float = 500.0
+    manual_dead_zone: bool = False
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""

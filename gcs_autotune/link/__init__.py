@@ -1,1 +1,59 @@
-"""(being built)"""
+"""The link room: bytes to and from the vehicle, turned into a craft that manoeuvres can fly.
+
+The only room that knows pymavlink and serial ports. Its parts, from the wire up:
+
+* ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``child``, ``memory``;
+* ``wire`` frames, ``tlog`` logs; ``session`` heartbeat, discovery, routing, liveness;
+* ``parameters``, ``journal`` and ``loan`` (borrow, verify, give back), ``params_file``;
+* ``commands``, ``rates``; ``telemetry`` with ``stamps``, ``servo``, ``watchdog``, ``recorder``;
+* ``mavlink_craft`` (:class:`MavlinkCraft`), put together by :func:`open_craft` (``boarding``).
+
+Adding a transport: a class with ``_read_available``, ``_write``, ``_close``, and a line in ``TRANSPORTS``.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.link.boarding import NEEDED_RATES, WANTED_RATES, open_craft
+from gcs_autotune.link.commands import Commands
+from gcs_autotune.link.identity import VehicleIdentity
+from gcs_autotune.link.journal import Journal, JournalState
+from gcs_autotune.link.loan import ParameterLoan
+from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
+from gcs_autotune.link.memory import MemoryLink, Peer
+from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.params_file import load_params, save_params
+from gcs_autotune.link.rates import Granted, Rates
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.texts import StatusText
+from gcs_autotune.link.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
+from gcs_autotune.link.transport import Transport
+from gcs_autotune.link.uri import TRANSPORTS, open_link
+
+__all__ = [
+    "NEEDED_RATES",
+    "TRANSPORTS",
+    "WANTED_RATES",
+    "Commands",
+    "Granted",
+    "Journal",
+    "JournalState",
+    "MavlinkCraft",
+    "MemoryLink",
+    "ParameterLoan",
+    "Parameters",
+    "Peer",
+    "Rates",
+    "Session",
+    "StatusText",
+    "TlogReader",
+    "TlogRecord",
+    "TlogWriter",
+    "Transport",
+    "VehicleIdentity",
+    "Wiring",
+    "load_params",
+    "open_craft",
+    "open_link",
+    "read_tlog",
+    "save_params",
+]

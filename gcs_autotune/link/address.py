@@ -1,0 +1,53 @@
+"""Host and port, as people write them."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_autotune.errors import CannotOpenLink, UsageError
+
+__all__ = ["HostPort", "parse_host_port", "resolve"]
+
+
+@dataclass(frozen=True, slots=True)
+class HostPort:
+    """An internet address; an empty host means every interface of this machine."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: int = 14550) -> HostPort:
+    """Read ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
+
+    Raises
+    ------
+    UsageError
+        When the port is not a number from 0 to 65535.
+    """
+    host, colon, port = text.strip().rstrip("/").rpartition(":")
+    if not colon:
+        host, port = ("", port) if port.isdigit() else (port, "")
+    if port and not (port.isdigit() and int(port) <= 65535):
+        raise UsageError(f"'{port}' in '{text}' is not a port number; write HOST:PORT, e.g. 127.0.0.1:14550")
+    return HostPort(host.strip("[]") or default_host, int(port) if port else default_port)
+
+
+def resolve(address: HostPort, kind: int) -> tuple[int, Any]:
+    """Return the socket family and address to use for *address*.
+
+    Raises
+    ------
+    CannotOpenLink
+        When the host name is not known.
+    """
+    try:
+        family, _, _, _, target = socket.getaddrinfo(address.host, address.port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise CannotOpenLink(f"cannot find the host '{address.host}': {error}; check its name") from error
+    return family, target

@@ -1,0 +1,92 @@
+"""Parameter files as other ground stations write them.
+
+``NAME,VALUE`` (Mission Planner), ``NAME VALUE`` (MAVProxy), five columns ``system component NAME VALUE TYPE``
+(QGroundControl), with ``#`` comments; or JSON, ``{"NAME": value}``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from gcs_autotune.errors import BadFile
+
+__all__ = ["load_params", "save_params"]
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,15}")
+_QGC_COLUMNS = 5
+
+
+def save_params(path: Path, values: Mapping[str, float], *, comment: str = "") -> None:
+    """Write *values*: JSON when *path* ends in ``.json``, else ``NAME,VALUE`` lines under an optional comment.
+
+    Raises
+    ------
+    BadFile
+        When the file cannot be written.
+    """
+    if path.suffix == ".json":
+        text = json.dumps({"schema": 1, "comment": comment, "parameters": dict(values)}, indent=1) + "\n"
+    else:
+        head = "".join(f"# {line}\n" for line in comment.splitlines())
+        text = head + "".join(f"{name},{value:.9g}\n" for name, value in values.items())
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadFile(f"{path} cannot be written: {error.strerror}; check the folder and the disk") from error
+
+
+def load_params(path: Path) -> dict[str, float]:
+    """Read a parameter file of any of the kinds above.
+
+    Raises
+    ------
+    BadFile
+        Unreadable, empty, or a line that is no parameter; the message has the line's number.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadFile(f"{path} cannot be read as a parameter file: {error}") from error
+    values = _from_json(path, text) if text.lstrip().startswith("{") else _from_lines(path, text)
+    if not values:
+        raise BadFile(f"{path} holds no parameters; a line looks like ATC_STR_RAT_P,0.2")
+    return values
+
+
+def _from_json(path: Path, text: str) -> dict[str, float]:
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise BadFile(f"{path} is not valid JSON: {error}") from error
+    table = data.get("parameters", data)
+    if not isinstance(table, dict):
+        raise BadFile(f"{path}: 'parameters' must be an object of names and numbers")
+    return {str(name): _number(path, f"'{name}'", str(name), value) for name, value in table.items()}
+
+
+def _from_lines(path: Path, text: str) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = [cell for cell in re.split(r"[,\s]+", line.partition("#")[0].strip()) if cell]
+        if not cells:
+            continue
+        if len(cells) == _QGC_COLUMNS and cells[0].isdigit() and cells[1].isdigit():
+            cells = cells[2:4]
+        if len(cells) != 2:
+            raise BadFile(f"{path}, line {number}: '{line.strip()}' is not NAME,VALUE")
+        values[cells[0]] = _number(path, f"line {number}", cells[0], cells[1])
+    return values
+
+
+def _number(path: Path, where: str, name: str, value: object) -> float:
+    try:
+        number = float(value) if isinstance(value, (int, float, str)) else math.nan
+    except ValueError:
+        number = math.nan
+    if not _NAME.fullmatch(name) or not math.isfinite(number):
+        raise BadFile(f"{path}, {where}: '{name}' = {value!r} is not a parameter and a number")
+    return number

@@ -1,0 +1,145 @@
+"""Servo outputs (PWM, as measured) back to force fractions: the real input of every identification.
+
+Two firmwares' ways: outputs routed by ``SERVOn_FUNCTION`` (Rover), or motors mixed by frame (Sub), where the
+forces are the least-squares inverse of the mixing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import Firmware
+from gcs_autotune.link.parameters import Parameters
+
+__all__ = ["Output", "ServoMap", "read_servo_map"]
+
+_OUTPUTS = 8
+"""Outputs looked at: the first eight, those SERVO_OUTPUT_RAW carries in every version."""
+_MOTOR1 = 33
+"""SERVOn_FUNCTION of motor 1; motors 2 to 8 follow."""
+_FORCES = ("X", "Y", "Z", "N")
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One servo output: ``channel`` (1-based) and how its PWM [us] maps to -1..1."""
+
+    channel: int
+    trim: float
+    low: float
+    high: float
+    sign: float = 1.0
+
+    def fraction(self, pwm: float) -> float:
+        """Return the fraction of full output; 0 us is no pulse at all, hence no output."""
+        if pwm == 0:
+            return 0.0
+        span = self.high - self.trim if pwm >= self.trim else self.trim - self.low
+        return self.sign * (pwm - self.trim) / span
+
+
+@dataclass(frozen=True, slots=True)
+class ServoMap:
+    """From PWMs to forces: ``forces = weights @ fractions``.
+
+    ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``.
+    """
+
+    outputs: tuple[Output, ...]
+    names: tuple[str, ...]
+    weights: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of_mixing(cls, outputs: Sequence[Output], factors: Sequence[Mapping[str, float]]) -> Self:
+        """Return the inverse, in the least-squares sense, of outputs that are mixed by *factors*.
+
+        *factors* has one mapping force name -> factor per output.
+        """
+        names = tuple(n for n in _FORCES if any(f.get(n, 0.0) for f in factors))
+        mixing = np.array([[f.get(n, 0.0) for n in names] for f in factors])
+        inverse = np.linalg.pinv(mixing)
+        rows = tuple(tuple(round(float(w), 12) for w in row) for row in inverse)
+        return cls(tuple(outputs), names, rows)
+
+    def forces(self, pwms: Sequence[float]) -> dict[str, float]:
+        """Return force name -> fraction of full output.
+
+        pwms : PWM [us] of outputs 1, 2, 3...
+        """
+        fractions = [output.fraction(pwms[output.channel - 1]) for output in self.outputs]
+        return {
+            name: sum(w * f for w, f in zip(row, fractions, strict=True)) + 0.0
+            for name, row in zip(self.names, self.weights, strict=True)
+        }
+
+
+def read_servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
+    """Ask the vehicle how its outputs are wired and return the map.
+
+    Raises
+    ------
+    PreconditionFailed
+        The frame is not one we know, or an output we must measure is assigned to nothing.
+    """
+    functions = parameters.read_existing(f"SERVO{n}_FUNCTION" for n in range(1, _OUTPUTS + 1))
+    by_function = {int(value): int(name[5:-9]) for name, value in reversed(functions.items())}
+    if firmware.frame_parameter:
+        return _by_frame(parameters, firmware, by_function)
+    return _by_function(parameters, firmware, by_function)
+
+
+def _by_function(parameters: Parameters, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
+    missing = [
+        f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function
+    ]
+    if missing:
+        raise PreconditionFailed(
+            f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "
+            "(Skid steering, functions 73 and 74, has no steering output to measure.)"
+        )
+    wired = {number: by_function[number] for number in firmware.servo_functions}
+    outputs = _read_outputs(parameters, wired.values())
+    factors = [{firmware.servo_functions[number]: 1.0} for number in wired]
+    return ServoMap.of_mixing([outputs[channel] for channel in wired.values()], factors)
+
+
+def _read_outputs(parameters: Parameters, channels: Iterable[int]) -> dict[int, Output]:
+    wanted = list(channels)
+    fields = ("MIN", "TRIM", "MAX", "REVERSED")
+    values = parameters.read_all(f"SERVO{n}_{field}" for n in wanted for field in fields)
+    outputs = {}
+    for n in wanted:
+        low, trim, high, is_reversed = (values[f"SERVO{n}_{field}"] for field in fields)
+        if not low < trim < high:
+            raise PreconditionFailed(
+                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in order: set them before tuning"
+            )
+        outputs[n] = Output(n, trim, low, high, -1.0 if is_reversed else 1.0)
+    return outputs
+
+
+def _by_frame(parameters: Parameters, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
+    frame = int(parameters.read(firmware.frame_parameter))
+    factors = firmware.mixing.get(frame)
+    if factors is None:
+        known = ", ".join(map(str, firmware.mixing))
+        raise PreconditionFailed(f"{firmware.frame_parameter} {frame} is not a frame we know (known: {known})")
+    motors = range(1, len(factors) + 1)
+    directions = parameters.read_existing(f"MOT_{m}_DIRECTION" for m in motors)
+    centre, span = firmware.neutral_pwm, firmware.motor_span
+    outputs = [
+        Output(
+            by_function.get(_MOTOR1 + m - 1, m),
+            centre,
+            centre - span,
+            centre + span,
+            -1.0 if directions.get(f"MOT_{m}_DIRECTION", 1.0) < 0 else 1.0,
+        )
+        for m in motors
+    ]
+    return ServoMap.of_mixing(outputs, factors)

@@ -1,0 +1,340 @@
+"""One conversation with one vehicle: heartbeat, discovery, routing, liveness, the operator's stop, the log.
+
+Everything happens inside :meth:`Session.pump`, on the caller's thread: read what has come, hand each message
+to those who listen for it, send what is due. Whoever waits, waits by pumping, with a deadline on the link's
+clock; nothing sleeps and nothing runs beside it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+from gcs_autotune.clock import Clock, Deadline
+from gcs_autotune.errors import LinkLost, OperatorStopped
+from gcs_autotune.link.discovery import Candidate, choose, is_autopilot, nobody_found
+from gcs_autotune.link.identity import VehicleIdentity, firmware_version
+from gcs_autotune.link.texts import TextLog
+from gcs_autotune.link.tlog import TlogWriter, time_base
+from gcs_autotune.link.transport import Transport
+from gcs_autotune.link.wire import Frame, Framer, Message, Packer, mavlink
+
+__all__ = ["Duty", "Listener", "Session"]
+
+T = TypeVar("T")
+Listener = Callable[[Message], None]
+
+_SLICE = 0.1
+"""Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
+_HEARTBEAT_PERIOD = 1.0
+_STALE_PARTIAL = 0.5
+"""Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
+_VERSION_TRIES = 3
+_ROUNDING = 1e-6
+"""Seconds: what sums of decimal fractions may be off."""
+
+
+def _never() -> bool:
+    return False
+
+
+@dataclass(slots=True, eq=False)
+class Duty:
+    """Something done every ``period`` [s of link time] while pumping."""
+
+    clock: Clock
+    period: float
+    action: Callable[[], None]
+    due: float
+
+    def postpone(self) -> None:
+        """It has just been done: next time a whole period from now."""
+        self.due = self.clock.now() + self.period
+
+
+class Session:
+    """See the module's text.
+
+    Parameters
+    ----------
+    source_system, source_component : the ids we send as.
+    tlog : where to log every frame, both directions; None for no log.
+    interrupt : asked at every pump; True means that the operator wants to stop.
+    heartbeat_timeout : seconds of silence after which the link counts as lost.
+
+    Attributes
+    ----------
+    vehicle : the vehicle found by :meth:`discover`, None before.
+    armed, custom_mode : from its last HEARTBEAT.
+    foreign : (system, component) -> messages heard from others.
+    notes : things worth telling the operator, in order.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        source_system: int = 255,
+        source_component: int = 190,
+        tlog: Path | None = None,
+        interrupt: Callable[[], bool] = _never,
+        heartbeat_timeout: float = 5.0,
+    ) -> None:
+        self.transport = transport
+        self.clock: Clock = transport.clock
+        self.vehicle: VehicleIdentity | None = None
+        self.armed = False
+        self.custom_mode = -1
+        self.heartbeats = 0
+        self.foreign: Counter[tuple[int, int]] = Counter()
+        self.texts = TextLog()
+        self.notes: list[str] = []
+        self._framer = Framer()
+        self._packer = Packer(source_system, source_component)
+        self._tlog = TlogWriter(tlog, time_base(transport)) if tlog else None
+        self._interrupt = interrupt
+        self._timeout = heartbeat_timeout
+        self._listeners: dict[str, list[Listener]] = defaultdict(list)
+        self._duties: list[Duty] = []
+        self._candidates: dict[tuple[int, int], Candidate] = {}
+        self._last_heard = self.clock.now()
+        self._last_bytes = self.clock.now()
+        self._shields = 0
+        self.stop_asked = False
+        self.every(_HEARTBEAT_PERIOD, self._send_heartbeat)
+        self.listen("HEARTBEAT", self._on_heartbeat)
+        self.listen("STATUSTEXT", self._on_text)
+
+    @property
+    def bad_data(self) -> int:
+        """Stretches of received bytes that were no MAVLink frame."""
+        return self._framer.bad_data
+
+    @property
+    def source_system(self) -> int:
+        """The system id we send as."""
+        return self._packer.system
+
+    @source_system.setter
+    def source_system(self, value: int) -> None:
+        self._packer.system = value
+
+    @property
+    def silence(self) -> float:
+        """Seconds of link time since the vehicle was last heard."""
+        return self.clock.now() - self._last_heard
+
+    # --- talking ------------------------------------------------------------------------------------------
+
+    def send(self, message: Message) -> None:
+        """Send one message, and log it."""
+        frame = self._packer.pack(message)
+        if self._tlog:
+            self._tlog.write(frame)
+        self.transport.write(frame)
+
+    def listen(self, name: str, listener: Listener) -> Callable[[], None]:
+        """Call *listener* with every message called *name* from the vehicle; return what ends that.
+
+        A listener must not pump; it may send.
+        """
+        self._listeners[name].append(listener)
+        return lambda: self._listeners[name].remove(listener)
+
+    def every(self, period: float, action: Callable[[], None]) -> Duty:
+        """Call *action* every *period* [s of link time] while pumping, first at the next pump."""
+        duty = Duty(self.clock, period, action, self.clock.now())
+        self._duties.append(duty)
+        return duty
+
+    def pump(self, timeout: float = _SLICE) -> None:
+        """Do everything that is due, then wait at most *timeout* (never above 0.1 s) for bytes and route them.
+
+        Raises
+        ------
+        OperatorStopped
+            The operator asked to stop and no shield is up.
+        LinkLost
+            The vehicle has been silent for too long, or the connection broke.
+        """
+        self._ask_operator()
+        self._do_duties()
+        next_duty = min(duty.due for duty in self._duties) - self.clock.now()
+        data = self.transport.read(max(0.0, min(timeout, _SLICE, next_duty)))
+        for frame in self._frames(data):
+            self._route(frame)
+        if self.vehicle is not None and self.silence > self._timeout:
+            raise LinkLost(
+                f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
+                "check power, cable and radio range"
+            )
+
+    def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
+        """Pump until *condition* returns something other than None, and return that; None after *timeout* [s]."""
+        deadline = Deadline.after(self.clock, timeout)
+        while (found := condition()) is None:
+            if deadline.expired:
+                return None
+            self.pump(deadline.remaining)
+        return found
+
+    def pause(self, seconds: float) -> None:
+        """Go on pumping for *seconds* of link time."""
+        self.wait_for(lambda: None, seconds)
+
+    def await_return(self, timeout: float) -> bool:
+        """After ``LinkLost``: wait until the vehicle is heard again; return whether it was."""
+        self._last_heard, before = self.clock.now() + timeout, self.heartbeats
+        return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
+
+    # --- the operator -------------------------------------------------------------------------------------
+
+    @contextmanager
+    def shielded(self, *, raise_after: bool = False) -> Iterator[None]:
+        """Keep the operator's stop from interrupting what is inside; it is remembered in ``stop_asked``.
+
+        With *raise_after* it is raised on leaving; otherwise the next pump outside the shield raises it.
+        """
+        self._shields += 1
+        try:
+            yield
+        finally:
+            self._shields -= 1
+        if raise_after:
+            self._ask_operator()
+
+    def _ask_operator(self) -> None:
+        if self._interrupt():
+            self.stop_asked = True
+        if self.stop_asked and not self._shields:
+            raise OperatorStopped("stopped by the operator")
+
+    # --- finding the vehicle ------------------------------------------------------------------------------
+
+    def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
+        """Wait for an autopilot's HEARTBEAT; from then on only that system and component is listened to.
+
+        Hears out two seconds more, so that a second autopilot on the link is noticed and not fallen over.
+
+        Raises
+        ------
+        NoVehicle
+            No autopilot was heard within *timeout* [s]; the message says what was heard instead.
+        UsageError
+            There are several and *system_id* does not say which.
+        """
+        wanted = self.wait_for(lambda: self._found(system_id), timeout)
+        if wanted is None:
+            where, heard = self.transport.description, self._candidates
+            raise nobody_found(where, timeout, system_id, heard, self.foreign, self._framer.bad_bytes)
+        if system_id is None:
+            self.pause(2 * _HEARTBEAT_PERIOD)
+            wanted = choose(list(self._candidates.values()))
+        self.vehicle = wanted.identity()
+        self._last_heard = self.clock.now()
+        self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
+        self.vehicle = wanted.identity(version=self._ask_version())
+        return self.vehicle
+
+    def _found(self, system_id: int | None) -> Candidate | None:
+        return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)
+
+    def _ask_version(self) -> str:
+        answers: list[Message] = []
+        stop = self.listen("AUTOPILOT_VERSION", answers.append)
+        try:
+            for _ in range(_VERSION_TRIES):
+                self._request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+                if self.wait_for(lambda: True if answers else None, 1.0):
+                    return firmware_version(answers[0])
+        finally:
+            stop()
+        self.notes.append("the vehicle did not tell its firmware version")
+        return ""
+
+    def _request_message(self, number: int) -> None:
+        assert self.vehicle is not None
+        self.send(
+            mavlink.MAVLink_command_long_message(
+                self.vehicle.system,
+                self.vehicle.component,
+                mavlink.MAV_CMD_REQUEST_MESSAGE,
+                0,
+                *(float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            )
+        )
+
+    # --- inside -------------------------------------------------------------------------------------------
+
+    def _frames(self, data: bytes) -> list[Frame]:
+        now = self.clock.now()
+        if data:
+            self._last_bytes = now
+            return self._framer.feed(data)
+        if self._framer.pending and now - self._last_bytes > _STALE_PARTIAL:
+            return self._framer.flush()
+        return []
+
+    def _route(self, frame: Frame) -> None:
+        if self._tlog:
+            self._tlog.write(frame.raw)
+        if self.vehicle is None:
+            self._consider(frame)
+            return
+        if (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
+            self.foreign[frame.system, frame.component] += 1
+            return
+        self._last_heard = self.clock.now()
+        for listener in tuple(self._listeners.get(frame.name, ())):
+            listener(frame.message)
+
+    def _consider(self, frame: Frame) -> None:
+        if frame.name == "HEARTBEAT" and is_autopilot(frame.message):
+            self._candidates[frame.system, frame.component] = Candidate.of(frame)
+        else:
+            self.foreign[frame.system, frame.component] += 1
+
+    def _on_heartbeat(self, message: Message) -> None:
+        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.custom_mode = int(message.custom_mode)
+        self.heartbeats += 1
+
+    def _on_text(self, message: Message) -> None:
+        self.texts.take(message, self.clock.now())
+
+    def _do_duties(self) -> None:
+        now = self.clock.now() + _ROUNDING
+        for duty in self._duties:
+            if duty.due <= now:
+                duty.postpone()
+                duty.action()
+
+    def _send_heartbeat(self) -> None:
+        self.send(
+            mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+            )
+        )
+        if self._tlog:
+            self._tlog.flush()
+
+    def close(self) -> None:
+        """Close the log and the transport."""
+        try:
+            if self._tlog:
+                self._tlog.close()
+        finally:
+            self.transport.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,54 @@
+"""Set-points for the autopilot's own loops, per kind of vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from gcs_autotune.craft import DepthTarget, HeadingTarget
+from gcs_autotune.link.wire import Message, mavlink
+
+__all__ = ["ATTITUDE_TARGETS", "depth_target"]
+
+_IGNORE_BODY_RATES = 0b111
+_IGNORE_THRUST = 1 << 6
+_ONLY_Z = 0b110111111011
+"""POSITION_TARGET_TYPEMASK: ignore all but z (the force bit says acceleration, which is ignored)."""
+_HALF = 0.5
+"""Thrust that means "neither up nor down" to ArduSub, should it look."""
+
+
+def _quaternion(psi: float) -> list[float]:
+    """Return (w, x, y, z) of a level attitude with heading *psi* [rad]."""
+    half = math.remainder(psi, 2.0 * math.pi) / 2.0
+    return [math.cos(half), 0.0, 0.0, math.sin(half)]
+
+
+def _attitude(ids: tuple[int, int], psi: float, mask: int, thrust: float) -> Message:
+    return mavlink.MAVLink_set_attitude_target_message(0, *ids, mask, _quaternion(psi), 0.0, 0.0, 0.0, thrust)
+
+
+def _boat(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
+    """Rover in GUIDED: heading from the quaternion, thrust as a fraction of WP_SPEED, both needed."""
+    thrust = max(-1.0, min(1.0, target.speed / full_speed)) if full_speed > 0.0 else 0.0
+    return _attitude(ids, target.psi, _IGNORE_BODY_RATES, thrust)
+
+
+def _rov(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
+    """Sub in ALT_HOLD: attitude for five seconds per message while the depth loop goes on."""
+    return _attitude(ids, target.psi, _IGNORE_BODY_RATES | _IGNORE_THRUST, _HALF)
+
+
+ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float], Message]] = {
+    "boat": _boat,
+    "rov": _rov,
+}
+"""Kind of vehicle (``Firmware.kind``) -> how a heading is asked of it."""
+
+
+def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
+    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth; altitude is relative to home, up."""
+    nothing = [0.0] * 8
+    return mavlink.MAVLink_set_position_target_global_int_message(
+        0, *ids, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, _ONLY_Z, 0, 0, -target.z, *nothing
+    )

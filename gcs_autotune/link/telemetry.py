@@ -1,0 +1,179 @@
+"""MAVLink telemetry to SI signals with the vehicle's own stamps. Degrees, centimetres and PWM end here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from gcs_autotune.link.recorder import Recorder
+from gcs_autotune.link.servo import ServoMap
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.stamps import BootClock, Unwrapper
+from gcs_autotune.link.watchdog import Watchdog
+from gcs_autotune.link.wire import Message
+
+__all__ = ["Telemetry"]
+
+_EARTH = 6_378_137.0
+"""Equatorial radius of WGS 84 [m]; a metre of position in a kilometre is all the flat map has to hold."""
+_PREFER_LOCAL = 2.0
+"""Chosen: seconds that GLOBAL_POSITION_INT waits for LOCAL_POSITION_NED before it becomes the position."""
+_UNKNOWN_VOLTAGE = 65535
+
+
+class Telemetry:
+    """Listens to a session and keeps the latest value of every signal.
+
+    Position ``x``, ``y`` and velocity come from LOCAL_POSITION_NED, or from GLOBAL_POSITION_INT when the former
+    is not there; never from both, because their origins differ. ``z`` is minus GLOBAL_POSITION_INT's
+    relative altitude (LOCAL_POSITION_NED's when there is no other).
+
+    Attributes
+    ----------
+    latest : signal -> last value (names of ``sname.SIGNALS``, ``battery``, ``battery_remaining``, ``pressure``).
+    t : stamp [s] of the last ATTITUDE. ticks : how many came.
+    outputs, output_t : measured force fractions and their stamp.
+    """
+
+    def __init__(self, session: Session, servos: ServoMap, recorder: Recorder) -> None:
+        self._servos = servos
+        self._recorder = recorder
+        self._clock = BootClock()
+        self._unwrapper = Unwrapper()
+        self._origin: tuple[float, float] | None = None
+        self._position_source = ""
+        self._global_since = math.nan
+        self._depth_source = ""
+        self.watchdog = Watchdog(session.clock)
+        self.latest: dict[str, float] = {}
+        self.outputs: dict[str, float] = {}
+        self.output_t = math.nan
+        self.t = math.nan
+        self.ticks = 0
+        for name, reader in self._readers().items():
+            session.listen(name, reader)
+
+    def _readers(self) -> Mapping[str, Callable[[Message], None]]:
+        return {
+            "ATTITUDE": self._attitude,
+            "SERVO_OUTPUT_RAW": self._servo_output,
+            "LOCAL_POSITION_NED": self._local_position,
+            "GLOBAL_POSITION_INT": self._global_position,
+            "VFR_HUD": self._vfr_hud,
+            "SCALED_PRESSURE2": self._pressure,
+            "SYS_STATUS": self._sys_status,
+        }
+
+    def value(self, name: str) -> float:
+        """Return the latest value of a signal, NaN when there is none."""
+        return self.latest.get(name, math.nan)
+
+    def _take(self, t: float, values: Mapping[str, float]) -> None:
+        self.latest.update(values)
+        self._recorder.take(t, values)
+
+    def _attitude(self, m: Message) -> None:
+        t = self._clock.from_ms(m.time_boot_ms)
+        if not self.watchdog.see_stamp(t):
+            return
+        attitude = (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
+        self.watchdog.see_attitude(t, attitude)
+        if not math.isfinite(m.yaw):
+            return
+        self.t = t
+        self.ticks += 1
+        psi = self._unwrapper.unwrap(m.yaw)
+        self._take(
+            t,
+            {"phi": m.roll, "theta": m.pitch, "psi": psi, "p": m.rollspeed, "q": m.pitchspeed, "r": m.yawspeed},
+        )
+
+    def _servo_output(self, m: Message) -> None:
+        t = self._clock.from_us(m.time_usec)
+        if m.port != 0 or math.isnan(t):
+            return
+        pwms = (
+            m.servo1_raw,
+            m.servo2_raw,
+            m.servo3_raw,
+            m.servo4_raw,
+            m.servo5_raw,
+            m.servo6_raw,
+            m.servo7_raw,
+            m.servo8_raw,
+        )
+        forces = self._servos.forces(pwms)
+        self.watchdog.see_outputs(t, forces)
+        self.outputs, self.output_t = forces, t
+        self._recorder.take(t, forces)
+
+    def _local_position(self, m: Message) -> None:
+        t = self._clock.from_ms(m.time_boot_ms)
+        if self._position_source in ("", "local"):
+            self._position_source = "local"
+            self._take(t, {"x": m.x, "y": m.y, **self._velocity(t, m.vx, m.vy)})
+        if self._depth_source in ("", "local"):
+            self._depth_source = "local"
+            self._take(t, {"z": m.z, "w": m.vz})
+
+    def _global_position(self, m: Message) -> None:
+        t = self._clock.from_ms(m.time_boot_ms)
+        self._depth_source = "global"
+        self._take(t, {"z": -m.relative_alt * 1e-3, "w": m.vz * 1e-2})
+        has_fix = m.lat != 0 or m.lon != 0
+        if has_fix and self._use_global(t):
+            x, y = self._flat(m.lat * 1e-7, m.lon * 1e-7)
+            self._take(t, {"x": x, "y": y, **self._velocity(t, m.vx * 1e-2, m.vy * 1e-2)})
+
+    def _use_global(self, t: float) -> bool:
+        if self._position_source == "" and math.isnan(self._global_since):
+            self._global_since = t
+        if self._position_source == "" and t - self._global_since >= _PREFER_LOCAL:
+            self._position_source = "global"
+        return self._position_source == "global"
+
+    def _flat(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Return metres north and east of the first fix."""
+        if self._origin is None:
+            self._origin = (lat_deg, lon_deg)
+        lat0, lon0 = self._origin
+        north = math.radians(lat_deg - lat0) * _EARTH
+        east = math.radians((lon_deg - lon0 + 180.0) % 360.0 - 180.0) * _EARTH * math.cos(math.radians(lat0))
+        return north, east
+
+    def _velocity(self, t: float, north: float, east: float) -> dict[str, float]:
+        """Turn velocity over ground [m/s] into the body frame, with the heading carried forward to *t*."""
+        psi = self.value("psi")
+        rate = self.value("r")
+        if math.isfinite(rate) and abs(t - self.t) < 1.0:
+            psi += rate * (t - self.t)
+        c, s = math.cos(psi), math.sin(psi)
+        velocity = {"U": math.hypot(north, east)}
+        if math.isfinite(psi):
+            velocity |= {"u": north * c + east * s, "v": east * c - north * s}
+        return velocity
+
+    def _vfr_hud(self, m: Message) -> None:
+        if not self._position_source and self._clock.is_set:
+            self._take(self._clock.now, {"U": m.groundspeed})
+
+    def _pressure(self, m: Message) -> None:
+        self._take(self._clock.from_ms(m.time_boot_ms), {"pressure": m.press_abs * 100.0})
+
+    def _sys_status(self, m: Message) -> None:
+        values = {}
+        if m.voltage_battery not in (0, _UNKNOWN_VOLTAGE):
+            values["battery"] = m.voltage_battery * 1e-3
+        if m.battery_remaining >= 0:
+            values["battery_remaining"] = m.battery_remaining * 1e-2
+        if values and self._clock.is_set:
+            self._take(self._clock.now, values)
+        self.latest["prearm_ok"] = _prearm_ok(m)
+
+
+def _prearm_ok(m: Message) -> float:
+    """Return 1 when the pre-arm checks pass, 0 when they do not, NaN when the vehicle does not tell."""
+    bit = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+    if not m.onboard_control_sensors_enabled & bit:
+        return math.nan
+    return 1.0 if m.onboard_control_sensors_health & bit else 0.0

@@ -1,0 +1,113 @@
+"""What every connection has in common: bytes in within a deadline, bytes out, a clock.
+
+A backend supplies three small methods; deadlines, closing and error texts live here. The clock belongs to
+the transport because only it knows whether time is the machine's or a simulator's.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+from gcs_autotune.clock import Clock, Deadline, WallClock
+from gcs_autotune.errors import LinkLost
+
+__all__ = ["Transport"]
+
+
+class Transport(ABC):
+    """A two-way stream of bytes to one vehicle.
+
+    Parameters
+    ----------
+    description : how to name this connection to a person, e.g. ``udpin:0.0.0.0:14550``.
+    clock : the clock that time-outs on this link are measured with.
+    """
+
+    is_simulated = False
+    """True when the link's time is simulated, so that a record may be repeated to the last bit."""
+
+    def __init__(self, description: str, clock: Clock | None = None) -> None:
+        self._description = description
+        self._clock: Clock = clock or WallClock()
+        self._closed = False
+
+    @property
+    def clock(self) -> Clock:
+        """The link's clock."""
+        return self._clock
+
+    @property
+    def description(self) -> str:
+        """The connection as a person would write it."""
+        return self._description
+
+    def read(self, timeout: float) -> bytes:
+        """Return what arrives within *timeout* [s of the link's clock]; ``b""`` when nothing does.
+
+        Returns as soon as there is something.
+
+        Raises
+        ------
+        LinkLost
+            The other end is gone for good, or this end was closed.
+        """
+        self._check_open()
+        deadline = Deadline.after(self._clock, max(timeout, 0.0))
+        while True:
+            data = self._read_available(deadline.remaining)
+            if data or deadline.expired:
+                return data
+
+    def write(self, data: bytes) -> None:
+        """Send *data*.
+
+        Raises
+        ------
+        LinkLost
+            The other end is gone for good, or this end was closed.
+        """
+        self._check_open()
+        if data:
+            self._write(data)
+
+    def follow_tick(self, at: float, period: float) -> None:  # noqa: B027 - real time needs no telling
+        """Learn that control decisions fall on ``at + k * period`` [s of the link's clock].
+
+        Real links ignore it; simulated time is granted in these portions.
+        """
+
+    def close(self) -> None:
+        """Let go of the port, socket or process. Closing twice does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise LinkLost(f"the link {self._description} has been closed")
+
+    def lost(self, cause: str, cure: str) -> LinkLost:
+        """Return the error that says this link is gone, why, and what to try."""
+        return LinkLost(f"link {self._description} lost: {cause}; {cure}")
+
+    @abstractmethod
+    def _read_available(self, timeout: float) -> bytes:
+        """Wait at most *timeout* for bytes; return them, or ``b""``."""
+
+    @abstractmethod
+    def _write(self, data: bytes) -> None:
+        """Send all of *data*, or raise ``LinkLost``."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Release what the backend holds."""
