@@ -56,7 +56,8 @@ class LimitCycle:
     ``C`` relay output [input unit], ``x_a`` set and ``x_a_star`` real switching value, ``X_m`` amplitude,
     ``x_0`` bias [rad or m], ``omega`` [rad/s], ``T_H``/``T_L`` [s] times in high and low position,
     ``periods`` used, ``scatter`` largest relative spread of maxima and minima (the 10 % rule),
-    ``valid`` condition (7.12).
+    ``valid`` condition (7.12). ``C`` is negative when the high position (of ``T_H``, the one that drives the
+    position up) has the lower input; ``offset`` is the input midway between the two positions.
     """
 
     C: float
@@ -70,6 +71,7 @@ class LimitCycle:
     periods: int
     scatter: float
     valid: bool
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

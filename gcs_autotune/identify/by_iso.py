@@ -1,0 +1,140 @@
+"""The method ``iso``: first harmonic only, as in the thesis; quick, and honest about its limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify import iso
+from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
+from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.result import Decision, Doubt, Fit, IsoEstimate, Status, Structure
+from gcs_autotune.identify.structure import FREE
+from gcs_autotune.identify.validation import residual_statistics, run_freely
+from gcs_autotune.models import SingleDof
+
+__all__ = ["fit_by_iso"]
+
+Array = NDArray[np.float64]
+
+SYSTEMATIC = 0.05
+"""Relative error of a first-harmonic balance. Chosen: the largest of thesis Examples 7.1-7.3 and of Table 6.2."""
+
+
+def fit_by_iso(case: Case) -> Fit:
+    """Identify *case* by IS-O; see the package's :func:`identify`.
+
+    Standard errors are the spread between the limit cycles, with :data:`SYSTEMATIC` on top.
+
+    Raises
+    ------
+    NotInformative
+        When no valid limit cycle is in the record, or ``affine`` is asked of cycles that are all alike.
+    """
+    delay = case.delay or 0.0
+    everything = [iso.estimate(c, delay) for c in case.cycles]
+    usable = [e for e in everything if e.cycle.valid]
+    if not usable:
+        raise NotInformative(
+            f"run '{case.names[0]}' holds no self-oscillation that satisfies (7.12): IS-O needs a relay; "
+            "use method='output-error' for any other input"
+        )
+    decision = two_experiment_decision(usable)
+    structure, undecided = _structure(case.structure, decision)
+    model, covariance = _model(case, structure, usable, delay)
+    status: list[Status] = [
+        "fitted",
+        *_drag_status(structure),
+        "fitted",
+        "absent" if case.delay is None else "fixed",
+    ]
+    parameters = named_parameters(model, covariance, status)
+    runs = [run_freely(model, record) for record in case.records]
+    statistics = [residual_statistics(t) for t in runs]
+    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
+    fit_percent = float(np.mean([s.fit_percent for s in statistics]))
+    findings = Findings(case, model, structure, parameters, decision, rms, fit_percent)
+    doubts = [*collect(findings), _first_harmonic()]
+    if undecided:
+        doubts.append(_undecided())
+    return Fit(
+        dof=model.dof,
+        structure=structure,
+        method="iso",
+        model=model,
+        parameters=parameters,
+        covariance=covariance,
+        noise_std=rms,
+        residual_rms=rms,
+        fit_percent=fit_percent,
+        used=case.names,
+        doubts=tuple(doubts),
+        iso=tuple(everything),
+        decision=decision,
+        traces=tuple(runs),
+        extra={"signals": [case.records[0].main.name]},
+    )
+
+
+def _structure(asked: Structure | None, decision: Decision | None) -> tuple[Structure, bool]:
+    if asked is not None:
+        return asked, False
+    if decision is None or decision.verdict == "undecided":
+        return "linear", True
+    return ("linear" if decision.verdict == "linear" else "nonlinear"), False
+
+
+def _drag_status(structure: Structure) -> list[Status]:
+    return ["fitted" if on else "absent" for on in FREE[structure][1:3]]
+
+
+def _model(
+    case: Case, structure: Structure, usable: Sequence[IsoEstimate], delay: float
+) -> tuple[SingleDof, Array]:
+    columns = {n: np.array([getattr(e, n) for e in usable]) for n in ("alpha", "beta", "beta_quadratic", "delta")}
+    if structure == "affine":
+        columns["beta"], columns["beta_quadratic"] = _both_drags(usable)
+    values = {n: float(c.mean()) for n, c in columns.items()}
+    kept = dict(zip(("alpha", "beta", "beta_quadratic", "delta"), FREE[structure], strict=True))
+    variances = [_variance(columns[n], n) if kept[n] else 0.0 for n in columns]
+    values = {n: v if kept[n] else 0.0 for n, v in values.items()}
+    record = case.records[0]
+    return SingleDof(record.dof.name, record.input_unit, delay=delay, **values), np.diag([*variances, 0.0])
+
+
+def _variance(values: Array, name: str) -> float:
+    spread = float(values.var(ddof=1)) / len(values) if len(values) > 1 else 0.0
+    floor = 0.0 if name == "delta" else (SYSTEMATIC * float(values.mean())) ** 2
+    return spread + floor
+
+
+def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
+    """Return both drags from how the equivalent drag (6.43) grows with the velocity's amplitude."""
+    speed = np.array([e.cycle.X_m * e.cycle.omega for e in usable])
+    if len(usable) < 2 or float(np.ptp(speed)) < 0.1 * float(speed.max()):
+        raise NotInformative(
+            "IS-O needs two clearly different limit cycles to tell both drags apart: change C or x_a"
+        )
+    table = np.column_stack([np.ones_like(speed), 8.0 / (3.0 * math.pi) * speed])
+    beta, quadratic = np.linalg.lstsq(table, np.array([e.beta for e in usable]), rcond=None)[0]
+    return np.full(len(usable), beta), np.full(len(usable), quadratic)
+
+
+def _first_harmonic() -> Doubt:
+    return Doubt(
+        "first-harmonic",
+        "IS-O balances the first harmonic only; a few per cent of error are its nature",
+        "use method='output-error'",
+    )
+
+
+def _undecided() -> Doubt:
+    return Doubt(
+        "structure-undecided",
+        "one limit cycle, or two alike, cannot tell linear from nonlinear drag; the linear one was taken",
+        "fly a second relay with a clearly different C",
+    )

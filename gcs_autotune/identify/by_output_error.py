@@ -1,0 +1,268 @@
+"""The method ``output-error``: exact fit to the whole record, started from IS-O or from a scan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify import iso
+from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
+from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.output_error import Bounds, Solution, solve
+from gcs_autotune.identify.record import Record
+from gcs_autotune.identify.result import Decision, Doubt, Fit, IsoEstimate, Status, Trace
+from gcs_autotune.identify.signals import first_names, objection, wanted_names
+from gcs_autotune.identify.start import bounds_of, misfit, start_from_cycles, start_from_scan
+from gcs_autotune.identify.structure import FREE, Selection, model_of, select
+from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_white, physical_covariance, whiteness
+
+__all__ = ["fit_by_output_error"]
+
+Array = NDArray[np.float64]
+
+GOOD_START = 0.05
+"""Share of the motion's variance that an IS-O start may leave before a scan is tried as well."""
+
+COLOUR = 0.2
+"""Autocorrelation within five samples above which coloured residuals are worth a word."""
+
+RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
+"""Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
+
+
+def fit_by_output_error(case: Case) -> Fit:
+    """Fit *case* by output error; see the package's :func:`identify`.
+
+    Raises
+    ------
+    NotInformative
+        When the input does not explain the motion better than a straight line.
+    """
+    bounds = bounds_of(case.records)
+    estimates = [iso.estimate(c, case.delay or 0.0) for c in case.cycles]
+    decision = two_experiment_decision(estimates)
+    start = _start(case, estimates, bounds)
+    names, left_out, start = _signals(case, start, bounds)
+    chosen = select(case.records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
+    _check_that_input_explains(case.records, chosen)
+    solution = chosen.solution
+    estimates = [iso.estimate(c, float(solution.theta[4])) for c in case.cycles]
+    return _assembled(case, chosen, estimates, two_experiment_decision(estimates), names, left_out, bounds)
+
+
+def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Array:
+    """Return the IS-O start, or the scan's when that explains the record clearly better."""
+    begin = start_from_cycles(estimates)
+    if begin is not None:
+        begin[1] = float(np.clip(begin[1], 1e-3, bounds.rate))
+        variance = sum(float(np.var(r.main.values)) * min(len(r.main.t), 400) for r in case.records)
+        if misfit(case.records, begin) <= GOOD_START * variance:
+            return begin
+    scanned = start_from_scan(case.records, bounds, case.delay)
+    if begin is not None and misfit(case.records, begin) <= misfit(case.records, scanned):
+        return begin
+    return scanned
+
+
+def _signals(case: Case, start: Array, bounds: Bounds) -> tuple[tuple[str, ...], dict[str, str], Array]:
+    """Return the names to fit, what was left out and why, and a better start."""
+    if case.use is not None:
+        return wanted_names(case.records, case.use), {}, start
+    names = first_names(case.records)
+    axis = case.records[0].dof
+    if names != (axis.position,) or not any(r.velocity is not None for r in case.records):
+        return names, {}, start
+    first = select(
+        case.records, names, start, bounds, case.structure or "affine", case.delay, None, robust=case.robust
+    )
+    reason = objection(first.records, first.solution)
+    if reason:
+        return names, {axis.velocity: reason}, first.solution.theta
+    return (axis.position, axis.velocity), {}, first.solution.theta
+
+
+def _check_that_input_explains(records: Sequence[Record], chosen: Selection) -> None:
+    """Compare with a straight line per stretch (position) or a constant (velocity), by the same criterion."""
+    solution = chosen.solution
+    n = solution.n / chosen.correlation
+    gain = 0.0
+    for r in solution.residuals:
+        degree = 1 if r.signal.name == records[0].dof.position else 0
+        t = r.signal.t - r.signal.t[0]
+        line = r.signal.values - np.polyval(np.polyfit(t, r.signal.values, degree), t)
+        floor = max(float(r.error @ r.error), 1e-300)
+        gain += len(t) / chosen.correlation * math.log(max(float(line @ line), 1e-300) / floor)
+    if gain < 3.0 * math.log(max(n, 2.0)) + 6.0:
+        raise NotInformative(
+            f"run '{records[0].run}': the input {records[0].input_name} explains the motion no better than a "
+            "straight line; larger inputs are needed, or input and output do not belong together"
+        )
+
+
+def _assembled(
+    case: Case,
+    chosen: Selection,
+    estimates: Sequence[IsoEstimate],
+    decision: Decision | None,
+    names: tuple[str, ...],
+    left_out: dict[str, str],
+    bounds: Bounds,
+) -> Fit:
+    solution, records = chosen.solution, chosen.records
+    factors = inflation(solution)
+    covariance = physical_covariance(solution.theta, solution.covariance * np.outer(factors, factors))
+    model = model_of(records[0], solution.theta)
+    parameters = named_parameters(model, covariance, _status(case, chosen))
+    main = solution.residuals[0].signal.name
+    rms, fit_percent = solution.rms(main), _fit_percent(solution, main)
+    findings = Findings(case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent)
+    doubts = (*collect(findings), *_own_doubts(chosen, case, bounds, names))
+    extra: dict[str, Any] = {
+        "signals": list(names),
+        "signals_left_out": left_out,
+        "noise": {k: float(v) for k, v in solution.noise.items()},
+        "std_inflation": float(factors.max()),
+        "residual_correlation_time": chosen.correlation,
+        "delay_evidence": chosen.delay_evidence,
+        "whiteness_p": min(whiteness(r.error) for r in solution.residuals),
+    }
+    return Fit(
+        dof=records[0].dof.name,
+        structure=chosen.structure,
+        method="output-error",
+        model=model,
+        parameters=parameters,
+        covariance=covariance,
+        noise_std=solution.noise[main],
+        residual_rms=rms,
+        fit_percent=fit_percent,
+        used=case.names,
+        doubts=doubts,
+        iso=tuple(estimates),
+        decision=decision,
+        candidates=chosen.candidates,
+        traces=_traces(records, solution, main, float(factors.max())),
+        extra=extra,
+    )
+
+
+def _status(case: Case, chosen: Selection) -> list[Status]:
+    free, bound = chosen.solution.free, chosen.solution.at_bound
+    drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
+    inertia: Status = "at_bound" if "a" in bound else "fitted"
+    delay: Status = "fitted" if free[4] else "absent" if case.delay is None else "fixed"
+    return [inertia, *drag, "fitted", delay]
+
+
+def _fit_percent(solution: Solution, name: str) -> float:
+    mine = [r for r in solution.residuals if r.signal.name == name]
+    power = sum(float(np.var(r.signal.values)) * len(r.error) for r in mine)
+    left = sum(float(r.error @ r.error) for r in mine)
+    return 100.0 * (1.0 - math.sqrt(left / power)) if power > 0.0 else 0.0
+
+
+def _traces(records: Sequence[Record], solution: Solution, name: str, factor: float) -> tuple[Trace, ...]:
+    traces = []
+    for r, rows in zip(solution.residuals, solution.rows, strict=True):
+        if r.signal.name != name:
+            continue
+        noise = solution.noise[name]
+        spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows) * factor**2
+        band = 1.96 * noise * np.sqrt(1.0 + np.maximum(spread, 0.0))
+        traces.append(Trace(records[r.record].run, r.signal.t, r.signal.values, r.signal.values - r.error, band))
+    return tuple(traces)
+
+
+def _own_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
+    solution, found = chosen.solution, []
+    if not solution.converged:
+        found.append(
+            Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay")
+        )
+    if chosen.undecided:
+        found.append(
+            Doubt(
+                "structure-undecided",
+                "linear and nonlinear drag explain the record equally well; the linear one was taken",
+                "fly a second relay with a clearly different C",
+            )
+        )
+    if solution.free[4]:
+        found.append(
+            Doubt(
+                "delay-fitted",
+                f"a delay of {solution.theta[4]:.3f} s between input and output was fitted "
+                f"(evidence {chosen.delay_evidence:.0f})",
+                "give --delay if you know it; a slow actuator looks like a delay too",
+            )
+        )
+    if "a" in solution.at_bound:
+        found.append(
+            Doubt(
+                "inertia-unresolved",
+                "the craft answers faster than it is sampled: only the ratio of input to steady velocity is known",
+                "ask for a higher message rate",
+            )
+        )
+    colour = max(float(np.max(np.abs(autocorrelation(r.error, 5)))) for r in solution.residuals)
+    if colour > COLOUR and not is_white(solution):
+        found.append(
+            Doubt(
+                "residuals-not-white",
+                f"the residuals are correlated ({colour:.2f}): the model misses "
+                "something; standard errors were raised for it",
+                "look at the residuals; wind, waves, a slow actuator or another axis may be at work",
+            )
+        )
+    found += [d for d in (_outliers(solution), _runs_disagree(chosen, case, bounds, names)) if d is not None]
+    return found
+
+
+def _outliers(solution: Solution) -> Doubt | None:
+    share = 0.0
+    for r in solution.residuals:
+        scale = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
+        share = max(share, float(np.mean(np.abs(r.error) > 6.0 * scale)))
+    if share <= 0.005:
+        return None
+    return Doubt(
+        "outliers",
+        f"{100 * share:.1f} % of the samples lie far off the rest",
+        "identify again with loss='soft_l1', or mend the sensor",
+    )
+
+
+def _runs_disagree(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> Doubt | None:
+    """Fit every stretch by itself and compare its inertia with the common one."""
+    if len(chosen.records) < 2:
+        return None
+    common, odd = chosen.solution, []
+    free = np.array([*common.free[:4], False])
+    for i, record in enumerate(chosen.records):
+        alone = solve(
+            [record],
+            names,
+            common.theta,
+            free,
+            bounds,
+            initial=common.initial[i : i + 1],
+            noise={n: common.noise[n] for n in names if any(s.name == n for s in record.signals)},
+        )
+        if alone is None:
+            continue
+        difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)
+        sigma = math.sqrt(alone.covariance[0, 0]) * float(inflation(alone)[0]) / abs(float(alone.theta[0]))
+        if difference > max(RUN_SPREAD, RUN_SIGMA * sigma):
+            odd.append(f"{record.run} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
+    if not odd:
+        return None
+    return Doubt(
+        "runs-disagree",
+        f"taken alone, these runs give another inertia: {', '.join(odd)}",
+        "did load, speed or battery change between the runs? identify the odd one by itself",
+    )

@@ -1,0 +1,57 @@
+"""What an identification method is handed, and the small things every method needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.decision import decide, most_different_pair
+from gcs_autotune.identify.record import Record
+from gcs_autotune.identify.result import Decision, IsoEstimate, LimitCycle, Parameter, Status, Structure
+from gcs_autotune.models import SingleDof
+
+__all__ = ["Case", "named_parameters", "two_experiment_decision"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One question: these stretches, these limit cycles in them, what to assume.
+
+    ``structure`` None: decide. ``delay`` None: fit one if there is strong evidence. ``use`` None: choose the
+    signals. ``robust``: soft-L1 weights. ``names`` of the runs; ``dropped_rows`` in the files they came from.
+    """
+
+    records: Sequence[Record]
+    cycles: Sequence[LimitCycle]
+    structure: Structure | None
+    delay: float | None
+    use: Sequence[str] | None
+    robust: bool
+    names: tuple[str, ...]
+    dropped_rows: int
+
+
+def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None:
+    """Return the decision from the two most different limit cycles, None when there are no two."""
+    pair = most_different_pair(tuple(estimates))
+    return None if pair is None else decide(*pair)
+
+
+def named_parameters(
+    model: SingleDof, covariance: NDArray[np.float64], status: Sequence[Status]
+) -> dict[str, Parameter]:
+    """Return the four parameters and ``delay`` under their names.
+
+    covariance : (5, 5) of (alpha, beta, beta_quadratic, delta, delay). status : one per parameter.
+    """
+    names = (*model.axis.parameter_names(), "delay")
+    units = (*model.axis.parameter_units(model.input_unit), "s")
+    values = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return {
+        n: Parameter(n, float(v), u, float(s), state)
+        for n, v, u, s, state in zip(names, values, units, stds, status, strict=True)
+    }

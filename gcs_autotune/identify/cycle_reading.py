@@ -1,0 +1,142 @@
+"""Reading limit cycles off a recorded relay experiment (thesis 6.5-6.7)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.limit_cycle import PERIODS, SCATTER, HalfPeriod, cycle_from
+from gcs_autotune.identify.record import Record, prepare
+from gcs_autotune.identify.result import LimitCycle
+from gcs_autotune.sname import Dof
+from gcs_autotune.trial import Trial
+
+__all__ = ["cycles_of", "find_cycles"]
+
+Array = NDArray[np.float64]
+
+LEVEL_TOLERANCE = 0.05
+"""Spread of a relay's level from half period to half period that still counts as the same experiment."""
+
+
+def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
+    """Return the limit cycles of a run, one per relay setting in it; empty when the input is no relay.
+
+    Each is averaged over its last periods: leading ones are left out as long as the scatter exceeds the
+    10 % rule and more than five remain.
+
+    Raises
+    ------
+    MissingChannel, NotInformative, BadFile
+        As :func:`gcs_autotune.identify.record.prepare`.
+    """
+    told = trial.meta.get("x_a")
+    x_a = float(told) if isinstance(told, (int, float)) else None
+    found: list[LimitCycle] = []
+    for record in prepare(trial, dof):
+        found.extend(cycles_of(record, x_a, [m.t for m in trial.marks if m.kind == "switch"]))
+    return tuple(found)
+
+
+def cycles_of(record: Record, x_a: float | None = None, marked: Sequence[float] = ()) -> list[LimitCycle]:
+    """Return the limit cycles in one stretch; *marked* switchings serve when the input itself shows none."""
+    t, x = _position(record)
+    halves = _half_periods(t, x, record, _switchings(record))
+    if len(halves) < 2 and len(marked) > 2:
+        halves = _half_periods(t, x, record, np.asarray(marked, dtype=np.float64))
+    found = []
+    for group in _groups(halves):
+        best = _settled(group, x_a)
+        if best is not None:
+            found.append(best)
+    return found
+
+
+def _position(record: Record) -> tuple[Array, Array]:
+    """Return the position; without one the integral of velocity less its mean, thesis (6.48)."""
+    if record.position is not None:
+        return record.position.t, record.position.values
+    velocity = record.main
+    free = velocity.values - velocity.values.mean()
+    steps = 0.5 * (free[1:] + free[:-1]) * np.diff(velocity.t)
+    return velocity.t, np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _switchings(record: Record) -> Array:
+    """Return when the input crosses the middle of its two positions."""
+    low, high = (
+        np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
+    )
+    middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
+    side = np.where(record.tau > middle, 1, -1)
+    switched: Array = record.t_in[1:][np.diff(side) != 0]
+    return switched
+
+
+def _half_periods(t: Array, x: Array, record: Record, switchings: Array) -> list[HalfPeriod]:
+    inside = switchings[(switchings >= t[0]) & (switchings <= t[-1])]
+    at = np.interp(inside, t, x)
+    halves = []
+    for i, (start, end) in enumerate(itertools.pairwise(inside)):
+        keep = (t >= start) & (t <= end)
+        level = _level(record, float(start), float(end))
+        if int(keep.sum()) < 3 or level is None:
+            halves.append(HalfPeriod(float(start), float(end), math.nan, math.nan, math.nan, math.nan))
+            continue
+        low, high = -_peak(t[keep], -x[keep]), _peak(t[keep], x[keep])
+        halves.append(HalfPeriod(float(start), float(end), float(at[i]), low, high, level))
+    return halves
+
+
+def _level(record: Record, start: float, end: float) -> float | None:
+    """Return the input's level in a half period, None when it is not held for four fifths of it."""
+    edges = np.concatenate([[start], record.t_in[(record.t_in > start) & (record.t_in < end)], [end]])
+    values = record.tau[np.searchsorted(record.t_in, edges[:-1], side="right") - 1]
+    held = np.diff(edges)
+    level = float(values[int(np.argmax(held))])
+    near = np.abs(values - level) <= 2.0 * LEVEL_TOLERANCE * max(abs(level), float(np.ptp(record.tau)) / 2.0)
+    return level if float(held[near].sum()) >= 0.8 * (end - start) else None
+
+
+def _peak(t: Array, x: Array) -> float:
+    """Return the maximum, from a parabola through the samples within an eighth of the stretch of it."""
+    top = int(np.argmax(x))
+    near = np.abs(t - t[top]) <= max((t[-1] - t[0]) / 8.0, 1.01 * float(np.median(np.diff(t))))
+    if not 0 < top < len(x) - 1 or int(near.sum()) < 3:
+        return float(x[top])
+    c2, c1, c0 = np.polyfit(t[near] - t[top], x[near], 2)
+    reach = float(np.max(np.abs(t[near] - t[top])))
+    if c2 >= 0.0 or abs(c1 / (2.0 * c2)) > reach:
+        return float(x[top])
+    return float(c0 - c1 * c1 / (4.0 * c2))
+
+
+def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
+    """Split into stretches in which the relay alternates between the same two levels."""
+    groups: list[list[HalfPeriod]] = [[]]
+    for half in halves:
+        group = groups[-1]
+        swing = abs(group[-1].level - half.level) if group else 0.0
+        alike = len(group) < 2 or abs(group[-2].level - half.level) <= 2.0 * LEVEL_TOLERANCE * swing
+        if math.isnan(half.level) or not alike:
+            group = [] if math.isnan(half.level) else group[-1:]
+            groups.append(group)
+        if not math.isnan(half.level):
+            group.append(half)
+    return [g for g in groups if len(g) >= 2]
+
+
+def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> LimitCycle | None:
+    """Return the cycle of the last, settled periods."""
+    count = len(halves) // 2
+    cycle: LimitCycle | None = None
+    for periods in range(count, 0, -1):
+        cycle = cycle_from(halves[len(halves) - 2 * periods :], x_a)
+        if (cycle.scatter <= SCATTER and cycle.valid) or periods <= min(PERIODS, count):
+            break
+    return cycle if cycle is None or cycle.X_m > 0.0 else replace(cycle, valid=False)

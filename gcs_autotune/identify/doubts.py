@@ -1,0 +1,245 @@
+"""Reasons not to trust an identification blindly, each with its cause and its cure.
+
+One function per reason; :data:`CHECKS` lists those every fit goes through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.limit_cycle import PERIODS, SCATTER
+from gcs_autotune.identify.record import Record
+from gcs_autotune.identify.result import Decision, Doubt, Parameter, Structure
+from gcs_autotune.models import SingleDof
+
+__all__ = ["CHECKS", "Findings", "collect"]
+
+WEAK = 0.30
+"""Relative standard error above which a parameter counts as weakly excited."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Findings:
+    """What the checks look at. ``level``: input amplitude; ``noise``: of the main signal."""
+
+    case: Case
+    model: SingleDof
+    structure: Structure
+    parameters: Mapping[str, Parameter]
+    decision: Decision | None
+    noise: float
+    fit_percent: float
+
+    @property
+    def level(self) -> float:
+        """Largest magnitude of the input."""
+        return max(float(np.max(np.abs(r.tau))) for r in self.case.records)
+
+
+def collect(findings: Findings) -> tuple[Doubt, ...]:
+    """Return the doubts of the records and of every check, in that order, each slug and cause once."""
+    found: dict[tuple[str, str], Doubt] = {}
+    for record in findings.case.records:
+        for doubt in record.doubts:
+            found.setdefault((doubt.slug, doubt.cause), doubt)
+    for check in CHECKS:
+        made = check(findings)
+        if made is not None:
+            found.setdefault((made.slug, made.cause), made)
+    return tuple(found.values())
+
+
+def _few_periods(f: Findings) -> Doubt | None:
+    if not f.case.cycles or max(c.periods for c in f.case.cycles) >= PERIODS:
+        return None
+    most = max(c.periods for c in f.case.cycles)
+    return Doubt(
+        "few-periods",
+        f"only {most} full period(s) of self-oscillation, {PERIODS} are asked for",
+        "let the relay run longer",
+    )
+
+
+def _unsettled(f: Findings) -> Doubt | None:
+    if not f.case.cycles or min(c.scatter for c in f.case.cycles) <= SCATTER:
+        return None
+    worst = min(c.scatter for c in f.case.cycles)
+    cause = "the single period found" if np.isinf(worst) else f"extremes that scatter by {100 * worst:.0f} %"
+    return Doubt(
+        "unsettled",
+        f"the oscillation never settled ({cause}; the rule is {100 * SCATTER:.0f} %)",
+        "wait for calmer water, use a larger C or x_a, let the relay run longer",
+    )
+
+
+def _condition(f: Findings) -> Doubt | None:
+    broken = [c for c in f.case.cycles if not c.valid]
+    if not broken:
+        return None
+    return Doubt(
+        "not-self-oscillation",
+        f"{len(broken)} of {len(f.case.cycles)} relay settings break condition "
+        "x_a* + |x_0| < X_m (7.12): IS-O does not hold there (the exact fit still does)",
+        "use a larger C or a smaller x_a; trim away the constant force",
+    )
+
+
+def _one_sided(f: Findings) -> Doubt | None:
+    if any(float(r.tau.min()) < 0.0 < float(r.tau.max()) for r in f.case.records):
+        return None
+    return Doubt(
+        "one-sided-input",
+        "the input never changes sign: constant force and drag are told apart poorly",
+        "fly a manoeuvre that pushes both ways, such as the relay",
+    )
+
+
+def _saturated(f: Findings) -> Doubt | None:
+    if f.case.records[0].input_unit != "1" or f.case.cycles:
+        return None
+    share = max(_time_at(r, 0.999) for r in f.case.records)
+    if share <= 0.1:
+        return None
+    return Doubt(
+        "saturated-input",
+        f"the input stands at full output for {100 * share:.0f} % of the time",
+        "use smaller inputs: what the actuator was asked beyond its limit is not in the record",
+    )
+
+
+def _time_at(record: Record, level: float) -> float:
+    end = float(record.main.t[-1])
+    held = np.diff(np.append(record.t_in, max(end, float(record.t_in[-1]))))
+    total = float(held.sum())
+    return float(held[np.abs(record.tau) >= level].sum()) / total if total > 0.0 else 0.0
+
+
+def _irregular(f: Findings) -> Doubt | None:
+    shares = []
+    for record in f.case.records:
+        dt = np.diff(record.main.t)
+        shares.append(float(np.mean(np.abs(dt - np.median(dt)) > 0.5 * np.median(dt))))
+    if max(shares) <= 0.1:
+        return None
+    return Doubt(
+        "irregular-sampling",
+        f"{100 * max(shares):.0f} % of the time steps are far from the usual one",
+        "ask for a lower, steadier message rate; the fit uses each stamp as it is",
+    )
+
+
+def _time_unit(f: Findings) -> Doubt | None:
+    step = min(float(np.median(np.diff(r.main.t))) for r in f.case.records)
+    if 1e-3 <= step <= 5.0:
+        return None
+    return Doubt(
+        "time-unit",
+        f"the usual time step is {step:.3g} s: are the stamps really in seconds?",
+        "head the time column t[ms] or t[us] if it is in these units",
+    )
+
+
+def _dropped(f: Findings) -> Doubt | None:
+    if not f.case.dropped_rows:
+        return None
+    return Doubt(
+        "dropped-rows",
+        f"{f.case.dropped_rows} damaged row(s) at a file's end were left out",
+        "stop the recording before copying the file",
+    )
+
+
+def _quantised(f: Findings) -> Doubt | None:
+    step = max(r.main.step for r in f.case.records)
+    if step / np.sqrt(12.0) < 0.3 * f.noise:
+        return None
+    return Doubt(
+        "quantised",
+        f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} "
+        f"{f.case.records[0].dof.position_unit}: the errors are not quite Gaussian noise",
+        "use a finer sensor or message; larger oscillations lessen it",
+    )
+
+
+def _weak(f: Findings) -> Doubt | None:
+    names = f.model.axis.parameter_names()
+    weak = [n for n in names[:3] if _is_weak(f.parameters[n], abs(f.parameters[n].value))]
+    if _is_weak(f.parameters["delta"], f.level):
+        weak.append("delta")
+    if not weak:
+        return None
+    return Doubt(
+        "weakly-excited",
+        f"{', '.join(weak)}: standard error above {100 * WEAK:.0f} %",
+        "record longer, with larger or more different inputs (a second relay with another C)",
+    )
+
+
+def _is_weak(parameter: Parameter, scale: float) -> bool:
+    return parameter.status == "fitted" and parameter.std > WEAK * scale
+
+
+def _reversed(f: Findings) -> Doubt | None:
+    if f.model.alpha >= 0.0:
+        return None
+    return Doubt(
+        "reversed-input",
+        "a positive input turns or pushes the other way than SNAME says; the parameters come out negative",
+        "expected for a rudder angle; otherwise check wiring and sign of the channel",
+    )
+
+
+def _negative_drag(f: Findings) -> Doubt | None:
+    sign = np.sign(f.model.alpha)
+    names = f.model.axis.parameter_names()[1:3]
+    bad = [n for n in names if sign * f.parameters[n].value < 0.0]
+    if not bad:
+        return None
+    return Doubt(
+        "negative-drag",
+        f"{', '.join(bad)} does not damp: the craft would turn or run away by itself",
+        "check that input and output belong together and are in step; look for current or a course-unstable hull",
+    )
+
+
+def _poor(f: Findings) -> Doubt | None:
+    if f.fit_percent >= 70.0:
+        return None
+    return Doubt(
+        "poor-fit",
+        f"the model explains only {f.fit_percent:.0f} % of the motion",
+        "look at the fit's plot: wind, other axes, a slipping clock or the wrong input may be at work",
+    )
+
+
+def _disagreement(f: Findings) -> Doubt | None:
+    if f.decision is None or f.structure == "affine" or f.decision.verdict in ("undecided", f.structure):
+        return None
+    return Doubt(
+        "decisions-disagree",
+        f"two limit cycles speak for {f.decision.verdict} drag, the exact fit for {f.structure}",
+        "fly a further relay with a clearly different C",
+    )
+
+
+CHECKS: tuple[Callable[[Findings], Doubt | None], ...] = (
+    _few_periods,
+    _unsettled,
+    _condition,
+    _one_sided,
+    _saturated,
+    _irregular,
+    _time_unit,
+    _dropped,
+    _quantised,
+    _weak,
+    _reversed,
+    _negative_drag,
+    _poor,
+    _disagreement,
+)
+"""Every check, in the order in which doubts are listed."""

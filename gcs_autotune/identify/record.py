@@ -1,0 +1,244 @@
+"""Recorded signals made fit for identification: chosen, cleaned, unwrapped, cut at gaps.
+
+Nothing is resampled or smoothed: every sample keeps its own stamp, and what was removed is counted and
+reported as a doubt.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
+from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.registry import lookup
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["INPUTS", "MIN_SAMPLES", "Record", "Signal", "after_delay", "guess_dof", "prepare"]
+
+Array = NDArray[np.float64]
+
+INPUTS: dict[str, tuple[str, ...]] = {
+    "yaw": ("N", "delta"),
+    "heave": ("Z",),
+    "surge": ("X",),
+    "sway": ("Y",),
+    "roll": ("K",),
+    "pitch": ("M",),
+}
+"""Degree of freedom -> channels that may drive it, preferred first."""
+
+MIN_SAMPLES = 20
+"""Fewest output samples of a stretch worth fitting. Chosen: three per parameter to be told apart."""
+
+GAP_SECONDS, GAP_STEPS = 1.0, 10.0
+"""A hole longer than both (seconds, median steps) starts a new stretch with free initial state."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """A measured output: stamps [s], values (angles continuous), smallest step of its scale (0 if none)."""
+
+    name: str
+    t: Array
+    values: Array
+    step: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """One uninterrupted stretch of a run. ``t_in``, ``tau``: the input at its jumps, zero-order hold."""
+
+    run: str
+    dof: Dof
+    input_name: str
+    input_unit: str
+    t_in: Array
+    tau: Array
+    position: Signal | None
+    velocity: Signal | None
+    doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """What was measured, position first."""
+        return tuple(s for s in (self.position, self.velocity) if s is not None)
+
+    @property
+    def main(self) -> Signal:
+        """Position when there is one, else velocity."""
+        return self.signals[0]
+
+
+def guess_dof(trial: Trial) -> Dof:
+    """Return the degree of freedom a run is about, from its meta data or from what moves in it.
+
+    Raises
+    ------
+    MissingChannel
+        No pair of input and output.
+    UsageError
+        More than one pair whose input varies.
+    """
+    told = trial.meta.get("dof")
+    if isinstance(told, str) and told in DOFS:
+        return DOFS[told]
+    pairs = [d for d in DOFS.values() if _input_names(trial, d) and _output_names(trial, d)]
+    moving = [d for d in pairs if any(_varies(trial[n]) for n in _input_names(trial, d))]
+    if len(moving) == 1:
+        return moving[0]
+    have = ", ".join(trial.channels) or "nothing"
+    if not pairs:
+        raise MissingChannel(
+            f"run '{trial.name}' has no input with its output; it has {have}. Needed is a pair like "
+            "N (or delta) with psi or r, Z with z or w, X with u or x, Y with v or y"
+        )
+    if not moving:
+        if len(pairs) == 1:
+            return pairs[0]
+        raise NotInformative(f"no input of run '{trial.name}' ever changes: nothing can be learnt from it")
+    names = ", ".join(d.name for d in moving)
+    raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): say which with --dof")
+
+
+def _input_names(trial: Trial, dof: Dof) -> list[str]:
+    return [n for n in INPUTS[dof.name] if n in trial and len(trial[n])]
+
+
+def _output_names(trial: Trial, dof: Dof) -> list[str]:
+    return [n for n in (dof.position, dof.velocity) if n in trial and len(trial[n])]
+
+
+def _varies(channel: Channel) -> bool:
+    return bool(np.nanmin(channel.values) < np.nanmax(channel.values)) if len(channel) else False
+
+
+def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
+    """Return the usable stretches of *trial* for *dof*.
+
+    Raises
+    ------
+    MissingChannel
+        No input or no output for this degree of freedom.
+    BadFile
+        Stamps that run backwards.
+    NotInformative
+        Too few samples, a constant input, or an output that never moves.
+    """
+    axis = lookup(DOFS, dof, "degree of freedom") if isinstance(dof, str) else dof
+    names, outputs = _input_names(trial, axis), _output_names(trial, axis)
+    if not names or not outputs:
+        want = f"{' or '.join(INPUTS[axis.name])} with {axis.position} or {axis.velocity}"
+        raise MissingChannel(
+            f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
+        )
+    source = next((n for n in names if _varies(trial[n])), names[0])
+    notes: list[Doubt] = []
+    drive = clean(trial[source], trial.name, notes)
+    rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
+    position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
+    _check_excitation(trial, drive, [c for c in (position, rate) if c is not None])
+    if position is not None and axis.angular:
+        position = replace(position, values=unwrap(position.t, position.values, rate))
+    return _stretches(trial, axis, drive, position, rate, notes)
+
+
+def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) -> None:
+    most = max((len(c) for c in outputs), default=0)
+    if most < MIN_SAMPLES:
+        raise NotInformative(
+            f"run '{trial.name}' is too short: {most} output samples, at least {MIN_SAMPLES} are needed"
+        )
+    overlap = drive.t[(drive.t <= outputs[0].t[-1])] if len(drive) else drive.t
+    if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):
+        raise NotInformative(
+            f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: "
+            "inertia, drag and constant force cannot be told apart; fly a relay or a sequence of steps"
+        )
+    if not any(_varies(c) for c in outputs):
+        names = " and ".join(c.name for c in outputs)
+        raise NotInformative(
+            f"nothing moves in run '{trial.name}': {names} never changes; do sensor and actuator work?"
+        )
+
+
+def _stretches(
+    trial: Trial, axis: Dof, drive: Channel, position: Channel | None, rate: Channel | None, notes: list[Doubt]
+) -> tuple[Record, ...]:
+    changes = np.concatenate([[True], np.diff(drive.values) != 0.0])
+    main = position if position is not None and len(position) >= MIN_SAMPLES else rate
+    assert main is not None
+    edges = _edges(main.t)
+    if len(edges) > 2:
+        notes.append(
+            Doubt(
+                "gaps",
+                f"run '{trial.name}' has {len(edges) - 2} hole(s) in its telemetry",
+                "fly within good radio range; the stretches were fitted with initial states of their own",
+            )
+        )
+    parts: list[Record] = []
+    for start, end in itertools.pairwise(edges):
+        signals = [_signal(c, float(start), float(end)) for c in (position, rate)]
+        if max((len(s.t) for s in signals if s is not None), default=0) < MIN_SAMPLES:
+            continue
+        name = trial.name if len(edges) == 2 else f"{trial.name}#{len(parts) + 1}"
+        parts.append(
+            Record(
+                name,
+                axis,
+                drive.name,
+                drive.unit,
+                drive.t[changes],
+                drive.values[changes],
+                signals[0],
+                signals[1],
+                tuple(notes) if not parts else (),
+            )
+        )
+    if not parts:
+        raise NotInformative(f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples")
+    return tuple(parts)
+
+
+def _edges(t: Array) -> Array:
+    """Return the boundaries of uninterrupted stretches, outermost at the ends of *t*."""
+    dt = np.diff(t)
+    holes = np.flatnonzero(dt > max(GAP_SECONDS, GAP_STEPS * float(np.median(dt))))
+    return np.concatenate([t[:1], t[holes + 1], [np.inf]])
+
+
+def _signal(channel: Channel | None, start: float, end: float) -> Signal | None:
+    if channel is None:
+        return None
+    keep = (channel.t >= start) & (channel.t < end)
+    if int(keep.sum()) < MIN_SAMPLES:
+        return None
+    values = channel.values[keep]
+    return Signal(channel.name, channel.t[keep], values, quantum(values))
+
+
+def after_delay(record: Record, delay: float) -> Record:
+    """Return *record* without the outputs that answer to inputs from before the first input stamp.
+
+    What was commanded before the record began is unknown, so with a delay the first of it cannot be simulated.
+    The record is returned as it is when too little would be left.
+    """
+    start = float(record.t_in[0]) + delay
+    if delay <= 0.0 or start <= min(float(s.t[0]) for s in record.signals):
+        return record
+    later = [None if s is None else _from(s, start) for s in (record.position, record.velocity)]
+    if any(s is not None and len(s.t) < MIN_SAMPLES for s in later):
+        return record
+    return replace(record, position=later[0], velocity=later[1])
+
+
+def _from(signal: Signal, start: float) -> Signal:
+    keep = signal.t >= start
+    return replace(signal, t=signal.t[keep], values=signal.values[keep])

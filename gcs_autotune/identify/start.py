@@ -1,0 +1,114 @@
+"""Where the exact fit starts: from IS-O, or, for any other input, from a scan over time constants.
+
+For constant drag and a given time constant the motion is linear in everything else (input gain, constant force,
+initial state), so a scan over the time constant with a linear least squares at each point cannot get lost in a
+local minimum, and nothing has to be differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.output_error import Bounds
+from gcs_autotune.identify.record import Record, Signal
+from gcs_autotune.identify.result import IsoEstimate
+from gcs_autotune.models.simulation import simulate_explicit
+
+__all__ = ["bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
+
+Array = NDArray[np.float64]
+
+POINTS = 14
+"""Time constants tried. Chosen: half an octave apart over 0.05..60 s, inside the basin of Gauss-Newton."""
+
+SLOWEST = 60.0
+"""Longest time constant tried [s]."""
+
+DELAYS = (0.0, 0.3)
+"""Delays tried [s]; a long delay that is not looked for can hide the time constant."""
+
+SAMPLES = 400
+"""Samples per stretch the scan looks at; it needs no more to find the neighbourhood."""
+
+LONGEST_DELAY = 2.0
+"""Longest delay fitted [s]. Chosen: beyond it a telemetry link is broken, not slow."""
+
+
+def bounds_of(records: Sequence[Record]) -> Bounds:
+    """Return what the sampling can resolve: time constants down to a fifth of a step, delays within the run."""
+    step = min(float(np.median(np.diff(r.main.t))) for r in records)
+    length = max(float(r.main.t[-1] - r.main.t[0]) for r in records)
+    return Bounds(rate=5.0 / step, delay=min(LONGEST_DELAY, 0.1 * length))
+
+
+def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Array | None:
+    """Return ``(b, a, c, d, delay)`` with constant drag from the mean of the valid IS-O estimates, or None."""
+    usable = [e for e in estimates if e.cycle.valid and e.alpha != 0.0] or [e for e in estimates if e.alpha != 0.0]
+    if not usable:
+        return None
+    alpha, beta, delta, delay = (
+        float(np.mean([getattr(e, n) for e in usable])) for n in ("alpha", "beta", "delta", "delay")
+    )
+    if alpha == 0.0:
+        return None
+    return np.array([1.0 / alpha, beta / alpha, 0.0, delta / alpha, delay])
+
+
+def start_from_scan(records: Sequence[Record], bounds: Bounds, delay: float | None) -> Array:
+    """Return ``(b, a, c, d, delay)`` with constant drag from a scan; *delay* None tries :data:`DELAYS`.
+
+    Raises
+    ------
+    NotInformative
+        When the input explains nothing of the motion at any time constant.
+    """
+    thinned = [_thinned(r.main) for r in records]
+    best: tuple[float, Array] | None = None
+    for lag in DELAYS if delay is None else (delay,):
+        if lag > bounds.delay and delay is None:
+            continue
+        for rate in np.geomspace(1.0 / SLOWEST, min(20.0, bounds.rate), POINTS):
+            theta, cost = _linear_fit(records, thinned, float(rate), lag)
+            if np.isfinite(cost) and (best is None or cost < best[0]):
+                best = (cost, theta)
+    if best is None or best[1][0] == 0.0:
+        raise NotInformative(
+            "the input explains nothing of the motion: check that input and output belong together"
+        )
+    return best[1]
+
+
+def misfit(records: Sequence[Record], theta: Array) -> float:
+    """Return the sum of squares left by ``(a, delay)`` of *theta* with everything else fitted linearly."""
+    return _linear_fit(records, [_thinned(r.main) for r in records], float(theta[1]), float(theta[4]))[1]
+
+
+def _thinned(signal: Signal) -> Signal:
+    every = max(1, len(signal.t) // SAMPLES)
+    return Signal(signal.name, signal.t[::every], signal.values[::every], signal.step)
+
+
+def _linear_fit(
+    records: Sequence[Record], signals: Sequence[Signal], rate: float, delay: float
+) -> tuple[Array, float]:
+    """Fit ``b``, ``d`` and the initial states for a given rate ``a`` and delay."""
+    count = len(records)
+    rows, wanted = [], []
+    for i, (record, signal) in enumerate(zip(records, signals, strict=True)):
+        motion = simulate_explicit((1.0, rate, 0.0, 0.0, delay, 0.0, 0.0), record.t_in, record.tau, signal.t)
+        if not motion.finite:
+            return np.zeros(5), np.inf
+        by = motion.eta_by if signal.name == record.dof.position else motion.nu_by
+        states = np.zeros((len(signal.t), 2 * count))
+        states[:, 2 * i : 2 * i + 2] = by[:, 5:7]
+        rows.append(np.hstack([by[:, [0, 3]], states]))
+        wanted.append(signal.values)
+    table, values = np.vstack(rows), np.concatenate(wanted)
+    scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    solution = np.linalg.lstsq(table / scale, values, rcond=1e-12)[0] / scale
+    left = values - table @ solution
+    return np.array([solution[0], rate, 0.0, solution[1], delay]), float(left @ left)

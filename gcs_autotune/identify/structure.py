@@ -1,0 +1,241 @@
+"""Which drag, and is there a delay? Output-error candidates weighed by evidence.
+
+Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
+``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
+extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided, 6
+is strong, 10 very strong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.output_error import Bounds, Solution, solve
+from gcs_autotune.identify.record import Record, after_delay
+from gcs_autotune.identify.result import Candidate, Decision, Structure
+from gcs_autotune.identify.uncertainty import correlation_time, inflation
+from gcs_autotune.models import SingleDof
+
+__all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]
+
+Array = NDArray[np.float64]
+
+FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
+    "linear": (True, True, False, True),
+    "nonlinear": (True, False, True, True),
+    "affine": (True, True, True, True),
+}
+"""Structure -> which of b, a, c, d are fitted."""
+
+UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 10.0
+"""Differences of the criterion. A delay costs phase margin in every later design and trades against
+inertia, so it must be very strongly evident, and three standard errors above zero."""
+
+
+FIRST_MARGIN = 0.5
+"""Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Selection:
+    """What was chosen and why: the fits per structure, the correlation time, whether it was a close call.
+
+    ``records`` are those fitted: without their first moments when there is a delay.
+    """
+
+    structure: Structure
+    solution: Solution
+    solutions: Mapping[Structure, Solution]
+    candidates: tuple[Candidate, ...]
+    correlation: float
+    undecided: bool
+    delay_evidence: float
+    records: tuple[Record, ...]
+
+
+def model_of(record: Record, theta: Array) -> SingleDof:
+    """Return the physical model of ``(b, a, c, d, delay)``."""
+    b, a, c, d, delay = (float(v) for v in theta)
+    return SingleDof(record.dof.name, record.input_unit, 1.0 / b, a / b, c / b, d / b, delay)
+
+
+def select(
+    records: Sequence[Record],
+    names: Sequence[str],
+    start: Array,
+    bounds: Bounds,
+    structure: Structure | None,
+    delay: float | None,
+    decision: Decision | None,
+    *,
+    robust: bool = False,
+) -> Selection:
+    """Fit the candidate structures and choose.
+
+    Parameters
+    ----------
+    structure : fit only this one; None weighs all three.
+    delay : fixed [s], or None to fit one and keep it on very strong evidence only.
+    decision : the two-experiment decision, asked when the evidence is not clear.
+
+    Raises
+    ------
+    NotInformative
+        When no candidate can be simulated at all.
+    """
+    base: Structure = structure or "affine"
+    fitter, first, correlation, evidence = _with_delay(_Fitter(records, names, bounds, robust), base, start, delay)
+    solutions: dict[Structure, Solution] = {base: first}
+    if structure is None:
+        for other in ("linear", "nonlinear"):
+            found = fitter.fit(other, _translated(first.theta, other, records), bool(first.free[4]), first)
+            if found is not None:
+                solutions[other] = found
+    criterion = {s: _bic(f, correlation) for s, f in solutions.items()}
+    chosen, undecided = (structure, False) if structure is not None else _choose(solutions, criterion, decision)
+    candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())
+    return Selection(
+        chosen, solutions[chosen], solutions, candidates, correlation, undecided, evidence, tuple(fitter.records)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitter:
+    records: Sequence[Record]
+    names: Sequence[str]
+    bounds: Bounds
+    robust: bool
+
+    def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
+        free = np.array([*FREE[structure], with_delay])
+        theta = np.where([*FREE[structure], True], theta, 0.0)
+        initial = None if near is None else near.initial
+        noise = None if near is None else near.noise
+        return solve(
+            self.records, self.names, theta, free, self.bounds, initial=initial, noise=noise, robust=self.robust
+        )
+
+    def must_fit(self, structure: Structure, theta: Array) -> Solution:
+        """Fit with the delay as it stands in *theta*; raise NotInformative when nothing can be simulated."""
+        found = self.fit(structure, theta, False, None)
+        if found is None:
+            raise NotInformative(
+                "no model could be simulated on this record: are input and output from the same run?"
+            )
+        return found
+
+    def without(self, seconds: float) -> _Fitter:
+        """Return a fitter for the records without their first *seconds*."""
+        return replace(self, records=[after_delay(r, seconds) for r in self.records])
+
+
+def _with_delay(
+    fitter: _Fitter, base: Structure, start: Array, delay: float | None
+) -> tuple[_Fitter, Solution, float, float]:
+    """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
+    start = _translated(start, base, fitter.records)
+    if delay is not None:
+        plain = fitter.without(delay).must_fit(base, np.array([*start[:4], delay]))
+        return fitter.without(delay), plain, correlation_time(plain), 0.0
+    step = float(np.median(np.diff(fitter.records[0].main.t)))
+    begin = min(max(float(start[4]), step), fitter.bounds.delay)
+    late, plain, lagged = _lagged_fit(fitter, base, start, begin)
+    if lagged is not None:
+        correlation = correlation_time(lagged)
+        evidence = _bic(plain, correlation) - _bic(lagged, correlation)
+        std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
+        if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
+            return late, lagged, correlation, evidence
+    whole = fitter.must_fit(base, np.array([*plain.theta[:4], 0.0]))
+    return fitter, whole, correlation_time(whole), 0.0 if lagged is None else evidence
+
+
+def _lagged_fit(
+    fitter: _Fitter, base: Structure, start: Array, begin: float
+) -> tuple[_Fitter, Solution, Solution | None]:
+    """Fit *base* without and with a delay to the same samples; None when the delay ends on a bound.
+
+    The first :data:`FIRST_MARGIN` seconds are left out, more when the delay turns out longer.
+    """
+    margin = FIRST_MARGIN
+    while True:
+        late = fitter.without(margin)
+        plain = late.must_fit(base, np.array([*start[:4], 0.0]))
+        lagged = late.fit(base, np.array([*plain.theta[:4], begin]), True, plain)
+        if lagged is None or "delay" in lagged.at_bound:
+            return late, plain, None
+        if lagged.theta[4] <= margin:
+            return late, plain, lagged
+        margin = 1.2 * float(lagged.theta[4])
+
+
+def _translated(theta: Array, structure: Structure, records: Sequence[Record]) -> Array:
+    """Return *theta* in another structure, with the drag that loses the same first harmonic, thesis (6.43)."""
+    b, a, c, d, delay = (float(v) for v in theta)
+    speed = max(float(np.mean([_speed(r) for r in records])), 1e-9)
+    share = 8.0 / (3.0 * math.pi) * speed
+    if structure == "linear":
+        a, c = a + share * c, 0.0
+    elif structure == "nonlinear":
+        a, c = 0.0, c + a / share
+    return np.array([b, a, c, d, delay])
+
+
+def _speed(record: Record) -> float:
+    """Return a typical velocity amplitude of a stretch."""
+    if record.velocity is not None:
+        return float(np.sqrt(2.0) * np.std(record.velocity.values))
+    t, x = record.main.t, record.main.values
+    reach = max(1, len(t) // 200)
+    return float(np.sqrt(2.0) * np.std((x[reach:] - x[:-reach]) / (t[reach:] - t[:-reach])))
+
+
+def _bic(solution: Solution, correlation: float) -> float:
+    n = solution.n / correlation
+    return -2.0 * solution.log_likelihood / correlation + solution.parameters * math.log(n)
+
+
+def _choose(
+    solutions: Mapping[Structure, Solution], criterion: Mapping[Structure, float], decision: Decision | None
+) -> tuple[Structure, bool]:
+    """Return the structure and whether it was too close to call."""
+    single: list[Structure] = [s for s in ("linear", "nonlinear") if s in solutions and _damps(solutions[s])]
+    if not single:
+        single = [s for s in ("linear", "nonlinear") if s in solutions]
+    if not single:
+        return "affine", True
+    best = min(single, key=lambda s: criterion[s])
+    if _both_drags_are_real(solutions["affine"]) and criterion[best] - criterion["affine"] > AFFINE_EVIDENCE:
+        return "affine", False
+    if len(single) == 2 and abs(criterion["linear"] - criterion["nonlinear"]) < UNDECIDED:
+        if decision is not None and decision.verdict != "undecided":
+            return ("linear" if decision.verdict == "linear" else "nonlinear"), False
+        return "linear", True
+    return best, False
+
+
+def _damps(solution: Solution) -> bool:
+    return bool(solution.theta[1] >= 0.0 and solution.theta[2] >= 0.0)
+
+
+def _both_drags_are_real(solution: Solution) -> bool:
+    """Whether both drags damp and stand two standard errors above zero."""
+    std = np.sqrt(np.diag(solution.covariance)) * inflation(solution)
+    return bool(solution.theta[1] > 2.0 * std[1] > 0.0 and solution.theta[2] > 2.0 * std[2] > 0.0)
+
+
+def _candidate(record: Record, structure: Structure, solution: Solution, bic: float) -> Candidate:
+    return Candidate(
+        structure=structure,
+        model=model_of(record, solution.theta),
+        rms=solution.rms(solution.residuals[0].signal.name),
+        log_likelihood=solution.log_likelihood,
+        free_parameters=solution.parameters,
+        bic=bic,
+    )

@@ -1,0 +1,95 @@
+"""Free run: what a model makes of a record's input alone, and how far that is from what was measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.output_error import Solution, solve
+from gcs_autotune.identify.record import Record, prepare
+from gcs_autotune.identify.result import Fit, Trace
+from gcs_autotune.identify.signals import first_names
+from gcs_autotune.identify.start import bounds_of
+from gcs_autotune.identify.uncertainty import autocorrelation, whiteness
+from gcs_autotune.models import SingleDof
+from gcs_autotune.models.simulation import explicit_parameters
+from gcs_autotune.trial import Trial
+
+__all__ = ["ResidualStatistics", "free_run", "residual_statistics", "run_freely"]
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualStatistics:
+    """Of measured minus simulated: count, mean, rms, mean absolute value (thesis (7.3)), largest magnitude,
+    ``fit_percent`` as in :class:`Fit`, lag-1 autocorrelation, and the probability that white noise looks so.
+    """
+
+    n: int
+    mean: float
+    rms: float
+    mean_absolute: float
+    worst: float
+    fit_percent: float
+    lag_one: float
+    whiteness_p: float
+
+
+def free_run(fit: Fit | SingleDof, trial: Trial) -> Trace:
+    """Simulate *trial* with an identified model, only the initial state fitted to it.
+
+    The run should be one the model was not identified from. Stretches between holes follow each other.
+
+    Raises
+    ------
+    NotInformative
+        When the model runs away on this input; and as :func:`gcs_autotune.identify.record.prepare`.
+    """
+    model = fit.model if isinstance(fit, Fit) else fit
+    parts = [run_freely(model, record) for record in prepare(trial, model.dof)]
+    return Trace(
+        trial.name,
+        np.concatenate([p.t for p in parts]),
+        np.concatenate([p.measured for p in parts]),
+        np.concatenate([p.fitted for p in parts]),
+        np.concatenate([p.band for p in parts]),
+    )
+
+
+def run_freely(model: SingleDof, record: Record) -> Trace:
+    """Simulate one stretch; the band is 1.96 times the rms residual."""
+    names = first_names([record])
+    found = _with_initial_state(model, record, names)
+    residual = found.residuals[0]
+    band = np.full(len(residual.error), 1.96 * found.rms(names[0]))
+    values = residual.signal.values
+    return Trace(record.run, residual.signal.t, values, values - residual.error, band)
+
+
+def _with_initial_state(model: SingleDof, record: Record, names: tuple[str, ...]) -> Solution:
+    theta = np.array(explicit_parameters(model))
+    found = solve([record], names, theta, np.zeros(5, dtype=bool), bounds_of([record]))
+    if found is None:
+        raise NotInformative(
+            f"the model runs away on run '{record.run}': its drag destabilises it at these speeds"
+        )
+    return found
+
+
+def residual_statistics(trace: Trace) -> ResidualStatistics:
+    """Return the statistics of a trace's residuals."""
+    error = trace.measured - trace.fitted
+    rms = math.sqrt(float(np.mean(error**2)))
+    swing = float(np.std(trace.measured))
+    return ResidualStatistics(
+        n=len(error),
+        mean=float(error.mean()),
+        rms=rms,
+        mean_absolute=float(np.mean(np.abs(error))),
+        worst=float(np.max(np.abs(error))),
+        fit_percent=100.0 * (1.0 - rms / swing) if swing > 0.0 else 0.0,
+        lag_one=float(autocorrelation(error, 1)[0]),
+        whiteness_p=whiteness(error),
+    )
