@@ -66,6 +66,7 @@ class StepMetrics:
     settling: float
     steady_error: float
     travel: float
+    oscillation: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,91 @@
+"""The thesis' own controller: I-PD by model function, and how far the model may be wrong.
+
+Miskovic (2010), section 8.1: control law (8.2), gains (8.5)-(8.7), stability bounds (8.22)-(8.27).
+ArduPilot's loops are cascades, not I-PD; but where their algebra reaches a model function exactly, they
+have its characteristic polynomial, so the bounds say how much identification error that polynomial stands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.models import SingleDof
+
+__all__ = ["IpdGains", "Uncertainty", "design_ipd", "stability_bound", "uncertainty_of"]
+
+CONFIDENCE = 1.96
+"""Standard errors in a 95 % interval."""
+
+LEAST_UNCERTAINTY = 0.01
+"""Chosen: no identification is believed better than 1 %, whatever its residuals say."""
+
+MOST_UNCERTAINTY = 0.95
+"""The ratios live in (-1, 1), thesis (8.19)-(8.20)."""
+
+
+@dataclass(frozen=True, slots=True)
+class IpdGains:
+    """Gains of ``tau = KI int(e) - KP eta - (KD - beta_quadratic*|nu|) nu`` [input unit per rad or m]."""
+
+    KI: float
+    KP: float
+    KD: float
+    beta_quadratic: float
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """Relative errors to guard against, as positive fractions: inertia ``p_alpha`` and drag ``p_beta``."""
+
+    p_alpha: float
+    p_beta: float
+
+
+def design_ipd(model: SingleDof, wanted: ModelFunction) -> IpdGains:
+    """Return the I-PD gains that give *model* the closed loop *wanted*; thesis (8.5).
+
+    The constant drag goes into ``KD``; the quadratic one is compensated while moving.
+    """
+    KI = model.alpha / wanted.a3
+    return IpdGains(KI, wanted.a1 * KI, wanted.a2 * KI - model.beta, model.beta_quadratic)
+
+
+def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncertainty:
+    """Return the 95 % relative errors of inertia and of the dominant drag.
+
+    covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay).
+    """
+    std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    drag, drag_std = (model.beta_quadratic, std[2]) if _is_nonlinear(model) else (model.beta, std[1])
+    return Uncertainty(_relative(model.alpha, float(std[0])), _relative(drag, float(drag_std)))
+
+
+def stability_bound(
+    model: SingleDof, wanted: ModelFunction, p: Uncertainty, velocity: float
+) -> tuple[float, float]:
+    """Return (left, right) of the stability condition; stable for every error within *p* when left < right.
+
+    Constant drag: ``beta/alpha`` against (8.22). Drag growing with velocity: the largest |*velocity*|
+    [rad/s or m/s] of the manoeuvre against (8.26). The affine cases (8.24), (8.28) are less strict than
+    these. ``p = (0.1, 0.2)`` gives (8.23) and (8.27).
+    """
+    room = wanted.a2 / wanted.a3 - 1.0 / (wanted.a1 * (1.0 - p.p_alpha))
+    allowed = (1.0 + p.p_beta) / p.p_beta * room
+    if _is_nonlinear(model):
+        return abs(velocity), model.alpha / model.beta_quadratic * allowed
+    return model.beta / model.alpha, allowed
+
+
+def _is_nonlinear(model: SingleDof) -> bool:
+    return model.beta == 0.0 and model.beta_quadratic != 0.0
+
+
+def _relative(value: float, std: float) -> float:
+    if value == 0.0 or not math.isfinite(std):
+        return MOST_UNCERTAINTY if std > 0.0 else LEAST_UNCERTAINTY
+    return min(max(CONFIDENCE * std / abs(value), LEAST_UNCERTAINTY), MOST_UNCERTAINTY)

@@ -1,0 +1,15 @@
+"""Control laws of the autopilots we tune: one file each, keyed by ``Axis.law``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gcs_autotune.design.laws.law import Law, Motion, Scenario, Settings
+from gcs_autotune.design.laws.rover_heading import RoverHeading
+from gcs_autotune.design.laws.sub_depth import SubDepth
+from gcs_autotune.design.laws.sub_heading import SubHeading
+
+__all__ = ["LAWS", "Law", "Motion", "Scenario", "Settings"]
+
+LAWS: Mapping[str, Law] = {law.name: law for law in (RoverHeading(), SubHeading(), SubDepth())}
+"""Name in ``firmware.Axis.law`` -> law."""

@@ -1,0 +1,126 @@
+"""Numba pieces the simulated loops share: the craft, and the autopilot's filters and limiters.
+
+Written from the behaviour documented for ArduPilot (AC_PID, control.cpp's sqrt_controller,
+LowPassFilter2p), not from its source text. Numba's on-disk cache does not notice a change in *this* file from
+the files that use it: delete ``__pycache__`` after editing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gcs_autotune.design.laws.law import Scenario
+from gcs_autotune.models import SingleDof
+
+__all__ = [
+    "STANDING_MOST",
+    "advance",
+    "clip",
+    "compiled",
+    "gyro_coefficients",
+    "plant_vector",
+    "smoothing",
+    "sqrt_control",
+    "wrap",
+]
+
+compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True)
+"""Compile a function of floats and arrays."""
+
+STANDING_MOST = 0.5
+"""A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
+FINEST = 0.1
+"""A substep of the craft's motion may take at most this share of its shortest time constant."""
+MOST_SUBSTEPS = 50
+
+
+def _clip(value: float, low: float, high: float) -> float:
+    return low if value < low else (min(high, value))
+
+
+def _wrap(angle: float) -> float:
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+def _sqrt_control(error: float, p: float, limit: float) -> float:
+    """Proportional near zero, square root beyond, so that the demand never asks for more than *limit* to stop."""
+    if limit <= 0.0 or p <= 0.0:
+        return error * p
+    linear = limit / (p * p)
+    if error > linear:
+        return math.sqrt(2.0 * limit * (error - 0.5 * linear))
+    if error < -linear:
+        return -math.sqrt(2.0 * limit * (-error - 0.5 * linear))
+    return error * p
+
+
+def _smoothing(cutoff: float, dt: float) -> float:
+    """Share of the new sample in a first-order low-pass of *cutoff* [Hz]; 1 (no filter) when it is zero."""
+    if cutoff <= 0.0:
+        return 1.0
+    return dt / (dt + 1.0 / (2.0 * math.pi * cutoff))
+
+
+def _advance(position: float, velocity: float, force: float, plant: NDArray[np.float64]) -> tuple[float, float]:
+    """Move the craft one loop period under constant *force* (fraction); plant as in :func:`plant_vector`."""
+    alpha, beta, quadratic, delta, dt = plant[0], plant[1], plant[2], plant[3], plant[4]
+    steps = int(plant[5])
+    h = dt / steps
+    for _ in range(steps):
+        a1 = (force + delta - (beta + quadratic * abs(velocity)) * velocity) / alpha
+        middle = velocity + 0.5 * h * a1
+        a2 = (force + delta - (beta + quadratic * abs(middle)) * middle) / alpha
+        position += h * (velocity + 0.5 * h * a1)
+        velocity += h * a2
+    return position, velocity
+
+
+clip = compiled(_clip)
+wrap = compiled(_wrap)
+sqrt_control = compiled(_sqrt_control)
+smoothing = compiled(_smoothing)
+advance = compiled(_advance)
+
+
+def plant_vector(model: SingleDof, scenario: Scenario, dt: float, delay: float) -> NDArray[np.float64]:
+    """Return what the kernels need of craft and scenario.
+
+    ``(alpha, beta, beta_quadratic, delta, dt, substeps, delay in loops, step, push, loop at which it starts)``
+    """
+    fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
+    rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
+    substeps = min(max(math.ceil(dt * rate / FINEST), 1), MOST_SUBSTEPS)
+    push_at = scenario.push_at / dt if math.isfinite(scenario.push_at) else 1e12
+    return np.array(
+        [
+            model.alpha,
+            model.beta,
+            model.beta_quadratic,
+            model.delta,
+            dt,
+            substeps,
+            round((model.delay + delay) / dt),
+            scenario.step,
+            scenario.push,
+            push_at,
+        ]
+    )
+
+
+def gyro_coefficients(cutoff: float, rate: float) -> NDArray[np.float64]:
+    """Return (b0, b1, b2, a1, a2) of a Butterworth low-pass of *cutoff* [Hz] sampled at *rate* [Hz].
+
+    Bilinear with pre-warping; transparent when the cut-off is zero or too near half the rate.
+    """
+    if cutoff <= 0.0 or cutoff >= 0.45 * rate:
+        return np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    w = math.tan(math.pi * cutoff / rate)
+    scale = 1.0 / (1.0 + math.sqrt(2.0) * w + w * w)
+    b0 = w * w * scale
+    return np.array([b0, 2.0 * b0, b0, 2.0 * (w * w - 1.0) * scale, (1.0 - math.sqrt(2.0) * w + w * w) * scale])

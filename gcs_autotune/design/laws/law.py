@@ -1,0 +1,100 @@
+"""What a control law of an autopilot must be able to say about itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.open_loop import OpenLoop, Rational
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.models import SingleDof
+
+__all__ = ["Law", "Motion", "Scenario", "Settings", "setting"]
+
+Settings = Mapping[str, float]
+"""Parameter name -> value: the autopilot's limits and filters in force, and the gains being tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A step of *step* [rad or m] at t = 0, and a constant force *push* [fraction] from ``push_at`` [s] on."""
+
+    step: float
+    duration: float
+    push: float = 0.0
+    push_at: float = math.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What a simulated loop did: arrays (n,) at the autopilot's loop rate, SI units, output in fractions."""
+
+    t: NDArray[np.float64]
+    position: NDArray[np.float64]
+    output: NDArray[np.float64]
+
+
+class Law(Protocol):
+    """One control structure of one firmware, under the firmware's own parameter names."""
+
+    name: str
+    tuned: Sequence[str]
+    """The gains that matching may choose; the law's other gains keep ``fixed`` values."""
+    integral: str
+    """The one among ``tuned`` that makes the integral action."""
+    fixed: Settings
+    defaults: Settings
+    """The firmware's own values of what the law reads, used where the vehicle did not say."""
+    usual_step: float
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the autopilot's loop period [s]."""
+        ...
+
+    def velocity_limit(self, settings: Settings, speed: float | None) -> float:
+        """Return the largest velocity the autopilot will ask for [rad/s or m/s]."""
+        ...
+
+    def starts(
+        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+    ) -> list[dict[str, float]]:
+        """Return gains that algebra gives for *wanted*, unbounded; the first is the closest to exact."""
+        ...
+
+    def simulate(
+        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+    ) -> Motion:
+        """Fly *scenario* on *model* with everything nonlinear in place; *delay* [s] is beyond the model's."""
+        ...
+
+    def open_loop(
+        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
+    ) -> OpenLoop:
+        """Return the loop opened at the actuator, with the drag linearised to *drag*."""
+        ...
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return the transfer from measured position to actuator output (sign aside): what noise goes through."""
+        ...
+
+    def integral_rate(self, settings: Settings, speed: float | None) -> float:
+        """Return how fast a constant force is worked off [1/s]: integral over proportional action on the position.
+
+        Infinite where the autopilot allows no integral action at all.
+        """
+        ...
+
+    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+        """Return sentences on where the gains hold."""
+        ...
+
+
+def setting(settings: Settings, defaults: Settings, name: str) -> float:
+    """Return a parameter's value, or the firmware's default when the vehicle did not say (or said NaN)."""
+    value = settings.get(name, math.nan)
+    return float(value) if math.isfinite(value) else float(defaults[name])

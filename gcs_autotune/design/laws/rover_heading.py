@@ -1,0 +1,249 @@
+"""ArduRover's heading loop: angle P over a turn-rate FF/P/I/D, with limits, filters and speed scaling.
+
+``servo = scale * (FF rT + P e + I int(e) + D de/dt)``, ``rT`` from ``ATC_STR_ANG_P * (psi_d - psi)``; ``scale`` is
+``MOT_SPD_SCA_BASE/V`` above that speed and 1 below, where the integral cannot grow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.laws.kernel import (
+    STANDING_MOST,
+    advance,
+    clip,
+    compiled,
+    gyro_coefficients,
+    plant_vector,
+    smoothing,
+    wrap,
+)
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator, second_order
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.models import SingleDof
+
+__all__ = ["RoverHeading"]
+
+FF, P, I, D, ANG = (  # noqa: E741 - I is the integral gain
+    "ATC_STR_RAT_FF",
+    "ATC_STR_RAT_P",
+    "ATC_STR_RAT_I",
+    "ATC_STR_RAT_D",
+    "ATC_STR_ANG_P",
+)
+GRAVITY = 9.80665
+
+
+def _fly(
+    gains: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    gyro: NDArray[np.float64],
+    plant: NDArray[np.float64],
+    position: NDArray[np.float64],
+    output: NDArray[np.float64],
+) -> None:
+    kff, kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3], gains[4]
+    imax, rate_max, acc_max, stop_acc, scale, grows = (
+        limits[0],
+        limits[1],
+        limits[2],
+        limits[3],
+        limits[4],
+        limits[5] > 0.0,
+    )
+    dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
+    f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
+    r = slope = x1 = x2 = y1 = y2 = 0.0
+    integral = clip(-plant[3] / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
+    demand = -(plant[3] / scale + integral) / max(kff + kp, 1e-9)
+    demand = target = error = clip(demand, -rate_max, rate_max)
+    psi = clip(-demand / ang, -STANDING_MOST, STANDING_MOST)
+    trim = scale * (integral + (kff + kp) * demand)
+    limited = not grows
+    for k in range(len(position)):
+        position[k] = psi
+        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        x2, x1, y2, y1 = x1, r, y1, measured
+        e = wrap(step - psi)
+        wish = ang * e
+        if stop_acc > 0.0:
+            most = math.sqrt(2.0 * abs(e) * stop_acc)
+            wish = clip(wish, -most, most)
+        if acc_max > 0.0:
+            wish = clip(wish, demand - acc_max * dt, demand + acc_max * dt)
+        demand = clip(wish, -rate_max, rate_max)
+        target += f_t * (demand - target)
+        before = error
+        error += f_e * (target - measured - error)
+        slope += f_d * ((error - before) / dt - slope)
+        if not limited or integral * error < 0.0:
+            integral = clip(integral + ki * error * dt, -imax, imax)
+        u = scale * (kff * target + kp * error + integral + kd * slope)
+        servo = clip(u, -1.0, 1.0)
+        limited = not grows or servo != u
+        output[k] = servo
+        applied = output[k - wait] if k >= wait else trim
+        force = applied + (push if k >= push_at else 0.0)
+        psi, r = advance(psi, r, force, plant)
+
+
+_kernel: Callable[..., Any] = compiled(_fly)
+
+FIXED: Settings = {D: 0.0}
+DEFAULTS: Settings = {
+    "ATC_STR_RAT_IMAX": 1.0,
+    "ATC_STR_RAT_FLTT": 0.0,
+    "ATC_STR_RAT_FLTE": 10.0,
+    "ATC_STR_RAT_FLTD": 0.0,
+    "ATC_STR_RAT_MAX": 120.0,
+    "ATC_STR_ACC_MAX": 120.0,
+    "ATC_STR_DEC_MAX": 0.0,
+    "ATC_TURN_MAX_G": 0.6,
+    "MOT_SPD_SCA_BASE": 1.0,
+    "MOT_VEC_ANGLEMAX": 0.0,
+    "INS_GYRO_FILTER": 4.0,
+    "SCHED_LOOP_RATE": 50.0,
+}
+
+
+class RoverHeading:
+    """``Axis.law == "rover-heading"``."""
+
+    name = "rover-heading"
+    tuned: Sequence[str] = (FF, P, I, ANG)
+    integral = I
+    fixed: Settings = FIXED
+    usual_step = math.radians(30.0)
+    defaults: Settings = DEFAULTS
+
+    def _get(self, settings: Settings, name: str) -> float:
+        return setting(settings, self.defaults, name)
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the loop period [s]."""
+        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
+
+    def scale(self, settings: Settings, speed: float | None) -> float:
+        """Return servo per controller output at *speed* [m/s]."""
+        base = self._get(settings, "MOT_SPD_SCA_BASE")
+        vectored = self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0
+        return base / speed if speed is not None and not vectored and speed > base > 0.0 else 1.0
+
+    def integral_grows(self, settings: Settings, speed: float | None) -> bool:
+        """Whether the integral term can grow at *speed*: not at or below MOT_SPD_SCA_BASE."""
+        if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
+            return True
+        return speed is None or speed > self._get(settings, "MOT_SPD_SCA_BASE") > 0.0
+
+    def velocity_limit(self, settings: Settings, speed: float | None) -> float:
+        """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
+        rate = math.radians(self._get(settings, "ATC_STR_RAT_MAX"))
+        lateral = self._get(settings, "ATC_TURN_MAX_G") * GRAVITY / max(speed or 0.0, 1.0)
+        return min(rate if rate > 0.0 else math.inf, lateral if lateral > 0.0 else math.inf)
+
+    def starts(
+        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+    ) -> list[dict[str, float]]:
+        """Match coefficients, with ``G = K/(T s + 1)``, ``FF = 1/K``.
+
+        ``a3 = T/(K I A)``, ``a2 = (1 + K P)/(K I A)``, ``a1 = 1/A + (FF + P)/I``. The quadratic in A has no real
+        root for every wish; then its real part is taken. The second start drops the integral:
+        ``a1 = 1/A``, ``a2 = T/(A (1 + K P))``.
+        """
+        scale = self.scale(settings, speed)
+        drag = model.equivalent_drag(self.usual_step / wanted.a1) / scale
+        alpha = model.alpha / scale
+        p = max(wanted.a2 / wanted.a3 * alpha - drag, 0.0)
+        q = (p + drag) * wanted.a3 / alpha
+        root = max(wanted.a1**2 - 4.0 * q, 0.0)
+        angle = (wanted.a1 - math.sqrt(root)) / (2.0 * q)
+        exact = {FF: drag, P: p, I: alpha / (wanted.a3 * angle), ANG: angle}
+        two = max(wanted.a1 / wanted.a2 * alpha - drag, 0.0)
+        gentle = {FF: drag, P: two, I: 0.2 * (drag + two) / wanted.a1, ANG: 1.0 / wanted.a1}
+        return [exact, gentle]
+
+    def simulate(
+        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        count = round(scenario.duration / dt) + 1
+        position, output = np.empty(count), np.empty(count)
+        acc = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
+        stop = math.radians(self._get(settings, "ATC_STR_DEC_MAX"))
+        limits = np.array(
+            [
+                self._get(settings, "ATC_STR_RAT_IMAX"),
+                self.velocity_limit(settings, speed),
+                acc,
+                stop if stop > 0.0 else acc,
+                self.scale(settings, speed),
+                float(self.integral_grows(settings, speed)),
+                *(self._get(settings, f"ATC_STR_RAT_FLT{x}") for x in "TED"),
+            ]
+        )
+        gains = np.array([settings[n] for n in (FF, P, I, D, ANG)])
+        gyro = gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt)
+        _kernel(gains, limits, gyro, plant_vector(model, scenario, dt, delay), position, output)
+        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+
+    def _parts(self, settings: Settings, speed: float | None) -> tuple[Rational, Rational, Rational]:
+        """Feed-forward and PID (per wanted turn rate, to servo), and the angle loop (heading to turn rate)."""
+        scale = self.scale(settings, speed)
+        pid = constant(settings[P] * scale)
+        if settings[I] > 0.0 and self.integral_grows(settings, speed):
+            pid = pid + integrator(settings[I] * scale)
+        if settings[D] > 0.0:
+            slope = Rational(np.array([settings[D] * scale, 0.0]), np.array([1.0]))
+            pid = pid + slope * first_order(self._get(settings, "ATC_STR_RAT_FLTD"))
+        pid = pid * first_order(self._get(settings, "ATC_STR_RAT_FLTE"))
+        angle = first_order(self._get(settings, "ATC_STR_RAT_FLTT")) * constant(settings[ANG])
+        return constant(settings[FF] * scale), pid, angle
+
+    def open_loop(
+        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
+    ) -> OpenLoop:
+        """Return the loop opened at the servo."""
+        feed, pid, angle = self._parts(settings, speed)
+        gyro = second_order(self._get(settings, "INS_GYRO_FILTER"))
+        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
+        turn = angle * integrator()
+        return OpenLoop(plant * (feed * turn + pid * (turn + gyro)), model.delay + delay)
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured heading to servo."""
+        feed, pid, angle = self._parts(settings, speed)
+        return (feed + pid) * angle
+
+    def integral_rate(self, settings: Settings, speed: float | None) -> float:
+        """Return ``A I / (A (FF + P) + I)``, infinite where the integral is frozen."""
+        if not self.integral_grows(settings, speed):
+            return math.inf
+        proportional = settings[ANG] * (settings[FF] + settings[P]) + settings[I]
+        return settings[ANG] * settings[I] / max(proportional, 1e-12)
+
+    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+        """Say at which speeds the gains hold."""
+        base = self._get(settings, "MOT_SPD_SCA_BASE")
+        if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
+            return [
+                "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot scales steering by throttle, so the gains "
+                "hold at the throttle of the experiment"
+            ]
+        if not self.integral_grows(settings, speed):
+            return [
+                f"the experiment ran at {speed:.2f} m/s, not above MOT_SPD_SCA_BASE = {base:g} m/s: there the "
+                "autopilot does not scale the steering and its integral cannot grow, so wind or trim leaves an "
+                f"error; the gains hold near {speed:.2f} m/s and should be proved again when going faster"
+            ]
+        return [
+            f"identified at {speed:.2f} m/s; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the "
+            "steering by speed, so the gains hold there as long as the turn rate per rudder grows in proportion "
+            f"to speed; at or below {base:g} m/s the integral term is frozen"
+        ]

@@ -1,0 +1,214 @@
+"""ArduSub's depth loop: square-root position controller, climb-rate P/I, acceleration P/I/FF, filtered throttle.
+
+In SI and down positive: ``Z = 0.2 * LPF_2Hz(ACCZ (a_t - a) + FF a_t) - 2 (hover - 0.5)``; the 0.2 is
+the autopilot's 0.001 per cm/s^2, times 100 cm, times 2 because throttle 0..1 means -1..1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.laws.kernel import (
+    STANDING_MOST,
+    advance,
+    clip,
+    compiled,
+    plant_vector,
+    smoothing,
+    sqrt_control,
+)
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.models import SingleDof
+
+__all__ = ["SubDepth"]
+
+POS, VEL, VEL_I, ACC, ACC_I, ACC_FF = (
+    "PSC_POSZ_P",
+    "PSC_VELZ_P",
+    "PSC_VELZ_I",
+    "PSC_ACCZ_P",
+    "PSC_ACCZ_I",
+    "PSC_ACCZ_FF",
+)
+OUTPUT = 0.2
+"""Output fraction per m/s^2 of the acceleration controller."""
+THROTTLE_CUTOFF = 2.0
+"""POSCONTROL_THROTTLE_CUTOFF_FREQ_HZ [Hz]."""
+
+
+def _fly(
+    gains: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    plant: NDArray[np.float64],
+    position: NDArray[np.float64],
+    output: NDArray[np.float64],
+) -> None:
+    pos, vel, vel_i, acc, acc_i, acc_ff = gains[0], gains[1], gains[2], gains[3], gains[4], gains[5]
+    v_max, a_max, vel_imax, imax, hover = limits[0], limits[1], limits[2], limits[3], limits[4]
+    dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
+    f_v, f_t, f_e = smoothing(limits[5], dt), smoothing(limits[6], dt), smoothing(limits[7], dt)
+    f_u = smoothing(THROTTLE_CUTOFF, dt)
+    w = a = v_integral = 0.0
+    integral = clip(-plant[3] + hover, -imax, imax) if acc_i > 0.0 else 0.0
+    a_target = a_error = -(plant[3] - hover + integral) / max(OUTPUT * (acc + acc_ff), 1e-9)
+    v_error = a_target / max(vel, 1e-9)
+    z = clip(-v_error / max(pos, 1e-9), -STANDING_MOST, STANDING_MOST)
+    thrust = trim = clip(OUTPUT * (acc + acc_ff) * a_target + integral - hover, -1.0, 1.0)
+    limited = False
+    for k in range(len(position)):
+        position[k] = z
+        wish = clip(sqrt_control(step - z, pos, a_max), -v_max, v_max)
+        v_error += f_v * (wish - w - v_error)
+        if not limited or v_integral * v_error < 0.0:
+            v_integral = clip(v_integral + vel_i * v_error * dt, -vel_imax, vel_imax)
+        demand = vel * v_error + v_integral
+        a_target += f_t * (demand - a_target)
+        a_error += f_e * (a_target - a - a_error)
+        if not limited or integral * a_error < 0.0:
+            integral = clip(integral + OUTPUT * acc_i * a_error * dt, -imax, imax)
+        u = OUTPUT * (acc * a_error + acc_ff * a_target) + integral - hover
+        thrust += f_u * (clip(u, -1.0, 1.0) - thrust)
+        limited = abs(thrust) >= 0.999
+        output[k] = thrust
+        applied = output[k - wait] if k >= wait else trim
+        was = w
+        z, w = advance(z, w, applied + (push if k >= push_at else 0.0), plant)
+        a = (w - was) / dt
+
+
+_kernel: Callable[..., Any] = compiled(_fly)
+
+FIXED: Settings = {VEL_I: 0.0}
+DEFAULTS: Settings = {
+    "PSC_VELZ_IMAX": 1000.0,
+    "PSC_VELZ_FLTE": 5.0,
+    "PSC_ACCZ_D": 0.0,
+    "PSC_ACCZ_IMAX": 800.0,
+    "PSC_ACCZ_FLTT": 0.0,
+    "PSC_ACCZ_FLTE": 20.0,
+    "MOT_THST_HOVER": 0.5,
+    "PILOT_SPEED_UP": 200.0,
+    "PILOT_SPEED_DN": 0.0,
+    "PILOT_ACCEL_Z": 200.0,
+    "SCHED_LOOP_RATE": 400.0,
+}
+
+
+class SubDepth:
+    """``Axis.law == "sub-depth"``."""
+
+    name = "sub-depth"
+    tuned: Sequence[str] = (POS, VEL, ACC, ACC_I, ACC_FF)
+    integral = ACC_I
+    fixed: Settings = FIXED
+    usual_step = 1.0
+    defaults: Settings = DEFAULTS
+
+    def _get(self, settings: Settings, name: str) -> float:
+        return setting(settings, self.defaults, name)
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the loop period [s]."""
+        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
+
+    def velocity_limit(self, settings: Settings, speed: float | None) -> float:
+        """Return the lesser of the pilot's climb and descent speeds [m/s]."""
+        up = self._get(settings, "PILOT_SPEED_UP") / 100.0
+        down = self._get(settings, "PILOT_SPEED_DN") / 100.0
+        return min(up, down) if down > 0.0 else up
+
+    def starts(
+        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+    ) -> list[dict[str, float]]:
+        """Match coefficients of the cascade without filters, ACCZ_P given.
+
+        With ``M = alpha + 0.2 Pa`` and ``X = 0.2 Ia Pv Pz``: ``a3 = M/X``, ``a2 = (beta + 0.2 Pa Pv + 0.2 Ia)/X``,
+        ``a1 = Pa/Ia + 1/Pz``; eliminating all but ``y = Pa/Ia`` leaves a cubic.
+        """
+        drag = model.equivalent_drag(self.usual_step / wanted.a1)
+        found = [_cascade(model.alpha, drag, wanted, pa) for pa in (0.5, 1.0)]
+        gentle = {POS: 2.0 / wanted.a1, VEL: 8.0 / wanted.a1, ACC: 1.0, ACC_I: 1.0, ACC_FF: 0.0}
+        return [*(f for f in found if f), gentle]
+
+    def simulate(
+        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        count = round(scenario.duration / dt) + 1
+        position, output = np.empty(count), np.empty(count)
+        limits = np.array(
+            [
+                self.velocity_limit(settings, speed),
+                self._get(settings, "PILOT_ACCEL_Z") / 100.0,
+                self._get(settings, "PSC_VELZ_IMAX") / 100.0,
+                2e-3 * max(self._get(settings, "PSC_ACCZ_IMAX"), 1e3 * self._get(settings, "MOT_THST_HOVER")),
+                2.0 * (self._get(settings, "MOT_THST_HOVER") - 0.5),
+                self._get(settings, "PSC_VELZ_FLTE"),
+                self._get(settings, "PSC_ACCZ_FLTT"),
+                self._get(settings, "PSC_ACCZ_FLTE"),
+            ]
+        )
+        gains = np.array([settings[n] for n in (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF)])
+        _kernel(gains, limits, plant_vector(model, scenario, dt, delay), position, output)
+        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+
+    def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:
+        """Acceleration to output (feedback; feed-forward), and climb rate to wanted acceleration."""
+        throttle = first_order(THROTTLE_CUTOFF) * constant(OUTPUT)
+        pid = constant(settings[ACC])
+        if settings[ACC_I] > 0.0:
+            pid = pid + integrator(settings[ACC_I])
+        velocity = constant(settings[VEL])
+        if settings[VEL_I] > 0.0:
+            velocity = velocity + integrator(settings[VEL_I])
+        velocity = velocity * first_order(self._get(settings, "PSC_VELZ_FLTE"))
+        pid = pid * first_order(self._get(settings, "PSC_ACCZ_FLTE")) * throttle
+        feed = constant(settings[ACC_FF]) * throttle
+        return pid, feed, velocity * first_order(self._get(settings, "PSC_ACCZ_FLTT"))
+
+    def open_loop(
+        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
+    ) -> OpenLoop:
+        """Return the loop opened at the thrusters, the position controller in its linear range."""
+        pid, feed, velocity = self._parts(settings)
+        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
+        wish = velocity * (constant(1.0) + integrator(settings[POS]))
+        slope = Rational(np.array([1.0, 0.0]), np.array([1.0]))
+        return OpenLoop(plant * (pid * (wish + slope) + feed * wish), model.delay + delay)
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured depth to output."""
+        pid, feed, velocity = self._parts(settings)
+        return (pid + feed) * velocity * constant(settings[POS])
+
+    def integral_rate(self, settings: Settings, speed: float | None) -> float:
+        """Return ``Pz Ia / (Pz (Pa + FF) + Ia)``."""
+        proportional = settings[POS] * (settings[ACC] + settings[ACC_FF]) + settings[ACC_I]
+        return settings[POS] * settings[ACC_I] / max(proportional, 1e-12)
+
+    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+        """Say what the gains do not cover."""
+        notes = ["near the surface ArduSub limits the upward thrust (SURFACE_MAX_THR); prove the gains below it"]
+        if self._get(settings, "PSC_ACCZ_D") != 0.0:
+            notes.append("PSC_ACCZ_D is not zero; the design leaves it alone and does not model it")
+        return notes
+
+
+def _cascade(alpha: float, drag: float, wanted: ModelFunction, pa: float) -> dict[str, float]:
+    """Solve the cubic for the smallest ``y`` in (0, a1); empty when there is none."""
+    x = (alpha + OUTPUT * pa) / wanted.a3
+    roots = np.roots([-x, wanted.a1 * x, drag - wanted.a2 * x, OUTPUT * pa])
+    real = roots.real[np.abs(roots.imag) < 1e-9]
+    fit = np.sort(real[(real > 0.0) & (real < 0.999 * wanted.a1)])
+    if not len(fit):
+        return {}
+    y = float(fit[0])
+    ia, pz = pa / y, 1.0 / (wanted.a1 - y)
+    return {POS: pz, VEL: x / (OUTPUT * ia * pz), ACC: pa, ACC_I: ia, ACC_FF: 0.0}

@@ -1,0 +1,215 @@
+"""ArduSub's heading loop: shaped target, square-root angle controller, yaw-rate P/I/D.
+
+``N = P e + I int(e) + D de/dt`` with ``e = LPF(r_t) - r``. Sub reads ATC_RAT_YAW_FF and never uses it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.laws.kernel import (
+    STANDING_MOST,
+    advance,
+    clip,
+    compiled,
+    gyro_coefficients,
+    plant_vector,
+    smoothing,
+    sqrt_control,
+    wrap,
+)
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator, second_order
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.models import SingleDof
+
+__all__ = ["SubHeading"]
+
+P, I, D, ANG = "ATC_RAT_YAW_P", "ATC_RAT_YAW_I", "ATC_RAT_YAW_D", "ATC_ANG_YAW_P"  # noqa: E741
+ACCELERATION = (math.radians(10.0), math.radians(120.0))
+"""Bounds of the angle controller's deceleration [rad/s^2] (half of ATC_ACCEL_Y_MAX, kept within these)."""
+ERROR_MAX = math.radians(45.0)
+"""The target is pulled along so that it never leads by more."""
+
+
+def _fly(
+    gains: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    gyro: NDArray[np.float64],
+    plant: NDArray[np.float64],
+    position: NDArray[np.float64],
+    output: NDArray[np.float64],
+) -> None:
+    kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3]
+    imax, rate_max, shape_acc, slew, tc, shaped, stop_acc = (
+        limits[0],
+        limits[1],
+        limits[2],
+        limits[3],
+        limits[4],
+        limits[5] > 0.0,
+        limits[6],
+    )
+    dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
+    f_t, f_e, f_d = smoothing(limits[7], dt), smoothing(limits[8], dt), smoothing(limits[9], dt)
+    r = lead = lead_rate = slope = x1 = x2 = y1 = y2 = 0.0
+    integral = clip(-plant[3], -imax, imax) if ki > 0.0 else 0.0
+    target = error = clip(-(plant[3] + integral) / max(kp, 1e-9), -rate_max, rate_max)
+    psi = clip(-target / max(ang, 1e-9), -STANDING_MOST, STANDING_MOST)
+    trim = integral + kp * target
+    limited = False
+    for k in range(len(position)):
+        position[k] = psi
+        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        x2, x1, y2, y1 = x1, r, y1, measured
+        ahead = wrap(step - lead)
+        if shaped:
+            wish = clip(sqrt_control(ahead, 1.0 / tc, shape_acc), -slew, slew)
+            lead_rate = clip(wish, lead_rate - shape_acc * dt, lead_rate + shape_acc * dt)
+            lead += lead_rate * dt
+        else:
+            lead += clip(ahead, -slew * dt, slew * dt)
+        e = wrap(lead - psi)
+        if abs(e) > ERROR_MAX:
+            e = clip(e, -ERROR_MAX, ERROR_MAX)
+            lead = psi + e
+        demand = clip(sqrt_control(e, ang, stop_acc) + lead_rate, -rate_max, rate_max)
+        target += f_t * (demand - target)
+        before = error
+        error += f_e * (target - measured - error)
+        slope += f_d * ((error - before) / dt - slope)
+        if not limited or integral * error < 0.0:
+            integral = clip(integral + ki * error * dt, -imax, imax)
+        u = kp * error + integral + kd * slope
+        thrust = clip(u, -1.0, 1.0)
+        limited = thrust != u
+        output[k] = thrust
+        applied = output[k - wait] if k >= wait else trim
+        psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
+
+
+_kernel: Callable[..., Any] = compiled(_fly)
+
+FIXED: Settings = {D: 0.0}
+DEFAULTS: Settings = {
+    "ATC_RAT_YAW_IMAX": 0.222,
+    "ATC_RAT_YAW_FLTT": 5.0,
+    "ATC_RAT_YAW_FLTE": 0.0,
+    "ATC_RAT_YAW_FLTD": 5.0,
+    "ATC_ACCEL_Y_MAX": 110000.0,
+    "ATC_RATE_Y_MAX": 180.0,
+    "ATC_SLEW_YAW": 6000.0,
+    "ATC_INPUT_TC": 0.15,
+    "ATC_RATE_FF_ENAB": 1.0,
+    "INS_GYRO_FILTER": 20.0,
+    "SCHED_LOOP_RATE": 400.0,
+}
+
+
+class SubHeading:
+    """``Axis.law == "sub-heading"``."""
+
+    name = "sub-heading"
+    tuned: Sequence[str] = (P, I, ANG)
+    integral = I
+    fixed: Settings = FIXED
+    usual_step = math.radians(30.0)
+    defaults: Settings = DEFAULTS
+
+    def _get(self, settings: Settings, name: str) -> float:
+        return setting(settings, self.defaults, name)
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the loop period [s]."""
+        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
+
+    def _rate_max(self, settings: Settings) -> float:
+        rate = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
+        return rate if rate > 0.0 else 1e6
+
+    def velocity_limit(self, settings: Settings, speed: float | None) -> float:
+        """Return the lesser of ATC_RATE_Y_MAX and ATC_SLEW_YAW [rad/s]."""
+        return min(self._rate_max(settings), math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0))
+
+    def starts(
+        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+    ) -> list[dict[str, float]]:
+        """Match coefficients: ``a3 = alpha/(I A)``, ``a2 = (beta + P)/(I A)``, ``a1 = 1/A + P/I``.
+
+        Where the quadratic in A has no real root its real part is taken. The second start drops the integral:
+        ``a2 = alpha/(A P)``, ``a1 = (beta + P)/(A P)``.
+        """
+        drag = model.equivalent_drag(self.usual_step / wanted.a1)
+        p = max(wanted.a2 / wanted.a3 * model.alpha - drag, 1e-3)
+        q = p * wanted.a3 / model.alpha
+        root = max(wanted.a1**2 - 4.0 * q, 0.0)
+        angle = (wanted.a1 - math.sqrt(root)) / (2.0 * q)
+        two = max(wanted.a1 / wanted.a2 * model.alpha - drag, 0.1 * wanted.a1 / wanted.a2 * model.alpha)
+        return [
+            {P: p, I: model.alpha / (wanted.a3 * angle), ANG: angle},
+            {P: two, I: 0.2 * two / wanted.a1, ANG: model.alpha / (wanted.a2 * two)},
+        ]
+
+    def simulate(
+        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        count = round(scenario.duration / dt) + 1
+        position, output = np.empty(count), np.empty(count)
+        shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
+        limits = np.array(
+            [
+                self._get(settings, "ATC_RAT_YAW_IMAX"),
+                self._rate_max(settings),
+                shape if shape > 0.0 else 1e6,
+                math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0),
+                max(self._get(settings, "ATC_INPUT_TC"), 0.01),
+                self._get(settings, "ATC_RATE_FF_ENAB"),
+                min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
+                *(self._get(settings, f"ATC_RAT_YAW_FLT{x}") for x in "TED"),
+            ]
+        )
+        gains = np.array([settings[n] for n in (P, I, D, ANG)])
+        gyro = gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt)
+        _kernel(gains, limits, gyro, plant_vector(model, scenario, dt, delay), position, output)
+        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+
+    def _parts(self, settings: Settings) -> tuple[Rational, Rational]:
+        """PID (turn rate to output), and the angle loop (heading to turn rate)."""
+        pid = constant(settings[P])
+        if settings[I] > 0.0:
+            pid = pid + integrator(settings[I])
+        if settings[D] > 0.0:
+            slope = Rational(np.array([settings[D], 0.0]), np.array([1.0]))
+            pid = pid + slope * first_order(self._get(settings, "ATC_RAT_YAW_FLTD"))
+        pid = pid * first_order(self._get(settings, "ATC_RAT_YAW_FLTE"))
+        return pid, first_order(self._get(settings, "ATC_RAT_YAW_FLTT")) * constant(settings[ANG])
+
+    def open_loop(
+        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
+    ) -> OpenLoop:
+        """Return the loop opened at the thrusters, the angle controller in its linear range."""
+        pid, angle = self._parts(settings)
+        gyro = second_order(self._get(settings, "INS_GYRO_FILTER"))
+        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
+        return OpenLoop(plant * pid * (angle * integrator() + gyro), model.delay + delay)
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured heading to output."""
+        pid, angle = self._parts(settings)
+        return pid * angle
+
+    def integral_rate(self, settings: Settings, speed: float | None) -> float:
+        """Return ``A I / (A P + I)``."""
+        proportional = settings[ANG] * settings[P] + settings[I]
+        return settings[ANG] * settings[I] / max(proportional, 1e-12)
+
+    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+        """Say what the gains do not cover."""
+        return ["the yaw model was identified without way on; ArduSub does not scale its yaw gains with speed"]

@@ -1,0 +1,225 @@
+"""Choosing gains so that the simulated loop steps like the model function, never outside the documented ranges.
+
+Algebra gives the start; bounded least squares on the simulated response does the rest: a step, a smaller one the
+other way, and a constant push halfway (so that integral action is worth something), with margins and noise held by
+residuals that are zero while there is room, and a light pull towards the start where the response does not care.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from gcs_autotune.design.laws import Law, Scenario, Settings
+from gcs_autotune.design.model_function import settling_time, wanted_step
+from gcs_autotune.design.open_loop import margins_of, worst
+from gcs_autotune.design.plant import Region
+from gcs_autotune.design.result import Margins, ModelFunction
+from gcs_autotune.design.spec import Spec
+from gcs_autotune.firmware import Gain
+from gcs_autotune.models import SingleDof
+
+__all__ = ["NOISE_LIMIT", "Problem", "linearisations", "match", "output_noise", "peak_demand", "round_gain"]
+
+Array = NDArray[np.float64]
+
+NOISE_LIMIT = 0.05
+"""Chosen: measurement noise may move the actuator by 5 % of full (rms)."""
+PUSH = 0.06
+"""Constant force that comes halfway, as a share of the largest output the wanted step needs."""
+PUSH_WEIGHT = 0.5
+INTEGRAL, TRIM_TIME = 0.05, 30.0
+"""Chosen: constant forces are worked off at least at this share of the model function's speed ``1/a1``, but not
+faster than in 30 s: where ``ATC_STR_ANG_P`` cannot go low enough every bit of integral action costs overshoot."""
+SAMPLES = 80
+RELUCTANCE = 0.02
+"""Weight of leaving the start, per full documented range; the response's residuals are rms fractions."""
+RESERVE = 1.05
+"""Margins are held this much above the wish, because least squares trades and the gains are rounded."""
+HARDEST = 2
+"""How many samples of the 95 % region, the hardest at the start, hold their margins during the descent."""
+MARGIN_WEIGHT = 0.5
+DIFFERENCE = 1e-3
+"""Finite difference, as a fraction of a gain's range."""
+WORST_RESIDUAL = 3.0
+DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Everything matching needs except the wish itself.
+
+    ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains.
+    """
+
+    law: Law
+    gains: Sequence[Gain]
+    region: Region
+    settings: Settings
+    spec: Spec
+    step: float
+    delay: float
+    present_overshoot: float = 0.0
+
+    @property
+    def model(self) -> SingleDof:
+        """The identified model."""
+        return self.region.model
+
+    def with_gains(self, x: Array) -> dict[str, float]:
+        """Return the settings with the tuned gains at *x* (n,), fractions of their ranges."""
+        tuned = {g.parameter: g.low + float(v) * (g.high - g.low) for g, v in zip(self.gains, x, strict=True)}
+        return {**self.settings, **self.law.fixed, **tuned}
+
+    def as_fractions(self, values: Mapping[str, float]) -> Array:
+        """Return gains as fractions of their ranges, moved inside them."""
+        x = [(values[g.parameter] - g.low) / (g.high - g.low) for g in self.gains]
+        known = np.nan_to_num(np.array(x, dtype=np.float64), nan=0.5, posinf=1.0, neginf=0.0)
+        inside: Array = np.clip(known, 0.0, 1.0)
+        return inside
+
+    def margins(self, settings: Settings, wanted: ModelFunction, model: SingleDof) -> list[Margins]:
+        """Return the margins of *model*, at rest and moving as *wanted* moves."""
+        law, speed = self.law, self.spec.speed
+        drags = linearisations(model, wanted, self.step)
+        return [margins_of(law.open_loop(model, d, settings, speed, self.delay)) for d in drags]
+
+
+def peak_demand(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, float]:
+    """Return (largest output [fraction], largest velocity) of following *wanted* exactly over *step*.
+
+    The plant's inverse along the model function's own step; nothing of the controller comes in.
+    """
+    ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
+    velocity, acceleration = step * ideal.velocity, step * ideal.acceleration
+    drag = (model.beta + model.beta_quadratic * np.abs(velocity)) * velocity
+    ahead = model.alpha * acceleration + drag
+    return float(np.max(np.abs(ahead)) + abs(model.delta)), float(np.max(np.abs(velocity)))
+
+
+def linearisations(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, ...]:
+    """Return the constant drags to judge stability with: at rest, and at half the wanted step's peak velocity."""
+    moving = model.equivalent_drag(0.5 * peak_demand(model, wanted, step)[1])
+    return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
+
+
+def output_noise(law: Law, settings: Settings, spec: Spec) -> float:
+    """Return the actuator's rms [fraction] that the measured position noise causes, white up to its bandwidth."""
+    if spec.noise_std == 0.0:
+        return 0.0
+    omega = np.linspace(0.02, 1.0, 50) * math.tau * spec.noise_bandwidth
+    size = np.abs(law.position_path(settings, spec.speed).at((1j * omega).astype(np.complex128)))
+    return float(spec.noise_std * np.sqrt(np.mean(size**2)))
+
+
+def match(problem: Problem, wanted: ModelFunction, start: Settings | None = None) -> dict[str, float]:
+    """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
+
+    The first algebraic start anchors the light pull; the descent begins at the best of the algebraic starts,
+    the present gains and *start* (gains found for a neighbouring wish).
+    """
+    residuals = _Residuals(problem, wanted)
+    algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.spec.speed)
+    anchors = [problem.as_fractions(g) for g in [*algebra, *([start] if start else []), problem.settings]]
+    costs = [float(np.sum(residuals(a, a) ** 2)) for a in anchors]
+    best = anchors[int(np.argmin(costs))]
+    residuals.watch(problem.with_gains(best))
+    found = least_squares(
+        residuals,
+        np.clip(best, 1e-6, 1.0 - 1e-6),
+        jac=residuals.jacobian,
+        bounds=(0.0, 1.0),
+        args=(best,),
+        max_nfev=25,
+        ftol=1e-4,
+        xtol=1e-4,
+    )
+    values = problem.with_gains(found.x)
+    return {g.parameter: round_gain(values[g.parameter], g) for g in problem.gains}
+
+
+def round_gain(value: float, gain: Gain) -> float:
+    """Return *value* with four significant digits (float32 keeps seven), inside the gain's range."""
+    if abs(value - gain.low) < 1e-4 * (gain.high - gain.low):
+        return gain.low
+    return min(max(float(f"{value:.{DIGITS}g}"), gain.low), gain.high)
+
+
+class _Residuals:
+    """The vector least squares works on, for one problem and one wish."""
+
+    def __init__(self, problem: Problem, wanted: ModelFunction) -> None:
+        self._problem = problem
+        self._wish = wanted
+        self._a1 = wanted.a1
+        self._watched = [problem.model]
+        span = 3.0 * settling_time(wanted.kind, wanted.omega_0)
+        step = problem.step
+        peak = min(peak_demand(problem.model, wanted, step)[0], 1.0)
+        self._scenarios = (Scenario(step, 2.0 * span, PUSH * peak, span), Scenario(-step / 3.0, span))
+        self._times = [np.linspace(0.0, s.duration, SAMPLES) for s in self._scenarios]
+        self._wanted = [wanted_step(wanted, t).position for t in self._times]
+        self._weights = [
+            np.where(t > s.push_at, PUSH_WEIGHT, 1.0) / math.sqrt(SAMPLES)
+            for t, s in zip(self._times, self._scenarios, strict=True)
+        ]
+
+    def watch(self, settings: Settings) -> None:
+        """Hold the margins of the samples that are hardest with *settings*, besides those of the model itself."""
+        problem = self._problem
+
+        def ease(sample: SingleDof) -> float:
+            low = worst(problem.margins(settings, self._wish, sample))
+            return min(low.phase / problem.spec.phase_margin, low.gain / problem.spec.gain_margin)
+
+        self._watched = [problem.model, *sorted(problem.region.samples, key=ease)[:HARDEST]]
+
+    def __call__(self, x: Array, anchor: Array) -> Array:
+        problem = self._problem
+        settings = problem.with_gains(x)
+        parts = [RELUCTANCE * (x - anchor), self._shortfalls(settings)]
+        for scenario, t, wanted, weight in zip(
+            self._scenarios, self._times, self._wanted, self._weights, strict=True
+        ):
+            motion = problem.law.simulate(problem.model, settings, scenario, problem.spec.speed, problem.delay)
+            share = np.interp(t, motion.t, motion.position) / scenario.step
+            error = np.nan_to_num(share - wanted, nan=WORST_RESIDUAL)
+            parts.append(weight * np.clip(error, -WORST_RESIDUAL, WORST_RESIDUAL))
+        return np.concatenate(parts)
+
+    def jacobian(self, x: Array, anchor: Array) -> Array:
+        """Forward differences, turned round at the upper bound."""
+        base = self(x, anchor)
+        columns = []
+        for i in range(len(x)):
+            h = DIFFERENCE if x[i] + DIFFERENCE <= 1.0 else -DIFFERENCE
+            moved = x.copy()
+            moved[i] += h
+            columns.append((self(moved, anchor) - base) / h)
+        return np.stack(columns, axis=1)
+
+    def _shortfalls(self, settings: Settings) -> Array:
+        problem, spec = self._problem, self._problem.spec
+        lacks = []
+        for model in self._watched:
+            m = worst(problem.margins(settings, self._wish, model))
+            lacks.append(max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin)))
+            lacks.append(max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin)))
+        lacks.append(self._integral_shortfall(settings))
+        noise = output_noise(problem.law, settings, spec) / NOISE_LIMIT
+        lacks.append(min(max(0.0, RESERVE * noise - 1.0), WORST_RESIDUAL))
+        return MARGIN_WEIGHT * np.array(lacks)
+
+    def _integral_shortfall(self, settings: Settings) -> float:
+        """How much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
+        law, speed = self._problem.law, self._problem.spec.speed
+        high = next(g.high for g in self._problem.gains if g.parameter == law.integral)
+        wanted = min(
+            INTEGRAL / self._a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed)
+        )
+        return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(wanted, 1e-12))

@@ -1,0 +1,116 @@
+"""The identified model as the control loop sees it: input in fractions of full output, and its 95 % region."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from gcs_autotune.errors import NoGainsMeetSpec, UsageError
+from gcs_autotune.models import SingleDof
+
+__all__ = ["Region", "in_fractions", "sample_region"]
+
+PROBABILITY = 0.95
+RANDOM_SAMPLES = 12
+SEED = 20261120
+LEAST_INERTIA = 0.2
+"""A sample's inertia is kept above this fraction of the identified one: it cannot be zero or negative."""
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """The identified model, its covariance (5, 5), and samples on the edge of its 95 % region."""
+
+    model: SingleDof
+    covariance: NDArray[np.float64]
+    samples: Sequence[SingleDof]
+
+
+def in_fractions(
+    model: SingleDof, covariance: NDArray[np.float64], full_scale: float | None
+) -> tuple[SingleDof, NDArray[np.float64]]:
+    """Return model and covariance with the input in fractions of full actuator output.
+
+    full_scale : model input [its unit] at full output; negative when full output acts the other way.
+
+    Raises
+    ------
+    UsageError
+        The model's input is not a fraction and *full_scale* is missing, or the covariance is unusable.
+    NoGainsMeetSpec
+        The craft answers its actuator the wrong way round, or does not answer.
+    """
+    if covariance.shape != (5, 5) or not np.all(np.isfinite(covariance)):
+        raise UsageError(
+            "the covariance must be a finite 5 x 5 matrix (alpha, beta, beta_quadratic, delta, delay)"
+        )
+    if full_scale is None and model.input_unit != "1":
+        raise UsageError(
+            f"the model's input is in {model.input_unit}; give the full scale ({model.input_unit} at full output)"
+        )
+    scale = 1.0 if full_scale is None else full_scale
+    if scale == 0.0 or not math.isfinite(scale):
+        raise UsageError(f"the full scale must be a number other than zero, not {scale}")
+    shrink = np.array([1.0 / scale] * 4 + [1.0])
+    numbers = np.array(_numbers(model)) * shrink
+    _check(model, numbers)
+    fraction = replace(_rebuild(model, numbers), input_unit="1")
+    return fraction, covariance * np.outer(shrink, shrink)
+
+
+def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
+    """Return samples on the 95 % ellipsoid of the fitted parameters: its axes, and fixed-seed directions.
+
+    Samples outside physics are moved to its edge (positive inertia, drag that damps, no negative delay).
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    used = values > 1e-9 * max(float(values[-1]), 1e-300)
+    if not np.any(used):
+        return Region(model, covariance, ())
+    axes = vectors[:, used] * np.sqrt(values[used])
+    k = axes.shape[1]
+    random = np.random.default_rng(SEED).standard_normal((RANDOM_SAMPLES, k))
+    random /= np.linalg.norm(random, axis=1, keepdims=True)
+    directions = np.vstack([np.eye(k), -np.eye(k), random])
+    radius = math.sqrt(float(chi2.ppf(PROBABILITY, k)))
+    points = np.array(_numbers(model)) + radius * directions @ axes.T
+    return Region(model, covariance, tuple(_rebuild(model, _physical(model, p)) for p in points))
+
+
+def _numbers(model: SingleDof) -> tuple[float, float, float, float, float]:
+    return (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
+
+
+def _rebuild(model: SingleDof, numbers: NDArray[np.float64]) -> SingleDof:
+    alpha, beta, beta_quadratic, delta, delay = (float(n) for n in numbers)
+    return replace(model, alpha=alpha, beta=beta, beta_quadratic=beta_quadratic, delta=delta, delay=delay)
+
+
+def _physical(model: SingleDof, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    least = np.array(
+        [LEAST_INERTIA * model.alpha, min(model.beta, 0.0), min(model.beta_quadratic, 0.0), -math.inf, 0.0]
+    )
+    moved: NDArray[np.float64] = np.maximum(numbers, least)
+    return moved
+
+
+def _check(model: SingleDof, numbers: NDArray[np.float64]) -> None:
+    if not np.all(np.isfinite(numbers)):
+        raise NoGainsMeetSpec(f"the {model.dof} model holds numbers that are not finite; identify again")
+    if numbers[0] <= 0.0:
+        raise NoGainsMeetSpec(
+            f"the {model.dof} model says the craft turns or moves against its output (inertia {numbers[0]:.3g}); "
+            "check the actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
+        )
+    if numbers[4] < 0.0:
+        raise NoGainsMeetSpec(f"the {model.dof} model has a negative delay ({numbers[4]:.3g} s); identify again")
+    if abs(numbers[3]) >= 0.9:
+        raise NoGainsMeetSpec(
+            f"{abs(numbers[3]):.0%} of the {model.dof} actuator is used up by a constant force (trim, wind, "
+            "weight); trim the craft first"
+        )

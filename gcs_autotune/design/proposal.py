@@ -1,0 +1,175 @@
+"""From a model to a proposal: the one way into this room for whoever wants gains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.ipd import stability_bound, uncertainty_of
+from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.matching import Problem, peak_demand
+from gcs_autotune.design.model_function import model_function, settling_time
+from gcs_autotune.design.plant import Region, in_fractions, sample_region
+from gcs_autotune.design.prediction import predict
+from gcs_autotune.design.result import Change, Proposal
+from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
+from gcs_autotune.design.spec import Spec
+from gcs_autotune.design.verdict import is_better
+from gcs_autotune.errors import ParameterMissing, UsageError
+from gcs_autotune.firmware import Axis, Gain
+from gcs_autotune.models import SingleDof
+from gcs_autotune.registry import lookup
+
+__all__ = ["design"]
+
+LOOP_PERIODS = 1.5
+"""Delay of a digital loop: one period to compute, half a period because the output is held."""
+LEAST_SPAN = 5.0
+"""Predicted steps are at least this long [s]."""
+SAME = 1e-3
+"""Gains closer than this (relative) count as unchanged."""
+POOR_MATCH = 0.08
+"""Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
+
+
+def design(
+    fit_model: SingleDof,
+    covariance: NDArray[np.float64],
+    axis: Axis,
+    present: Mapping[str, float],
+    spec: Spec | None = None,
+) -> Proposal:
+    """Return new gains for *axis*, with what they promise and what the present ones do.
+
+    covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
+    present : the vehicle's parameters; every gain of the axis, and as much of ``axis.context`` as is known (the
+    firmware's defaults stand in for the rest). Nothing is changed.
+
+    Raises
+    ------
+    NoGainsMeetSpec
+        No gains inside the documented ranges are acceptable, or the model rules out any.
+    ParameterMissing
+        A gain of the axis is not in *present*.
+    UsageError
+        The model's degree of freedom is not the axis', or full scale or speed is needed and missing.
+    UnknownName
+        The axis names a law we do not have.
+    """
+    spec = spec or Spec()
+    law = lookup(LAWS, axis.law, "control law")
+    _check(fit_model, axis, present, spec)
+    model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
+    problem = _problem(law, axis, sample_region(model, covariance), present, spec)
+    chosen = choose(problem)
+    span = _span(chosen)
+    after = judge(problem, chosen.wanted, chosen.settings, span)
+    before = judge(problem, chosen.wanted, dict(present), span)
+    verdict = is_better(before.prediction.metrics, after.prediction.metrics)
+    keep = spec.is_automatic and not verdict.better and is_tolerable(before)
+    changes = () if keep else _changes(law, axis, before, after)
+    shown = after if changes else before
+    velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
+    return Proposal(
+        axis=axis.name,
+        law=law.name,
+        changes=changes,
+        wanted=chosen.wanted,
+        margins=shown.margins,
+        worst_margins=shown.worst_margins,
+        bound=stability_bound(model, chosen.wanted, uncertainty_of(model, covariance), velocity),
+        before=before.prediction,
+        after=shown.prediction,
+        notes=tuple(_notes(problem, axis, before, shown, bool(changes))),
+    )
+
+
+def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spec) -> None:
+    if model.dof != axis.dof:
+        raise UsageError(f"the {axis.name} axis needs a model of {axis.dof}, not of {model.dof}")
+    for gain in axis.gains:
+        if not math.isfinite(present.get(gain.parameter, math.nan)):
+            raise ParameterMissing(
+                f"the present value of {gain.parameter} is not known, so it cannot be put back; "
+                "read the vehicle's parameters first",
+                name=gain.parameter,
+            )
+    if axis.needs_speed and spec.speed is None:
+        raise UsageError(f"the {axis.name} axis steers with a rudder: give the speed at which it was identified")
+
+
+def _problem(law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec) -> Problem:
+    by_name = {g.parameter: g for g in axis.gains}
+    delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
+    step = spec.step if spec.step is not None else law.usual_step
+    problem = Problem(law, [by_name[n] for n in law.tuned], region, dict(present), spec, step, delay)
+    return replace(problem, present_overshoot=_present_overshoot(problem))
+
+
+def _span(chosen: Candidate) -> float:
+    """Return how long to show the steps [s]: three times what the new one needs to settle."""
+    metrics = chosen.prediction.metrics
+    wish = settling_time(chosen.wanted.kind, chosen.wanted.omega_0)
+    settled = metrics.settling if math.isfinite(metrics.settling) else float(chosen.prediction.t[-1])
+    return max(3.0 * settled, 3.0 * wish, LEAST_SPAN)
+
+
+def _present_overshoot(problem: Problem) -> float:
+    """Fly the present gains for as long as the craft's slowest motion takes to show."""
+    model, step = problem.model, problem.step
+    span = LEAST_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
+    return predict(problem, model, model_function("bessel", 1.0), problem.settings, span).metrics.overshoot
+
+
+def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate) -> tuple[Change, ...]:
+    found = []
+    for gain in axis.gains:
+        old, new = float(before.settings[gain.parameter]), float(after.settings[gain.parameter])
+        if not math.isclose(old, new, rel_tol=SAME, abs_tol=1e-6):
+            reason = _reason(law, gain, after)
+            found.append(Change(gain.parameter, old, new, gain.low, gain.high, reason))
+    return tuple(found)
+
+
+def _reason(law: Law, gain: Gain, after: Candidate) -> str:
+    if gain.parameter in law.fixed:
+        return f"{gain.meaning}: the identified model has no lag that would need it"
+    wanted, new = after.wanted, after.settings[gain.parameter]
+    settled = settling_time(wanted.kind, wanted.omega_0)
+    reason = f"{gain.meaning}: matched to a {wanted.kind} step settling in {settled:.1f} s"
+    if new in (gain.low, gain.high):
+        reason += f", stopped at the documented {'least' if new == gain.low else 'most'} of {new:g}"
+    return reason
+
+
+def _notes(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
+    yield from problem.law.notes(problem.settings, problem.spec.speed)
+    for gain in axis.gains:
+        old = problem.settings[gain.parameter]
+        if not gain.low <= old <= gain.high:
+            yield f"{gain.parameter} = {old:g} on the craft is outside its range {gain.low:g}..{gain.high:g}"
+    if not changed:
+        yield "the present gains are already as good as any this design can offer: nothing to change"
+    elif not before.worst_margins.stable:
+        yield "with the present gains the loop is, or may be, unstable on the identified craft"
+    for objection in shown.objections:
+        yield f"less than wished for, but the best the documented ranges allow: {objection}"
+    use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
+    if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
+        yield (
+            f"the wanted step needs {use:.0%} of the actuator: the craft cannot follow it exactly and "
+            "will be slower than asked for"
+        )
+    elif _lags(shown):
+        yield "the documented ranges keep the step from following the wanted one more closely"
+    if not problem.region.samples:
+        yield "the model came without uncertainty, so the worst margins are those of the model itself"
+
+
+def _lags(shown: Candidate) -> bool:
+    error = shown.prediction.position - shown.prediction.wanted
+    return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))

@@ -1,0 +1,181 @@
+"""How fast may the loop be? Trying wishes from the fastest downwards, and judging what each one gives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from gcs_autotune.design.laws import Settings
+from gcs_autotune.design.matching import (
+    NOISE_LIMIT,
+    Problem,
+    match,
+    output_noise,
+    peak_demand,
+)
+from gcs_autotune.design.model_function import model_function, omega_for_settling, settling_time
+from gcs_autotune.design.open_loop import worst
+from gcs_autotune.design.prediction import predict
+from gcs_autotune.design.result import Margins, ModelFunction, Prediction
+from gcs_autotune.errors import NoGainsMeetSpec
+
+__all__ = ["Candidate", "choose", "is_tolerable", "judge", "objections"]
+
+OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
+"""Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);
+as much as with the present gains, up to the second, when those overshoot more."""
+LEAST_GAIN_MARGIN, LEAST_PHASE_MARGIN, LEAST_OVERSHOOT = 2.0, math.radians(30.0), 0.4
+"""Chosen: what is offered, with a note, when the ranges rule out the wish and the user gave none."""
+SLOWER = 0.8
+"""Each further try is this much slower."""
+TRIES = 12
+SPANS = 8.0
+"""Candidates are compared over this many settling times of the fastest wish."""
+PATIENCE = 2
+"""Slower wishes still looked at once one is acceptable: a wish the ranges cannot follow may not be the best."""
+NOTICEABLE = 0.9
+"""A slower wish must lower the predicted ITAE to this share to be preferred."""
+FASTEST, SLOWEST = 20.0, 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One wish, the gains it led to, what they promise, and what speaks against them."""
+
+    wanted: ModelFunction
+    settings: Settings
+    margins: Margins
+    worst_margins: Margins
+    prediction: Prediction
+    objections: tuple[str, ...]
+
+
+def choose(problem: Problem) -> Candidate:
+    """Return the best acceptable candidate: the given wish, or the fastest that gains nothing by slowing down.
+
+    Raises
+    ------
+    NoGainsMeetSpec
+        Nothing passes; the message says by how much the last one failed and what to try.
+    """
+    tried: list[Candidate] = []
+    best: Candidate | None = None
+    patience = PATIENCE
+    for wanted in _wishes(problem):
+        span = SPANS * settling_time(wanted.kind, (tried[0].wanted if tried else wanted).omega_0)
+        gains = match(problem, wanted, tried[-1].settings if tried else None)
+        settings = {**problem.settings, **problem.law.fixed, **gains}
+        tried.append(judge(problem, wanted, settings, span))
+        if not tried[-1].objections and (best is None or _score(tried[-1]) < NOTICEABLE * _score(best)):
+            best = tried[-1]
+        elif best is not None:
+            patience -= 1
+        if patience == 0:
+            break
+    if best is None and problem.spec.is_automatic:
+        best = _tolerable(tried)
+    if best is None:
+        raise _refusal(problem, tried[-1])
+    return best
+
+
+def _tolerable(tried: Sequence[Candidate]) -> Candidate | None:
+    """Return the fastest wish among those not noticeably worse than the best that are still safe to fly."""
+    safe = [c for c in tried if is_tolerable(c)]
+    least = min((_score(c) for c in safe), default=0.0)
+    return next((c for c in safe if _score(c) * NOTICEABLE <= least), None)
+
+
+def _score(candidate: Candidate) -> float:
+    return candidate.prediction.metrics.itae
+
+
+def is_tolerable(candidate: Candidate) -> bool:
+    """Whether gains that miss the wish are still safe to fly: stable over the region, with the least margins."""
+    low = candidate.worst_margins
+    return (
+        low.stable
+        and low.gain >= LEAST_GAIN_MARGIN
+        and low.phase >= LEAST_PHASE_MARGIN
+        and candidate.prediction.metrics.overshoot <= LEAST_OVERSHOOT
+    )
+
+
+def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration: float) -> Candidate:
+    """Return what *settings* promise, over a step recorded for *duration* [s]."""
+    margins = worst(problem.margins(settings, wanted, problem.model))
+    low = worst([margins, *(worst(problem.margins(settings, wanted, s)) for s in problem.region.samples)])
+    prediction = predict(problem, problem.model, wanted, settings, duration)
+    return Candidate(
+        wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction))
+    )
+
+
+def objections(problem: Problem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
+    """Yield what is wrong with gains whose worst margins and predicted step are given."""
+    spec = problem.spec
+    if not low.stable:
+        yield "the loop is unstable for some craft within the 95 % region of the identification"
+    else:
+        if low.gain < spec.gain_margin:
+            yield f"gain margin {low.gain:.2f}, less than {spec.gain_margin:.2f}"
+        if low.phase < spec.phase_margin:
+            has, wants = math.degrees(low.phase), math.degrees(spec.phase_margin)
+            yield f"phase margin {has:.0f} deg, less than {wants:.0f} deg"
+        needed = 2.0 * problem.law.loop_period(settings) + problem.model.delay
+        if low.delay < needed:
+            yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
+    metrics = prediction.metrics
+    most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT))
+    if metrics.overshoot > most:
+        yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
+    noise = output_noise(problem.law, settings, spec)
+    if noise > NOISE_LIMIT:
+        yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
+
+
+def _wishes(problem: Problem) -> Iterator[ModelFunction]:
+    spec = problem.spec
+    if spec.omega_0 is not None:
+        yield model_function(spec.kind, spec.omega_0)
+        return
+    if spec.settling_time is not None:
+        yield model_function(spec.kind, omega_for_settling(spec.kind, spec.settling_time))
+        return
+    omega = _fastest(problem)
+    for _ in range(TRIES):
+        yield model_function(spec.kind, omega)
+        omega *= SLOWER
+
+
+def _fastest(problem: Problem) -> float:
+    """Return the fastest flyable wish [rad/s]: actuator, velocity limit and total delay leave room for it."""
+    spec, model = problem.spec, problem.model
+    limit = problem.law.velocity_limit(problem.settings, spec.speed)
+    low, high = math.log(SLOWEST), math.log(min(FASTEST, 1.0 / max(model.delay + problem.delay, 1.0 / FASTEST)))
+
+    def is_flyable(log_omega: float) -> bool:
+        use, velocity = peak_demand(model, model_function(spec.kind, math.exp(log_omega)), problem.step)
+        return use <= spec.actuator_use and velocity <= limit
+
+    if not is_flyable(low):
+        raise NoGainsMeetSpec(
+            f"the constant force on the craft ({abs(model.delta):.0%} of full output) leaves too little of the "
+            f"actuator for any step (limit {spec.actuator_use:.0%}); trim the craft or allow more actuator use"
+        )
+    if is_flyable(high):
+        return math.exp(high)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_flyable(middle) else (low, middle)
+    return math.exp(low)
+
+
+def _refusal(problem: Problem, last: Candidate) -> NoGainsMeetSpec:
+    settled = settling_time(last.wanted.kind, last.wanted.omega_0)
+    return NoGainsMeetSpec(
+        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop; the last try, "
+        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a smaller "
+        "step, or a longer experiment (less uncertainty)"
+    )

@@ -1,0 +1,64 @@
+"""What the user wants from a loop, and what the design must know besides the model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_autotune.design.model_function import MODEL_FUNCTIONS
+from gcs_autotune.errors import UsageError
+from gcs_autotune.registry import lookup
+
+__all__ = ["Spec"]
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """The wish. Everything but ``step`` may be left to the design.
+
+    Attributes
+    ----------
+    step : the step the loop is wanted for [rad or m]; 30 deg and 1 m when None.
+    kind : family in ``MODEL_FUNCTIONS``.
+    omega_0 : characteristic frequency [rad/s]; None lets the design find the fastest acceptable.
+    settling_time : to 5 % [s], instead of ``omega_0``.
+    speed : speed over ground [m/s] at which the model was identified; axes with ``needs_speed`` need it.
+    full_scale : model input at full actuator output; None for models identified in fractions (unit ``1``).
+    noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
+    noise_bandwidth : half the rate at which that noise was measured [Hz].
+    loop_delay : extra delay [s] of autopilot and actuator, beyond the identified one; None = 1.5 loop periods.
+    gain_margin, phase_margin : least acceptable over the 95 % region, ratio and [rad].
+    actuator_use : fraction of full output that the wanted step may need.
+    """
+
+    step: float | None = None
+    kind: str = "bessel"
+    omega_0: float | None = None
+    settling_time: float | None = None
+    speed: float | None = None
+    full_scale: float | None = None
+    noise_std: float = 0.0
+    noise_bandwidth: float = 5.0
+    loop_delay: float | None = None
+    gain_margin: float = 2.5
+    phase_margin: float = math.radians(45.0)
+    actuator_use: float = 0.8
+
+    def __post_init__(self) -> None:
+        lookup(MODEL_FUNCTIONS, self.kind, "model function")
+        if self.omega_0 is not None and self.settling_time is not None:
+            raise UsageError("give either a characteristic frequency or a settling time, not both")
+        positive = ("step", "omega_0", "settling_time", "speed", "gain_margin", "phase_margin", "actuator_use")
+        for name in positive:
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise UsageError(f"{name.replace('_', ' ')} must be a positive number, not {value}")
+        for name in ("noise_std", "loop_delay"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
+                raise UsageError(f"{name.replace('_', ' ')} must be zero or more, not {value}")
+
+    @property
+    def is_automatic(self) -> bool:
+        """Whether the design chooses the speed of the model function."""
+        return self.omega_0 is None and self.settling_time is None

@@ -1,0 +1,111 @@
+"""How well a step was followed, simulated or measured, by the same ruler."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.model_function import SETTLED
+from gcs_autotune.design.result import StepMetrics
+from gcs_autotune.errors import NotInformative
+
+__all__ = ["step_metrics"]
+
+Array = NDArray[np.float64]
+LEAST_SAMPLES = 8
+LAST_PART = 1.0 / 3.0
+"""Share of the record that tells about the steady state."""
+
+
+def step_metrics(
+    t: Array, target: Array, position: Array, output: Array, *, noise_std: float = 0.0
+) -> StepMetrics:
+    """Measure one step.
+
+    t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
+    [fraction of full], held until the next sample. Samples before the target moves are the state at rest; a
+    target that never moves is a step from the first position. ``noise_std`` [rad or m]: errors within two of it
+    count as none, and the settling band is never narrower than that. Single outliers are removed by a running
+    median of three. Compare only steps recorded over equally long windows: ITAE grows with the window.
+
+    Raises
+    ------
+    NotInformative
+        Fewer than eight samples after the step, samples that are not finite, time that runs backwards, or no step.
+    """
+    t, target, position, output = _checked(t, target, position, output)
+    begin, start = _find_step(target, position)
+    size = float(target[-1] - start)
+    if abs(size) <= 4.0 * noise_std or size == 0.0:
+        raise NotInformative(
+            f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step"
+        )
+    if len(t) - begin < LEAST_SAMPLES:
+        raise NotInformative(
+            f"only {len(t) - begin} samples after the step; record longer or ask for higher rates"
+        )
+    smooth = _median_of_three(position)[begin:]
+    seconds = t[begin:] - t[begin]
+    share = (smooth - start) / size
+    floor = 2.0 * noise_std / abs(size)
+    error = np.sign(1.0 - share) * np.maximum(np.abs(1.0 - share) - floor, 0.0)
+    last = seconds >= seconds[-1] * (1.0 - LAST_PART)
+    swing = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
+    return StepMetrics(
+        itae=float(np.trapezoid(seconds * np.abs(error), seconds)),
+        overshoot=max(0.0, float(share.max()) - 1.0 - floor),
+        rise=_crossing(seconds, share, 0.9) - _crossing(seconds, share, 0.1),
+        settling=_settling(seconds, share, max(SETTLED, floor)),
+        steady_error=abs(float(np.mean(1.0 - share[last]))),
+        travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
+        oscillation=swing,
+    )
+
+
+def _checked(*signals: Array) -> list[Array]:
+    arrays = [np.asarray(s, dtype=np.float64) for s in signals]
+    if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
+        raise NotInformative("time, target, position and output of a step must be equally long")
+    if not all(np.all(np.isfinite(a)) for a in arrays):
+        raise NotInformative("the step holds samples that are not finite; drop them first")
+    if len(arrays[0]) < LEAST_SAMPLES:
+        raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured; record longer")
+    if np.any(np.diff(arrays[0]) < 0.0) or arrays[0][-1] <= arrays[0][0]:
+        raise NotInformative("the step's time does not run forwards")
+    return arrays
+
+
+def _find_step(target: Array, position: Array) -> tuple[int, float]:
+    """Return the index at which the target first moves, and where the step starts from."""
+    moved = np.flatnonzero(target != target[0])
+    if len(moved):
+        return int(moved[0]), float(target[0])
+    return 0, float(np.median(position[:3]))
+
+
+def _median_of_three(values: Array) -> Array:
+    middle = np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0)
+    return np.concatenate([values[:1], middle, values[-1:]])
+
+
+def _crossing(t: Array, share: Array, level: float) -> float:
+    """Return when *share* first reaches *level*, between samples by a straight line; NaN when never."""
+    reached = np.flatnonzero(share >= level)
+    if not len(reached):
+        return math.nan
+    i = int(reached[0])
+    if i == 0:
+        return float(t[0])
+    part = (level - share[i - 1]) / (share[i] - share[i - 1])
+    return float(t[i - 1] + part * (t[i] - t[i - 1]))
+
+
+def _settling(t: Array, share: Array, band: float) -> float:
+    """Return when *share* enters *band* around 1 for good; NaN when it has not by the last tenth."""
+    outside = np.flatnonzero(np.abs(share - 1.0) > band)
+    if not len(outside):
+        return 0.0
+    i = int(outside[-1]) + 1
+    return float(t[i]) if i < len(t) and t[i] <= 0.9 * t[-1] else math.nan
