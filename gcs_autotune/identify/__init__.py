@@ -47,6 +47,7 @@ __all__ = [
     "LimitCycleMonitor",
     "MonitorState",
     "ResidualStatistics",
+    "Structure",
     "cramer_rao",
     "decide",
     "find_cycles",

@@ -20,7 +20,7 @@ from gcs_autotune.link.journal import Journal, JournalState
 from gcs_autotune.link.loan import ParameterLoan
 from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
 from gcs_autotune.link.memory import MemoryLink, Peer
-from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.parameters import Parameters, same_float32
 from gcs_autotune.link.params_file import load_params, save_params
 from gcs_autotune.link.rates import Granted, Rates
 from gcs_autotune.link.session import Session
@@ -55,5 +55,6 @@ __all__ = [
     "open_craft",
     "open_link",
     "read_tlog",
+    "same_float32",
     "save_params",
 ]

@@ -42,12 +42,14 @@ class Rates:
     Attributes
     ----------
     granted : message name -> what came of the request.
+    measured : message name -> Hz, from the last :meth:`measure`.
     """
 
     def __init__(self, session: Session, commands: Commands) -> None:
         self._session = session
         self._commands = commands
         self.granted: dict[str, Granted] = {}
+        self.measured: dict[str, float] = {}
 
     def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
         """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether."""
@@ -119,7 +121,7 @@ class Rates:
             raise TelemetryFault(
                 "no ATTITUDE arrives although heartbeats do: is another ground station changing the stream rates?"
             )
-        rates = {name: counts[name] / span for name in required}
+        rates = self.measured = {name: counts[name] / span for name in required}
         slow = [f"{n} {rates[n]:.1f} Hz of {hz:g}" for n, hz in required.items() if rates[n] < tolerance * hz]
         if slow:
             raise TelemetryFault(

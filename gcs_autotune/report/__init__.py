@@ -8,8 +8,17 @@ sentences; ``html`` and ``terminal`` put those on a page or a screen; ``live`` s
 from __future__ import annotations
 
 from gcs_autotune.report.live import TerminalWatcher
-from gcs_autotune.report.run_directory import write_story
+from gcs_autotune.report.run_directory import summarise, write_story
 from gcs_autotune.report.story import TuneStory
+from gcs_autotune.report.terminal import fit_summary, show_tune
 from gcs_autotune.watch import SilentWatcher
 
-__all__ = ["SilentWatcher", "TerminalWatcher", "TuneStory", "write_story"]
+__all__ = [
+    "SilentWatcher",
+    "TerminalWatcher",
+    "TuneStory",
+    "fit_summary",
+    "show_tune",
+    "summarise",
+    "write_story",
+]
