@@ -22,7 +22,12 @@ SIMULATED = 600.0
 def real_time_factor(vehicle: str) -> float:
     """Fly *vehicle* in manual mode at 10 Hz control for ten simulated minutes; return simulated over wall time."""
     with open_link(f"sitl:{vehicle}") as link, Session(link) as session:
-        rates = {"ATTITUDE": CONTROL_RATE, "SERVO_OUTPUT_RAW": SERVO_RATE, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
+        rates = {
+            "ATTITUDE": CONTROL_RATE,
+            "SERVO_OUTPUT_RAW": SERVO_RATE,
+            "GLOBAL_POSITION_INT": 10.0,
+            "VFR_HUD": 5.0,
+        }
         craft = open_craft(session, wanted_rates=rates)
         craft.set_mode(craft.firmware.manual_mode)
         craft.arm()
@@ -46,7 +51,9 @@ def tune_seconds(axis: str, directory: Path) -> float:
 def main() -> None:
     """Print the table."""
     for vehicle in ("charlie", "videoray"):
-        print(f"{vehicle:10s} lock-step, {CONTROL_RATE:g} Hz control: {real_time_factor(vehicle):7.0f} x real time (goal 100)")
+        print(
+            f"{vehicle:10s} lock-step, {CONTROL_RATE:g} Hz control: {real_time_factor(vehicle):7.0f} x real time (goal 100)"
+        )
     with tempfile.TemporaryDirectory() as folder:
         for axis in ("heading", "depth"):
             times = [tune_seconds(axis, Path(folder) / f"{axis}-{i}") for i in range(3)]

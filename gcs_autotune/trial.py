@@ -125,7 +125,7 @@ class Trial:
 
 def save_trial(trial: Trial, path: Path) -> None:
     """Write ``path`` (CSV, ``name[unit]`` heads) and beside it ``path`` with suffix ``.json`` (marks, meta)."""
-    channels = list(trial.channels.values())
+    channels = [replace(c, t=np.round(c.t, 6)) for c in trial.channels.values()]
     stamps = np.unique(np.concatenate([c.t for c in channels])) if channels else np.empty(0)
     columns = [_column(c, stamps) for c in channels]
     with path.open("w", newline="", encoding="utf-8") as stream:
@@ -234,8 +234,6 @@ def _with_side_file(trial: Trial, path: Path) -> Trial:
         side = json.loads(path.read_text(encoding="utf-8"))
         marks = tuple(Mark(float(m["t"]), str(m["kind"]), dict(m["detail"])) for m in side["marks"])
         meta = {**trial.meta, **side["meta"]}
-        return replace(
-            trial, name=side["name"], ending=side["ending"], reason=side["reason"], meta=meta, marks=marks
-        )
+        return replace(trial, name=side["name"], ending=side["ending"], reason=side["reason"], meta=meta, marks=marks)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadFile(f"{path} beside the run cannot be read: {error}") from error

@@ -97,9 +97,7 @@ def _run(args: argparse.Namespace) -> None:
         return
     link = open_link(args.listen)
     try:
-        print(
-            f"{server.vehicle.data.title}: {args.listen}, speed-up {args.speedup:g}", file=sys.stderr, flush=True
-        )
+        print(f"{server.vehicle.data.title}: {args.listen}, speed-up {args.speedup:g}", file=sys.stderr, flush=True)
         serve_free_running(server, link, Pacer(args.speedup))
     finally:
         link.close()

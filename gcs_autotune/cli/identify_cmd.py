@@ -19,7 +19,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "runs", nargs="+", type=Path, metavar="RUN", help="a run directory, or CSV files with name[unit] heads"
     )
     parser.add_argument("--dof", choices=sorted(DOFS), help="degree of freedom (default: from the columns)")
-    parser.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
+    parser.add_argument(
+        "--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)"
+    )
     parser.add_argument("--method", default="output-error", help="output-error (default) or iso")
     parser.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")

@@ -38,7 +38,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     design.add_argument("--model", default="bessel", help="model function: bessel or butterworth (default bessel)")
     design.add_argument("--settling-time", type=float, metavar="S", help="wanted settling time")
     design.add_argument("--omega-0", type=float, metavar="RAD_S", help="wanted characteristic frequency")
-    design.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
+    design.add_argument(
+        "--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)"
+    )
     design.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
     add_envelope(parser)
 

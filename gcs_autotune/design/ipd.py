@@ -65,9 +65,7 @@ def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncerta
     return Uncertainty(_relative(model.alpha, float(std[0])), _relative(drag, float(drag_std)))
 
 
-def stability_bound(
-    model: SingleDof, wanted: ModelFunction, p: Uncertainty, velocity: float
-) -> tuple[float, float]:
+def stability_bound(model: SingleDof, wanted: ModelFunction, p: Uncertainty, velocity: float) -> tuple[float, float]:
     """Return (left, right) of the stability condition; stable for every error within *p* when left < right.
 
     Constant drag: ``beta/alpha`` against (8.22). Drag growing with velocity: the largest |*velocity*|

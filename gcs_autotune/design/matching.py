@@ -183,9 +183,7 @@ class _Residuals:
         problem = self._problem
         settings = problem.with_gains(x)
         parts = [RELUCTANCE * (x - anchor), self._shortfalls(settings)]
-        for scenario, t, wanted, weight in zip(
-            self._scenarios, self._times, self._wanted, self._weights, strict=True
-        ):
+        for scenario, t, wanted, weight in zip(self._scenarios, self._times, self._wanted, self._weights, strict=True):
             motion = problem.law.simulate(problem.model, settings, scenario, problem.spec.speed, problem.delay)
             share = np.interp(t, motion.t, motion.position) / scenario.step
             error = np.nan_to_num(share - wanted, nan=WORST_RESIDUAL)
@@ -219,7 +217,5 @@ class _Residuals:
         """How much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
         law, speed = self._problem.law, self._problem.spec.speed
         high = next(g.high for g in self._problem.gains if g.parameter == law.integral)
-        wanted = min(
-            INTEGRAL / self._a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed)
-        )
+        wanted = min(INTEGRAL / self._a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed))
         return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(wanted, 1e-12))

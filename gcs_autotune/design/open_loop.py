@@ -104,9 +104,7 @@ def integrator(gain: float = 1.0) -> Rational:
 
 def first_order(cutoff: float) -> Rational:
     """Return a low-pass of *cutoff* [Hz]; zero means none, as in ArduPilot's filter parameters."""
-    return (
-        constant(1.0) if cutoff <= 0.0 else Rational(np.array([1.0]), np.array([1.0 / (math.tau * cutoff), 1.0]))
-    )
+    return constant(1.0) if cutoff <= 0.0 else Rational(np.array([1.0]), np.array([1.0 / (math.tau * cutoff), 1.0]))
 
 
 def second_order(cutoff: float) -> Rational:

@@ -46,9 +46,7 @@ def in_fractions(
         The craft answers its actuator the wrong way round, or does not answer.
     """
     if covariance.shape != (5, 5) or not np.all(np.isfinite(covariance)):
-        raise UsageError(
-            "the covariance must be a finite 5 x 5 matrix (alpha, beta, beta_quadratic, delta, delay)"
-        )
+        raise UsageError("the covariance must be a finite 5 x 5 matrix (alpha, beta, beta_quadratic, delta, delay)")
     if full_scale is None and model.input_unit != "1":
         raise UsageError(
             f"the model's input is in {model.input_unit}; give the full scale ({model.input_unit} at full output)"

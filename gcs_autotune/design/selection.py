@@ -107,9 +107,7 @@ def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration:
     margins = worst(problem.margins(settings, wanted, problem.model))
     low = worst([margins, *(worst(problem.margins(settings, wanted, s)) for s in problem.region.samples)])
     prediction = predict(problem, problem.model, wanted, settings, duration)
-    return Candidate(
-        wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction))
-    )
+    return Candidate(wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction)))
 
 
 def objections(problem: Problem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:

@@ -19,9 +19,7 @@ LAST_PART = 1.0 / 3.0
 """Share of the record that tells about the steady state."""
 
 
-def step_metrics(
-    t: Array, target: Array, position: Array, output: Array, *, noise_std: float = 0.0
-) -> StepMetrics:
+def step_metrics(t: Array, target: Array, position: Array, output: Array, *, noise_std: float = 0.0) -> StepMetrics:
     """Measure one step.
 
     t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
@@ -39,13 +37,9 @@ def step_metrics(
     begin, start = _find_step(target, position)
     size = float(target[-1] - start)
     if abs(size) <= 4.0 * noise_std or size == 0.0:
-        raise NotInformative(
-            f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step"
-        )
+        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
     if len(t) - begin < LEAST_SAMPLES:
-        raise NotInformative(
-            f"only {len(t) - begin} samples after the step; record longer or ask for higher rates"
-        )
+        raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
     smooth = _median_of_three(position)[begin:]
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size

@@ -21,6 +21,4 @@ FIRMWARE: Mapping[str, Firmware] = {
 
 def firmware_for(autopilot: int, vehicle_type: int) -> Firmware | None:
     """Return the firmware for a HEARTBEAT's ``autopilot`` and ``type``, or None when we know none."""
-    return next(
-        (f for f in FIRMWARE.values() if autopilot == f.autopilot and vehicle_type in f.vehicle_types), None
-    )
+    return next((f for f in FIRMWARE.values() if autopilot == f.autopilot and vehicle_type in f.vehicle_types), None)

@@ -92,9 +92,7 @@ def _drag_status(structure: Structure) -> list[Status]:
     return ["fitted" if on else "absent" for on in FREE[structure][1:3]]
 
 
-def _model(
-    case: Case, structure: Structure, usable: Sequence[IsoEstimate], delay: float
-) -> tuple[SingleDof, Array]:
+def _model(case: Case, structure: Structure, usable: Sequence[IsoEstimate], delay: float) -> tuple[SingleDof, Array]:
     columns = {n: np.array([getattr(e, n) for e in usable]) for n in ("alpha", "beta", "beta_quadratic", "delta")}
     if structure == "affine":
         columns["beta"], columns["beta_quadratic"] = _both_drags(usable)
@@ -116,9 +114,7 @@ def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
     """Return both drags from how the equivalent drag (6.43) grows with the velocity's amplitude."""
     speed = np.array([e.cycle.X_m * e.cycle.omega for e in usable])
     if len(usable) < 2 or float(np.ptp(speed)) < 0.1 * float(speed.max()):
-        raise NotInformative(
-            "IS-O needs two clearly different limit cycles to tell both drags apart: change C or x_a"
-        )
+        raise NotInformative("IS-O needs two clearly different limit cycles to tell both drags apart: change C or x_a")
     table = np.column_stack([np.ones_like(speed), 8.0 / (3.0 * math.pi) * speed])
     beta, quadratic = np.linalg.lstsq(table, np.array([e.beta for e in usable]), rcond=None)[0]
     return np.full(len(usable), beta), np.full(len(usable), quadratic)

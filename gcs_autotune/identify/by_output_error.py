@@ -77,9 +77,7 @@ def _signals(case: Case, start: Array, bounds: Bounds) -> tuple[tuple[str, ...],
     axis = case.records[0].dof
     if names != (axis.position,) or not any(r.velocity is not None for r in case.records):
         return names, {}, start
-    first = select(
-        case.records, names, start, bounds, case.structure or "affine", case.delay, None, robust=case.robust
-    )
+    first = select(case.records, names, start, bounds, case.structure or "affine", case.delay, None, robust=case.robust)
     reason = objection(first.records, first.solution)
     if reason:
         return names, {axis.velocity: reason}, first.solution.theta
@@ -181,9 +179,7 @@ def _traces(records: Sequence[Record], solution: Solution, name: str, factor: fl
 def _own_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
     solution, found = chosen.solution, []
     if not solution.converged:
-        found.append(
-            Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay")
-        )
+        found.append(Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay"))
     if chosen.undecided:
         found.append(
             Doubt(

@@ -69,9 +69,7 @@ def _position(record: Record) -> tuple[Array, Array]:
 
 def _switchings(record: Record) -> Array:
     """Return when the input crosses the middle of its two positions."""
-    low, high = (
-        np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
-    )
+    low, high = np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
     side = np.where(record.tau > middle, 1, -1)
     switched: Array = record.t_in[1:][np.diff(side) != 0]

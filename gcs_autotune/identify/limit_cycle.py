@@ -57,9 +57,7 @@ def cycle_from(halves: Sequence[HalfPeriod], x_a: float | None = None) -> LimitC
     X_m = 0.5 * float(maxima.mean() - minima.mean())
     T_H, T_L = _mean(rising, "duration"), _mean(falling, "duration")
     spread = (
-        max(float(minima.std(ddof=1)), float(maxima.std(ddof=1))) / X_m
-        if len(minima) > 1 and X_m > 0
-        else math.inf
+        max(float(minima.std(ddof=1)), float(maxima.std(ddof=1))) / X_m if len(minima) > 1 and X_m > 0 else math.inf
     )
     valid = all(_is_proper(pair, middle) for pair in zip(one, other, strict=True))
     return LimitCycle(

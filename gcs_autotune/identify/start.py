@@ -76,9 +76,7 @@ def start_from_scan(records: Sequence[Record], bounds: Bounds, delay: float | No
             if np.isfinite(cost) and (best is None or cost < best[0]):
                 best = (cost, theta)
     if best is None or best[1][0] == 0.0:
-        raise NotInformative(
-            "the input explains nothing of the motion: check that input and output belong together"
-        )
+        raise NotInformative("the input explains nothing of the motion: check that input and output belong together")
     return best[1]
 
 
@@ -92,9 +90,7 @@ def _thinned(signal: Signal) -> Signal:
     return Signal(signal.name, signal.t[::every], signal.values[::every], signal.step)
 
 
-def _linear_fit(
-    records: Sequence[Record], signals: Sequence[Signal], rate: float, delay: float
-) -> tuple[Array, float]:
+def _linear_fit(records: Sequence[Record], signals: Sequence[Signal], rate: float, delay: float) -> tuple[Array, float]:
     """Fit ``b``, ``d`` and the initial states for a given rate ``a`` and delay."""
     count = len(records)
     rows, wanted = [], []

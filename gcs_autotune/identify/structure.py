@@ -125,9 +125,7 @@ class _Fitter:
         """Fit with the delay as it stands in *theta*; raise NotInformative when nothing can be simulated."""
         found = self.fit(structure, theta, False, None)
         if found is None:
-            raise NotInformative(
-                "no model could be simulated on this record: are input and output from the same run?"
-            )
+            raise NotInformative("no model could be simulated on this record: are input and output from the same run?")
         return found
 
     def without(self, seconds: float) -> _Fitter:

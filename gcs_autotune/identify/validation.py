@@ -72,9 +72,7 @@ def _with_initial_state(model: SingleDof, record: Record, names: tuple[str, ...]
     theta = np.array(explicit_parameters(model))
     found = solve([record], names, theta, np.zeros(5, dtype=bool), bounds_of([record]))
     if found is None:
-        raise NotInformative(
-            f"the model runs away on run '{record.run}': its drag destabilises it at these speeds"
-        )
+        raise NotInformative(f"the model runs away on run '{record.run}': its drag destabilises it at these speeds")
     return found
 
 

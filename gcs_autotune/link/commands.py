@@ -90,9 +90,7 @@ class Commands:
         if vehicle is None:
             raise NoReply("a command was given before a vehicle was found; discover one first")
         params = [float(v) for v in values] + [0.0] * (7 - len(values))
-        return mavlink.MAVLink_command_long_message(
-            vehicle.system, vehicle.component, command, confirmation, *params
-        )
+        return mavlink.MAVLink_command_long_message(vehicle.system, vehicle.component, command, confirmation, *params)
 
     # --- modes --------------------------------------------------------------------------------------------
 
@@ -109,9 +107,7 @@ class Commands:
         number = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode")
         begun = self._session.clock.now()
         try:
-            self.command_long(
-                mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number)
-            )
+            self.command_long(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number))
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise ModeRefused(f"mode {mode} was refused{self._said(begun)}; it stays in {self.mode}") from error

@@ -73,17 +73,13 @@ class Rates:
         return 0.0
 
     def _set_interval(self, name: str, interval: int) -> None:
-        self._commands.command_long(
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_number(name)), float(interval)
-        )
+        self._commands.command_long(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_number(name)), float(interval))
 
     def _previous_interval(self, name: str) -> int:
         """Return the interval [us] in force; 0, which means the default, when the vehicle does not tell."""
         number = message_number(name)
         answers: list[Message] = []
-        stop = self._session.listen(
-            "MESSAGE_INTERVAL", lambda m: answers.append(m) if m.message_id == number else None
-        )
+        stop = self._session.listen("MESSAGE_INTERVAL", lambda m: answers.append(m) if m.message_id == number else None)
         try:
             self._commands.command_long(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, float(number), tries=2)
             self._session.wait_for(lambda: True if answers else None, 1.0)

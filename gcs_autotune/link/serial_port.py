@@ -32,9 +32,7 @@ class SerialPort(Transport):
         super().__init__(f"{path},{baud}")
         exclusive = True if os.name == "posix" else None
         try:
-            self._port: Any = serial.Serial(
-                path, baud, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=exclusive
-            )
+            self._port: Any = serial.Serial(path, baud, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=exclusive)
         except (OSError, ValueError) as error:
             raise CannotOpenLink(f"cannot open the serial port {path}: {_cause(error)}") from error
 

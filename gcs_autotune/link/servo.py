@@ -94,9 +94,7 @@ def read_servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
 
 
 def _by_function(parameters: Parameters, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
-    missing = [
-        f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function
-    ]
+    missing = [f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function]
     if missing:
         raise PreconditionFailed(
             f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "

@@ -50,9 +50,7 @@ class TlogWriter:
         try:
             self._stream = path.open("wb")
         except OSError as error:
-            raise BadFile(
-                f"the telemetry log {path} cannot be written: {error.strerror}; check the folder"
-            ) from error
+            raise BadFile(f"the telemetry log {path} cannot be written: {error.strerror}; check the folder") from error
 
     def write(self, frame: bytes) -> None:
         """Append one frame, stamped now."""
@@ -120,11 +118,7 @@ class TlogReader:
         """Whether a frame of unknown kind, whose checksum nobody can test, is followed by another."""
         follower = end + _STAMP.size
         known = not frame.name.startswith("UNKNOWN_")
-        return (
-            known
-            or end == len(self._data)
-            or (follower < len(self._data) and self._data[follower] in (0xFE, 0xFD))
-        )
+        return known or end == len(self._data) or (follower < len(self._data) and self._data[follower] in (0xFE, 0xFD))
 
 
 def read_tlog(path: Path) -> TlogReader:

@@ -56,9 +56,7 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
     seed = options.seed
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key != "seed" or not re.fullmatch(r"\d+", value):
-            raise UsageError(
-                f"'sitl:{rest}': only ?seed=NUMBER may follow the vehicle's name, not '{key}={value}'"
-            )
+            raise UsageError(f"'sitl:{rest}': only ?seed=NUMBER may follow the vehicle's name, not '{key}={value}'")
         seed = int(value)
     return open_sitl(name, seed=seed)
 

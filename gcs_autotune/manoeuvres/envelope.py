@@ -63,9 +63,7 @@ def _distance(anchor: Observation, now: Observation) -> float:
 
 
 GUARDS: tuple[Guard, ...] = (
-    Guard(
-        "heading excursion", "rad", lambda e, a, o: (abs(o.psi - a.psi), e.heading_excursion)
-    ),
+    Guard("heading excursion", "rad", lambda e, a, o: (abs(o.psi - a.psi), e.heading_excursion)),
     Guard("depth excursion", "m", lambda e, a, o: (abs(o.z - a.z), e.depth_excursion)),
     Guard("greatest depth", "m", lambda e, a, o: (o.z, e.depth_max)),
     Guard("least depth", "m", lambda e, a, o: (o.z, e.depth_min) if e.depth_min > 0.0 else None, below=True),
@@ -73,12 +71,8 @@ GUARDS: tuple[Guard, ...] = (
     Guard("distance from start", "m", lambda e, a, o: (_distance(a, o), e.distance)),
     Guard("roll", "rad", lambda e, a, o: (abs(o.phi), e.roll)),
     Guard("pitch", "rad", lambda e, a, o: (abs(o.theta), e.pitch)),
-    Guard(
-        "battery voltage", "V", lambda e, a, o: (o.battery_voltage, e.battery_voltage), below=True
-    ),
-    Guard(
-        "battery remaining", "1", lambda e, a, o: (o.battery_remaining, e.battery_remaining), below=True
-    ),
+    Guard("battery voltage", "V", lambda e, a, o: (o.battery_voltage, e.battery_voltage), below=True),
+    Guard("battery remaining", "1", lambda e, a, o: (o.battery_remaining, e.battery_remaining), below=True),
     Guard("time", "s", lambda e, a, o: (o.t - a.t, e.time)),
 )
 """Every limit there is; adding one is one line here and one field in :class:`Envelope`."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.identify import LimitCycleMonitor
-from gcs_autotune.manoeuvres.depth_keeper import DepthKeeper
+from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
 from gcs_autotune.manoeuvres.lead_in import LeadIn
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
 from gcs_autotune.trial import Mark
@@ -37,7 +37,7 @@ class RelaySettings:
     hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
     throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
     reference_speed : speed [m/s] around which a surge relay swings.
-    keep_depth : hold the depth by hand meanwhile (an ROV whose heading swings drifts up or down otherwise).
+    keep_still : hold an ROV's depth (or heading) by hand while its heading (or depth) swings.
     periods, tolerance : the stop rule.
     patience : longest time without a switching [s].
     """
@@ -48,7 +48,7 @@ class RelaySettings:
     hysteresis: float | None = None
     throttle: float = 0.0
     reference_speed: float = 0.0
-    keep_depth: bool = False
+    keep_still: bool = False
     first_output: float = 0.3
     growth: float = 1.5
     most_output: float = 0.9
@@ -82,7 +82,7 @@ class Relay:
         self._switched_once = False
         self._astray = 0
         self._first_half = self._extreme = math.nan
-        self._depth = DepthKeeper() if settings.keep_depth else None
+        self._keeper = Keeper(KEEPERS[settings.signal]) if settings.keep_still else None
         self._integral = 0.0
         self._last_t = math.nan
 
@@ -235,7 +235,8 @@ class Relay:
     def _wrong_way(self) -> str:
         return (
             f"{self._output:.2f} of full {self._settings.force} output moved {self._settings.signal} the wrong way: "
-            "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is stronger than it"
+            "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is "
+            "stronger than it"
         )
 
     def _overwhelmed(self) -> str:
@@ -260,6 +261,7 @@ class Relay:
 
     def _command(self, output: float, observation: Observation) -> Command:
         s = self._settings
-        Z = self._depth.thrust(observation) if self._depth is not None else 0.0
-        command = Actuate(X=s.throttle, Z=Z)
+        command = Actuate(X=s.throttle)
+        if self._keeper is not None:
+            command = replace(command, **{self._keeper.force: self._keeper.demand(observation)})
         return replace(command, **{s.force: getattr(command, s.force) + output})

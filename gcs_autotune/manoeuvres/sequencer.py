@@ -36,9 +36,7 @@ class Sequencer:
     record must be on disk whatever happens next.
     """
 
-    def __init__(
-        self, craft: Craft, envelope: Envelope, watcher: Watcher, keep: Callable[[Trial], None]
-    ) -> None:
+    def __init__(self, craft: Craft, envelope: Envelope, watcher: Watcher, keep: Callable[[Trial], None]) -> None:
         self._craft = craft
         self._envelope = envelope
         self._watcher = watcher

@@ -186,9 +186,7 @@ def explicit_parameters(model: SingleDof) -> tuple[float, float, float, float, f
     return b, b * model.beta, b * model.beta_quadratic, b * model.delta, model.delay
 
 
-def simulate(
-    model: SingleDof, t_in: Array, tau: Array, t_out: Array, eta_0: float = 0.0, nu_0: float = 0.0
-) -> Motion:
+def simulate(model: SingleDof, t_in: Array, tau: Array, t_out: Array, eta_0: float = 0.0, nu_0: float = 0.0) -> Motion:
     """Simulate *model* from ``(eta_0, nu_0)`` at ``t_out[0]``.
 
     Parameters

@@ -217,9 +217,7 @@ def _people(dof: Dof) -> float:
     return to_people(dof.position_unit)[1]
 
 
-def _line(
-    axes: Axes, curve: Curve, dof: Dof, colour: str, label: str, width: float = 1.5, style: str = "-"
-) -> None:
+def _line(axes: Axes, curve: Curve, dof: Dof, colour: str, label: str, width: float = 1.5, style: str = "-") -> None:
     few = thin(curve)
     axes.plot(few.t, _people(dof) * few.y, color=colour, lw=width, ls=style, label=label)
 

@@ -88,9 +88,7 @@ def _metrics(metrics: StepMetrics | None) -> dict[str, float] | None:
 
 
 def _list_files(directory: Path) -> tuple[str, ...]:
-    found = {
-        p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"
-    }
+    found = {p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"}
     return tuple(sorted(found | {"report.html"}))
 
 

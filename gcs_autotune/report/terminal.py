@@ -39,9 +39,7 @@ _STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bol
 
 def render_text(thing: RenderableType, width: int = 80) -> str:
     """Return *thing* as plain text, as it looks in a pipe: no colour, no trailing blanks."""
-    console = Console(
-        file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False
-    )
+    console = Console(file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False)
     with console.capture() as capture:
         console.print(thing)
     return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
@@ -49,9 +47,7 @@ def render_text(thing: RenderableType, width: int = 80) -> str:
 
 def fit_summary(fit: Fit) -> Group:
     """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
-    parts: list[RenderableType] = [
-        _title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")
-    ]
+    parts: list[RenderableType] = [_title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")]
     parts.append(_grid(tables.model_table(fit)))
     parts.extend(_paragraph(s) for s in model_sentences(fit))
     parts.append(_paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))

@@ -13,10 +13,15 @@ from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["axis_of", "come_aboard", "connect"]
+__all__ = ["axis_of", "come_aboard", "connect", "telemetry_rates"]
 
 SERVO_RATE = 40.0
 """Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
+
+
+def telemetry_rates(control_rate: float) -> dict[str, float]:
+    """Return message -> Hz to ask for when our relay runs at *control_rate* [Hz]."""
+    return {**WANTED_RATES, "ATTITUDE": control_rate, "SERVO_OUTPUT_RAW": max(SERVO_RATE, control_rate)}
 
 
 @contextmanager
@@ -43,8 +48,7 @@ def come_aboard(
 ) -> Iterator[MavlinkCraft]:
     """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates."""
     with connect(connection, operator, watcher, record) as session:
-        rates = {**WANTED_RATES, "ATTITUDE": control_rate, "SERVO_OUTPUT_RAW": max(SERVO_RATE, control_rate)}
-        craft = open_craft(session, wanted_rates=rates)
+        craft = open_craft(session, wanted_rates=telemetry_rates(control_rate))
         try:
             for note in session.notes:
                 watcher.say(note)

@@ -43,9 +43,7 @@ def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Ste
     )
 
 
-def relay_for(
-    settings: TuneSettings, axis: Axis, kind: str, throttle: float, output: float | None, name: str
-) -> Relay:
+def relay_for(settings: TuneSettings, axis: Axis, kind: str, throttle: float, output: float | None, name: str) -> Relay:
     """Return a relay experiment for a *kind* of craft (``boat``, ``rov``); *output* None lets it find its size."""
     d = DEFAULTS[axis.dof]
     return Relay(
@@ -55,7 +53,7 @@ def relay_for(
             output=output,
             hysteresis=settings.relay_hysteresis,
             throttle=throttle,
-            keep_depth=kind == "rov" and d.signal == "psi",
+            keep_still=kind == "rov",
             least_hysteresis=d.least_hysteresis,
         ),
         name,
@@ -67,11 +65,12 @@ def second_output(first: float) -> float:
     return min(2.0 * first, 0.9) if first <= 0.6 else 0.5 * first
 
 
-def measure(trial: Trial) -> StepMetrics:
+def measure(trial: Trial, noise_std: float = 0.0) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
     A step that was stopped because the loop ran away counts as if its last error had lasted to the end; when it
-    ran away before the target even moved there is nothing to measure, and all numbers are NaN.
+    ran away before the target even moved there is nothing to measure, and all numbers are NaN. Errors within twice
+    *noise_std* [rad or m] count as none: a compass of two degrees cannot tell half a degree.
     """
     signal = str(trial.meta["signal"])
     force = "N" if signal == "psi" else "Z"
@@ -79,12 +78,12 @@ def measure(trial: Trial) -> StepMetrics:
     found = []
     for before, after in itertools.pairwise(targets):
         values = float(before.detail["value"]), float(after.detail["value"])
-        found.append(_one_step(trial, signal, force, *values, after.t))
+        found.append(_one_step(trial, signal, force, *values, after.t, noise_std))
     return _combined(found)
 
 
 def _one_step(
-    trial: Trial, signal: str, force: str, before: float, after: float, start: float
+    trial: Trial, signal: str, force: str, before: float, after: float, start: float, noise_std: float
 ) -> StepMetrics:
     end = start + float(trial.meta["duration"])
     position = trial[signal].between(start - 1.0, end)
@@ -92,7 +91,7 @@ def _one_step(
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
     output = np.array([trial[force].held_at(moment) for moment in t])
-    return step_metrics(t - start, np.where(t < start, before, after), x, output)
+    return step_metrics(t - start, np.where(t < start, before, after), x, output, noise_std=noise_std)
 
 
 def _combined(found: list[StepMetrics]) -> StepMetrics:

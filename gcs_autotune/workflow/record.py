@@ -52,9 +52,7 @@ class RunDirectory:
 
     def save_parameters(self, name: str, values: Mapping[str, float]) -> Path:
         """Write ``parameters_<name>.json`` and the same as ``.param`` (``NAME,VALUE``); return the latter."""
-        (self.path / f"parameters_{name}.json").write_text(
-            json.dumps(dict(values), indent=1) + "\n", encoding="utf-8"
-        )
+        (self.path / f"parameters_{name}.json").write_text(json.dumps(dict(values), indent=1) + "\n", encoding="utf-8")
         path = self.path / f"parameters_{name}.param"
         path.write_text("".join(f"{k},{v:.9g}\n" for k, v in values.items()), encoding="utf-8")
         return path

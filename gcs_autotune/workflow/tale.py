@@ -53,7 +53,7 @@ class Tale:
         """Note which vehicle it is and how fast it talks."""
         transport, vehicle = craft.session.transport, craft.session.vehicle
         self._vehicle = {
-            **(vehicle.to_dict() if vehicle is not None else {}),
+            **({"name": str(vehicle), **vehicle.to_dict()} if vehicle is not None else {}),
             "link": transport.description,
             "simulated": transport.is_simulated,
         }

@@ -87,7 +87,9 @@ class _Tuner:
         throttle, speed = speed_for(self._settings, self._axis, present)
         before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
         tale.metrics_before = measure(before.trial)
-        proposal = self._design(self._identify(throttle), present)
+        fit = self._identify(throttle)
+        tale.metrics_before = measure(before.trial, fit.noise_std)
+        proposal = self._design(fit, present)
         if not proposal.changes:
             tale.end("unchanged", "the present gains are already as good as any this tool can offer")
         elif self._settings.dry_run:
@@ -124,9 +126,7 @@ class _Tuner:
             noise_std=fit.noise_std,
             noise_bandwidth=0.5 * s.control_rate,
         )
-        tale.proposal = think(
-            self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec)
-        )
+        tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec))
         return tale.proposal
 
     def _prove(self, proposal: Proposal, journal: Journal, speed: float) -> None:
@@ -136,8 +136,8 @@ class _Tuner:
             loan.set(proposal.new)
             tale.say("written and read back")
             after = self._fly(step_for(self._settings, self._axis, speed, "step-after"), "step with new gains")
-            tale.metrics_after = measure(after.trial)
-            assert tale.metrics_before is not None
+            assert tale.fit is not None and tale.metrics_before is not None
+            tale.metrics_after = measure(after.trial, tale.fit.noise_std)
             verdict = is_better(tale.metrics_before, tale.metrics_after)
             tale.verdict = (verdict.better, verdict.reasons)
             if verdict.better:

@@ -43,18 +43,14 @@ def make_heartbeat(vehicle: Vehicle) -> Message:
 
 def _attitude(vehicle: Vehicle) -> Message:
     e = vehicle.autopilot.estimate
-    return mavlink.MAVLink_attitude_message(
-        vehicle.ms, e.roll, e.pitch, e.yaw, e.roll_rate, e.pitch_rate, e.yaw_rate
-    )
+    return mavlink.MAVLink_attitude_message(vehicle.ms, e.roll, e.pitch, e.yaw, e.roll_rate, e.pitch_rate, e.yaw_rate)
 
 
 def _vfr_hud(vehicle: Vehicle) -> Message:
     e = vehicle.autopilot.estimate
     heading = int(math.degrees(e.yaw)) % 360
     speed = abs(e.speed)
-    return mavlink.MAVLink_vfr_hud_message(
-        speed, speed, heading, vehicle.autopilot.throttle_percent, -e.z, e.climb
-    )
+    return mavlink.MAVLink_vfr_hud_message(speed, speed, heading, vehicle.autopilot.throttle_percent, -e.z, e.climb)
 
 
 def _global_position(vehicle: Vehicle) -> Message:

@@ -136,9 +136,7 @@ class ScriptedVehicle:
             "ATTITUDE": lambda: mavlink.MAVLink_attitude_message(
                 ms, 1e-3 * math.sin(self.time), 0.0, math.remainder(self.psi, math.tau), 0.0, 0.0, self.r
             ),
-            "SERVO_OUTPUT_RAW": lambda: mavlink.MAVLink_servo_output_raw_message(
-                ms * 1000 % 2**32, 0, *self.servos
-            ),
+            "SERVO_OUTPUT_RAW": lambda: mavlink.MAVLink_servo_output_raw_message(ms * 1000 % 2**32, 0, *self.servos),
             "GLOBAL_POSITION_INT": lambda: mavlink.MAVLink_global_position_int_message(
                 ms, 0, 0, 0, round(-self.z * 1000), 0, 0, 0, 0
             ),
@@ -225,9 +223,7 @@ class ScriptedVehicle:
                 self.acknowledge(m, accepted)
                 version = 4 << 24 | 7 << 16 | 0 << 8
                 self.send(
-                    mavlink.MAVLink_autopilot_version_message(
-                        0, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
-                    )
+                    mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
                 )
             case mavlink.MAV_CMD_DO_SET_MODE:
                 number = int(m.param2)

@@ -98,9 +98,7 @@ class PondCraft:
     def stop_recording(self, ending: str) -> Trial:
         t = np.array([o.t for o in self._rows])
         columns = {"psi": "rad", "r": "rad/s", "z": "m"}
-        channels = {
-            n: Channel(n, unit, t, np.array([o.value(n) for o in self._rows])) for n, unit in columns.items()
-        }
+        channels = {n: Channel(n, unit, t, np.array([o.value(n) for o in self._rows])) for n, unit in columns.items()}
         for force in ("N", "Z"):
             channels[force] = Channel(force, "1", t, np.array([o.output[force] for o in self._rows]))
         return Trial(self._name, channels, tuple(self._marks), ending)

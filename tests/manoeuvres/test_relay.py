@@ -47,7 +47,7 @@ def test_the_trial_proper_begins_with_the_relay_and_the_record_with_the_lead_in(
 
 
 def test_it_grows_until_a_constant_disturbance_is_overcome():
-    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", keep_depth=True))
+    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", keep_still=True))
     assert flown.trial.meta["C"] > 0.4
     assert any(m.kind == "grow" for m in flown.trial.marks)
     cycles = find_cycles(flown.trial, "yaw")
@@ -56,7 +56,7 @@ def test_it_grows_until_a_constant_disturbance_is_overcome():
 
 
 def test_a_given_output_is_kept_and_failing_with_it_says_what_to_try():
-    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", output=0.3, keep_depth=True))
+    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", output=0.3, keep_still=True))
     assert flown.outcome.ending == "aborted"
     assert "--relay-output" in flown.outcome.reason or "disturbance" in flown.outcome.reason
 
@@ -126,6 +126,6 @@ def test_a_surge_relay_swings_the_integrated_speed():
 def test_an_rov_keeps_its_depth_while_its_heading_swings():
     craft = PondCraft(bias=0.1)
     craft.z = 4.0
-    flown, _ = fly(craft, RelaySettings("psi", "N", keep_depth=True))
+    flown, _ = fly(craft, RelaySettings("psi", "N", keep_still=True))
     assert flown.outcome.ending == "completed"
     assert abs(flown.trial["z"].values - 4.0).max() < 0.7

@@ -82,9 +82,7 @@ def trace_of(trial: Trial, seed=7) -> Trace:
     return Trace(trial.name, t, measured, fitted, np.full(len(t), 0.011))
 
 
-def fit(
-    structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(0.0011, 0.0, 0.0064, 0.0009)
-) -> Fit:
+def fit(structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(0.0011, 0.0, 0.0064, 0.0009)) -> Fit:
     model = replace(MODEL, beta=0.0 if structure == "nonlinear" else MODEL.beta)
     names, units = model.axis.parameter_names(), model.axis.parameter_units("1")
     values = (model.alpha, model.beta, model.beta_quadratic, model.delta)

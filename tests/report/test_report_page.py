@@ -210,16 +210,12 @@ def _trial(psi: np.ndarray, **more: object) -> Trial:
         _trial(np.linspace(0.0, 1.0, 50)),
         _trial(np.linspace(0.0, 1.0, 50), marks=(Mark(1.0, "target", {"value": 1.0, "phase": "step"}),)),
         _trial(np.linspace(0.0, 1.0, 50), marks=(Mark(99.0, "target", {"value": 1.0, "phase": "step"}),)),
-        _trial(
-            np.linspace(0.0, 1.0, 50), marks=(Mark(2.0, "switch", {"x": math.nan}),), meta={"reference": math.nan}
-        ),
+        _trial(np.linspace(0.0, 1.0, 50), marks=(Mark(2.0, "switch", {"x": math.nan}),), meta={"reference": math.nan}),
     ],
     ids=["no channel", "no sample", "all nan", "one sample", "no mark", "no hold", "late mark", "no input"],
 )
 def test_a_broken_record_does_not_break_the_report(trial):
-    story = replace(
-        stories.aborted(), step_before=trial, step_after=trial, relays=(trial, trial), metrics_before=None
-    )
+    story = replace(stories.aborted(), step_before=trial, step_after=trial, relays=(trial, trial), metrics_before=None)
     assert Page(render_report(story)).open == []
 
 
