@@ -32,6 +32,8 @@ LEAST_SPAN = 5.0
 """Predicted steps are at least this long [s]."""
 SAME = 1e-3
 """Gains closer than this (relative) count as unchanged."""
+LONG_DELAY = 0.05
+"""A delay [s] beyond which it matters where it lies."""
 POOR_MATCH = 0.08
 """Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
 
@@ -64,6 +66,7 @@ def design(
     law = lookup(LAWS, axis.law, "control law")
     _check(fit_model, axis, present, spec)
     model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
+    model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
     problem = _problem(law, axis, sample_region(model, covariance), present, spec)
     chosen = choose(problem)
     span = _span(chosen)
@@ -147,7 +150,7 @@ def _reason(law: Law, gain: Gain, after: Candidate) -> str:
 
 
 def _notes(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
-    yield from problem.law.notes(problem.settings, problem.spec.speed)
+    yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
     for gain in axis.gains:
         old = problem.settings[gain.parameter]
         if not gain.low <= old <= gain.high:
@@ -156,6 +159,16 @@ def _notes(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, ch
         yield "the present gains are already as good as any this design can offer: nothing to change"
     elif not before.worst_margins.stable:
         yield "with the present gains the loop is, or may be, unstable on the identified craft"
+    elif not is_better(before.prediction.metrics, shown.prediction.metrics).better:
+        yield (
+            "the predicted step is not better than with the present gains; what is gained is reserve: worst phase "
+            f"margin {_degrees(before):.0f} -> {_degrees(shown):.0f} deg"
+        )
+    if problem.model.delay > LONG_DELAY:
+        yield (
+            f"the identified delay of {problem.model.delay:.2f} s is taken to lie between autopilot and force; if "
+            "it is in the telemetry link, give it as link delay: the loop may then be faster"
+        )
     for objection in shown.objections:
         yield f"less than wished for, but the best the documented ranges allow: {objection}"
     use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
@@ -173,3 +186,7 @@ def _notes(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, ch
 def _lags(shown: Candidate) -> bool:
     error = shown.prediction.position - shown.prediction.wanted
     return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))
+
+
+def _degrees(candidate: Candidate) -> float:
+    return math.degrees(candidate.worst_margins.phase)

@@ -130,7 +130,7 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
     most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT))
     if metrics.overshoot > most:
         yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
-    noise = output_noise(problem.law, settings, spec)
+    noise = output_noise(problem, settings)
     if noise > NOISE_LIMIT:
         yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
 
@@ -176,6 +176,6 @@ def _refusal(problem: Problem, last: Candidate) -> NoGainsMeetSpec:
     settled = settling_time(last.wanted.kind, last.wanted.omega_0)
     return NoGainsMeetSpec(
         f"no gains inside the documented ranges give an acceptable {problem.law.name} loop; the last try, "
-        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a smaller "
-        "step, or a longer experiment (less uncertainty)"
+        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a "
+        "smaller step, or a longer experiment (less uncertainty)"
     )

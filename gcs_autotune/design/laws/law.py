@@ -56,6 +56,10 @@ class Law(Protocol):
         """Return the autopilot's loop period [s]."""
         ...
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return the speed [m/s] to match gains at, where all terms act: the craft's unless it freezes one."""
+        ...
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the largest velocity the autopilot will ask for [rad/s or m/s]."""
         ...
@@ -89,8 +93,8 @@ class Law(Protocol):
         """
         ...
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
-        """Return sentences on where the gains hold."""
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Return sentences on where the gains in *settings* hold, and what stands in their way."""
         ...
 
 

@@ -117,6 +117,10 @@ class SubDepth:
         """Return the loop period [s]."""
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: it plays no part here."""
+        return speed
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of the pilot's climb and descent speeds [m/s]."""
         up = self._get(settings, "PILOT_SPEED_UP") / 100.0
@@ -193,7 +197,7 @@ class SubDepth:
         proportional = settings[POS] * (settings[ACC] + settings[ACC_FF]) + settings[ACC_I]
         return settings[POS] * settings[ACC_I] / max(proportional, 1e-12)
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""
         notes = ["near the surface ArduSub limits the upward thrust (SURFACE_MAX_THR); prove the gains below it"]
         if self._get(settings, "PSC_ACCZ_D") != 0.0:

@@ -132,6 +132,10 @@ class SubHeading:
         rate = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
         return rate if rate > 0.0 else 1e6
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: it plays no part here."""
+        return speed
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of ATC_RATE_Y_MAX and ATC_SLEW_YAW [rad/s]."""
         return min(self._rate_max(settings), math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0))
@@ -210,6 +214,6 @@ class SubHeading:
         proportional = settings[ANG] * settings[P] + settings[I]
         return settings[ANG] * settings[I] / max(proportional, 1e-12)
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""
         return ["the yaw model was identified without way on; ArduSub does not scale its yaw gains with speed"]
