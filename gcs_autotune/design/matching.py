@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.model_function import settling_time, wanted_step
-from gcs_autotune.design.open_loop import margins_of, worst
+from gcs_autotune.design.open_loop import margins_of, open_loop, worst
 from gcs_autotune.design.plant import Region
 from gcs_autotune.design.result import Margins, ModelFunction
 from gcs_autotune.design.spec import Spec
@@ -88,11 +88,15 @@ class Problem:
         inside: Array = np.clip(known, 0.0, 1.0)
         return inside
 
-    def margins(self, settings: Settings, wanted: ModelFunction, model: SingleDof) -> list[Margins]:
-        """Return the margins of *model*, at rest and moving as *wanted* moves."""
-        law, speed = self.law, self.speed
-        drags = linearisations(model, wanted, self.step)
-        return [margins_of(law.open_loop(model, d, settings, speed, self.delay)) for d in drags]
+    def margins(self, settings: Settings, wanted: ModelFunction, models: Sequence[SingleDof]) -> list[Margins]:
+        """Return the margins of each of *models*, the worse of at rest and moving as *wanted* moves."""
+        controller = self.law.controller(settings, self.speed)
+        found = []
+        for m in models:
+            drags = linearisations(m, wanted, self.step)
+            loops = (open_loop(controller, m.alpha, d, m.delay + self.delay) for d in drags)
+            found.append(worst([margins_of(loop) for loop in loops]))
+        return found
 
 
 def peak_demand(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, float]:
@@ -177,13 +181,12 @@ class _Residuals:
 
     def watch(self, settings: Settings) -> None:
         """Hold the margins of the samples that are hardest with *settings*, besides those of the model itself."""
-        problem = self._problem
-
-        def ease(sample: SingleDof) -> float:
-            low = worst(problem.margins(settings, self._wish, sample))
-            return min(low.phase / problem.spec.phase_margin, low.gain / problem.spec.gain_margin)
-
-        self._watched = [problem.model, *sorted(problem.region.samples, key=ease)[:HARDEST]]
+        problem, spec = self._problem, self._problem.spec
+        samples = problem.region.samples
+        found = problem.margins(settings, self._wish, samples)
+        ease = [min(m.phase / spec.phase_margin, m.gain / spec.gain_margin) for m in found]
+        hardest = [samples[i] for i in np.argsort(ease, kind="stable")[:HARDEST]]
+        self._watched = [problem.model, *hardest]
 
     def __call__(self, x: Array, anchor: Array) -> Array:
         problem = self._problem
@@ -212,8 +215,7 @@ class _Residuals:
     def _shortfalls(self, settings: Settings) -> Array:
         problem, spec = self._problem, self._problem.spec
         lacks = []
-        for model in self._watched:
-            m = worst(problem.margins(settings, self._wish, model))
+        for m in problem.margins(settings, self._wish, self._watched):
             lacks.append(max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin)))
             lacks.append(max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin)))
         lacks.append(self._integral_shortfall(settings))

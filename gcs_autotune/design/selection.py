@@ -104,8 +104,8 @@ def is_tolerable(candidate: Candidate) -> bool:
 
 def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration: float) -> Candidate:
     """Return what *settings* promise, over a step recorded for *duration* [s]."""
-    margins = worst(problem.margins(settings, wanted, problem.model))
-    low = worst([margins, *(worst(problem.margins(settings, wanted, s)) for s in problem.region.samples)])
+    found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
+    margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
     return Candidate(
         wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction))

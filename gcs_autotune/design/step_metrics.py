@@ -29,8 +29,8 @@ def step_metrics(
     t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
     [fraction of full], held until the next sample. Samples before the target moves are the state at rest; a
     target that never moves is a step from the first position. ``noise_std`` [rad or m]: errors within two of it
-    count as none, and the settling band is never narrower than that. Single wild samples are
-    replaced by their neighbours' mean. Compare only steps recorded over equally long windows: ITAE grows with the window.
+    count as none, and the settling band is never narrower than that. Single wild samples are replaced by their
+    neighbours' mean. Compare only steps recorded over equally long windows: ITAE grows with the window.
 
     Raises
     ------

@@ -30,12 +30,16 @@ NONLINEAR_YAW = SingleDof("yaw", "N m", 1.018, 0.0, 1.257)
 NONLINEAR_YAW_FOUND = SingleDof("yaw", "N m", 0.98, 0.0, 1.305)
 
 
-def fly(true: SingleDof, gains: IpdGains, step: float, compensated: float, t: NDArray[np.float64]) -> NDArray[np.float64]:
+def fly(
+    true: SingleDof, gains: IpdGains, step: float, compensated: float, t: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Simulate law (8.2) on *true*; returns (2, n): position, velocity."""
 
     def slope(_: float, x: NDArray[np.float64]) -> list[float]:
         integral, eta, nu = x
-        force = gains.KI * integral - gains.KP * eta - (gains.KD - gains.beta_quadratic * abs(nu)) * nu - compensated
+        force = (
+            gains.KI * integral - gains.KP * eta - (gains.KD - gains.beta_quadratic * abs(nu)) * nu - compensated
+        )
         drag = (true.beta + true.beta_quadratic * abs(nu)) * nu
         return [step - eta, nu, (force + true.delta - drag) / true.alpha]
 

@@ -39,7 +39,11 @@ def test_every_axis_of_every_firmware_has_its_law_and_the_law_knows_its_paramete
 @pytest.mark.parametrize("name", LAWS)
 def test_a_step_is_followed_both_ways_alike(name: str) -> None:
     law = LAWS[name]
-    craft = {"rover-heading": boat(1.0, 1.0, 0.0, 0.0), "sub-heading": yaw(0.2, 0.75), "sub-depth": heave(0.4, 0.7)}
+    craft = {
+        "rover-heading": boat(1.0, 1.0, 0.0, 0.0),
+        "sub-heading": yaw(0.2, 0.75),
+        "sub-depth": heave(0.4, 0.7),
+    }
     ways = [
         law.simulate(craft[name], DEFAULTS[name], Scenario(size, 20.0), 2.0, 0.0).position for size in (0.3, -0.3)
     ]
@@ -58,7 +62,7 @@ def test_the_output_stays_within_full_and_the_same_call_gives_the_same_bits(name
 
 
 def test_charlie_with_default_gains_grows_as_routh_says() -> None:
-    """T s^3 + (1 + KP) s^2 + K(I + A(FF+P)) s + K A I is unstable at K = 0.2, T = 3.1; the simulation must cope."""
+    """T s^3 + (1 + KP) s^2 + K(I + A(FF+P)) s + K A I is unstable at K = 0.2, T = 3.1; this must be coped with."""
     k, time = 0.22 / 1.1, 3.1
     assert (1.0 + 0.2 * k) * k * (0.2 + 0.8) < time * k * 2.0 * 0.2
     motion = ROVER.simulate(CHARLIE, ROVER_DEFAULTS, Scenario(0.5, 120.0), 1.1, 0.03)
@@ -105,7 +109,9 @@ def test_vectored_thrust_is_not_scaled_by_speed_and_says_so() -> None:
 
 
 def test_a_delay_moves_the_whole_response() -> None:
-    now, later = (SUB.simulate(yaw(0.2, 0.75), SUB_HEADING_DEFAULTS, Scenario(0.2, 5.0), None, d) for d in (0, 0.2))
+    now, later = (
+        SUB.simulate(yaw(0.2, 0.75), SUB_HEADING_DEFAULTS, Scenario(0.2, 5.0), None, d) for d in (0, 0.2)
+    )
     first = [np.flatnonzero(m.position > 1e-9)[0] for m in (now, later)]
     assert (first[1] - first[0]) * 0.0025 == pytest.approx(0.2, abs=0.003)
 

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.open_loop import OpenLoop, Rational
+from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -76,10 +76,8 @@ class Law(Protocol):
         """Fly *scenario* on *model* with everything nonlinear in place; *delay* [s] is beyond the model's."""
         ...
 
-    def open_loop(
-        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
-    ) -> OpenLoop:
-        """Return the loop opened at the actuator, with the drag linearised to *drag*."""
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured velocity (position included, as its integral) to actuator output, sign aside."""
         ...
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:

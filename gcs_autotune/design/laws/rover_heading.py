@@ -24,7 +24,7 @@ from gcs_autotune.design.laws.kernel import (
     wrap,
 )
 from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
-from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator, second_order
+from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -214,15 +214,12 @@ class RoverHeading:
         angle = first_order(self._get(settings, "ATC_STR_RAT_FLTT")) * constant(settings[ANG])
         return constant(settings[FF] * scale), pid, angle
 
-    def open_loop(
-        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
-    ) -> OpenLoop:
-        """Return the loop opened at the servo."""
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured turn rate to servo."""
         feed, pid, angle = self._parts(settings, speed)
         gyro = second_order(self._get(settings, "INS_GYRO_FILTER"))
-        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
         turn = angle * integrator()
-        return OpenLoop(plant * (feed * turn + pid * (turn + gyro)), model.delay + delay)
+        return feed * turn + pid * (turn + gyro)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured heading to servo."""
@@ -250,17 +247,20 @@ class RoverHeading:
                 "autopilot does not scale the steering and its integral cannot grow, so wind or trim leaves an "
                 f"error; the margins are given for just above that speed; prove the gains again when going faster"
             ]
-        notes = [
+        return [
             f"identified at {speed:.2f} m/s; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the "
             "steering by speed, so the gains hold there as long as the turn rate per rudder grows in proportion "
-            f"to speed; at or below {base:g} m/s the integral term is frozen"
+            f"to speed; at or below {base:g} m/s the integral term is frozen",
+            *self._feed_notes(model, settings, speed),
         ]
+
+    def _feed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         ideal = model.equivalent_drag(model.steady_velocity(0.5)) / self.scale(settings, speed)
-        if settings[FF] < LOW_FEED * ideal:
-            most = math.degrees(abs(model.steady_velocity(1.0)))
-            notes.append(
-                f"turn rates would be followed best with {FF} = {ideal:.2g}, but {ANG} cannot go below 1 and the "
-                f"heading loop needs less; the craft can turn at {most:.0f} deg/s at most at this speed, while "
-                f"ATC_STR_RAT_MAX asks for up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
-            )
-        return notes
+        if settings[FF] >= LOW_FEED * ideal:
+            return []
+        most = math.degrees(abs(model.steady_velocity(1.0)))
+        return [
+            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {ANG} cannot go below 1 and the "
+            f"heading loop needs less; the craft can turn at {most:.0f} deg/s at most at this speed, while "
+            f"ATC_STR_RAT_MAX asks for up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
+        ]
