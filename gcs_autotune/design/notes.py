@@ -46,8 +46,8 @@ def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterat
     elif not is_better(before.prediction.metrics, shown.prediction.metrics).better:
         old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
         yield (
-            "the predicted step is not better than with the present gains; what changes is the reserve: worst phase "
-            f"margin {old:.0f} -> {new:.0f} deg"
+            "the predicted step is not better than with the present gains; what changes is the reserve: worst "
+            f"phase margin {old:.0f} -> {new:.0f} deg"
         )
 
 

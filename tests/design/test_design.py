@@ -175,6 +175,14 @@ def test_gains_outside_their_range_on_the_craft_are_mentioned_and_replaced_by_on
     assert all(c.low <= c.new <= c.high for c in proposal.changes)
 
 
+def test_a_gain_on_its_limit_in_float32_is_not_called_outside() -> None:
+    model, axis, spec = CRAFTS["falcon yaw"]
+    gains = {**present(axis), "ATC_RAT_YAW_I": float(np.float32(0.05)), "ATC_RAT_YAW_P": float(np.float32(0.18))}
+    assert gains["ATC_RAT_YAW_I"] > 0.05
+    proposal = design(model, uncertain(model), axis, gains, spec)
+    assert not any("outside" in note for note in proposal.notes)
+
+
 def test_a_derivative_gain_that_was_set_is_taken_out_with_a_reason() -> None:
     model, axis, spec = CRAFTS["falcon yaw"]
     gains = {**present(axis), "ATC_RAT_YAW_D": 0.01}
