@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.model_function import settling_time, wanted_step
-from gcs_autotune.design.open_loop import margins_of, worst
+from gcs_autotune.design.open_loop import margins_of, open_loop, worst
 from gcs_autotune.design.plant import Region
 from gcs_autotune.design.result import Margins, ModelFunction
 from gcs_autotune.design.spec import Spec
@@ -71,6 +71,11 @@ class Problem:
         """The identified model."""
         return self.region.model
 
+    @property
+    def speed(self) -> float | None:
+        """The speed the gains are matched at [m/s]."""
+        return self.law.matching_speed(self.settings, self.spec.speed)
+
     def with_gains(self, x: Array) -> dict[str, float]:
         """Return the settings with the tuned gains at *x* (n,), fractions of their ranges."""
         tuned = {g.parameter: g.low + float(v) * (g.high - g.low) for g, v in zip(self.gains, x, strict=True)}
@@ -83,11 +88,15 @@ class Problem:
         inside: Array = np.clip(known, 0.0, 1.0)
         return inside
 
-    def margins(self, settings: Settings, wanted: ModelFunction, model: SingleDof) -> list[Margins]:
-        """Return the margins of *model*, at rest and moving as *wanted* moves."""
-        law, speed = self.law, self.spec.speed
-        drags = linearisations(model, wanted, self.step)
-        return [margins_of(law.open_loop(model, d, settings, speed, self.delay)) for d in drags]
+    def margins(self, settings: Settings, wanted: ModelFunction, models: Sequence[SingleDof]) -> list[Margins]:
+        """Return the margins of each of *models*, the worse of at rest and moving as *wanted* moves."""
+        controller = self.law.controller(settings, self.speed)
+        found = []
+        for m in models:
+            drags = linearisations(m, wanted, self.step)
+            loops = (open_loop(controller, m.alpha, d, m.delay + self.delay) for d in drags)
+            found.append(worst([margins_of(loop) for loop in loops]))
+        return found
 
 
 def peak_demand(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, float]:
@@ -108,12 +117,13 @@ def linearisations(model: SingleDof, wanted: ModelFunction, step: float) -> tupl
     return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
 
 
-def output_noise(law: Law, settings: Settings, spec: Spec) -> float:
+def output_noise(problem: Problem, settings: Settings) -> float:
     """Return the actuator's rms [fraction] that the measured position noise causes, white up to its bandwidth."""
+    spec = problem.spec
     if spec.noise_std == 0.0:
         return 0.0
     omega = np.linspace(0.02, 1.0, 50) * math.tau * spec.noise_bandwidth
-    size = np.abs(law.position_path(settings, spec.speed).at((1j * omega).astype(np.complex128)))
+    size = np.abs(problem.law.position_path(settings, problem.speed).at((1j * omega).astype(np.complex128)))
     return float(spec.noise_std * np.sqrt(np.mean(size**2)))
 
 
@@ -124,7 +134,7 @@ def match(problem: Problem, wanted: ModelFunction, start: Settings | None = None
     the present gains and *start* (gains found for a neighbouring wish).
     """
     residuals = _Residuals(problem, wanted)
-    algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.spec.speed)
+    algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.speed)
     anchors = [problem.as_fractions(g) for g in [*algebra, *([start] if start else []), problem.settings]]
     costs = [float(np.sum(residuals(a, a) ** 2)) for a in anchors]
     best = anchors[int(np.argmin(costs))]
@@ -135,9 +145,9 @@ def match(problem: Problem, wanted: ModelFunction, start: Settings | None = None
         jac=residuals.jacobian,
         bounds=(0.0, 1.0),
         args=(best,),
-        max_nfev=25,
-        ftol=1e-4,
-        xtol=1e-4,
+        max_nfev=30,
+        ftol=1e-5,
+        xtol=1e-5,
     )
     values = problem.with_gains(found.x)
     return {g.parameter: round_gain(values[g.parameter], g) for g in problem.gains}
@@ -171,20 +181,26 @@ class _Residuals:
 
     def watch(self, settings: Settings) -> None:
         """Hold the margins of the samples that are hardest with *settings*, besides those of the model itself."""
-        problem = self._problem
-
-        def ease(sample: SingleDof) -> float:
-            low = worst(problem.margins(settings, self._wish, sample))
-            return min(low.phase / problem.spec.phase_margin, low.gain / problem.spec.gain_margin)
-
-        self._watched = [problem.model, *sorted(problem.region.samples, key=ease)[:HARDEST]]
+        problem, spec = self._problem, self._problem.spec
+        samples = problem.region.samples
+        found = problem.margins(settings, self._wish, samples)
+        ease = [min(m.phase / spec.phase_margin, m.gain / spec.gain_margin) for m in found]
+        hardest = [samples[i] for i in np.argsort(ease, kind="stable")[:HARDEST]]
+        self._watched = [problem.model, *hardest]
 
     def __call__(self, x: Array, anchor: Array) -> Array:
         problem = self._problem
         settings = problem.with_gains(x)
         parts = [RELUCTANCE * (x - anchor), self._shortfalls(settings)]
+<<<<<<< HEAD
         for scenario, t, wanted, weight in zip(self._scenarios, self._times, self._wanted, self._weights, strict=True):
             motion = problem.law.simulate(problem.model, settings, scenario, problem.spec.speed, problem.delay)
+=======
+        for scenario, t, wanted, weight in zip(
+            self._scenarios, self._times, self._wanted, self._weights, strict=True
+        ):
+            motion = problem.law.simulate(problem.model, settings, scenario, problem.speed, problem.delay)
+>>>>>>> design
             share = np.interp(t, motion.t, motion.position) / scenario.step
             error = np.nan_to_num(share - wanted, nan=WORST_RESIDUAL)
             parts.append(weight * np.clip(error, -WORST_RESIDUAL, WORST_RESIDUAL))
@@ -204,18 +220,17 @@ class _Residuals:
     def _shortfalls(self, settings: Settings) -> Array:
         problem, spec = self._problem, self._problem.spec
         lacks = []
-        for model in self._watched:
-            m = worst(problem.margins(settings, self._wish, model))
+        for m in problem.margins(settings, self._wish, self._watched):
             lacks.append(max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin)))
             lacks.append(max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin)))
         lacks.append(self._integral_shortfall(settings))
-        noise = output_noise(problem.law, settings, spec) / NOISE_LIMIT
+        noise = output_noise(problem, settings) / NOISE_LIMIT
         lacks.append(min(max(0.0, RESERVE * noise - 1.0), WORST_RESIDUAL))
         return MARGIN_WEIGHT * np.array(lacks)
 
     def _integral_shortfall(self, settings: Settings) -> float:
         """How much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
-        law, speed = self._problem.law, self._problem.spec.speed
+        law, speed = self._problem.law, self._problem.speed
         high = next(g.high for g in self._problem.gains if g.parameter == law.integral)
         wanted = min(INTEGRAL / self._a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed))
         return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(wanted, 1e-12))

@@ -22,6 +22,7 @@ __all__ = [
     "first_order",
     "integrator",
     "margins_of",
+    "open_loop",
     "second_order",
     "worst",
 ]
@@ -90,6 +91,12 @@ class OpenLoop:
 
         top, bottom = _pade(self.delay, order)
         return TransferFunction(np.convolve(self.rational.num, top), np.convolve(self.rational.den, bottom))
+
+
+def open_loop(controller: Rational, alpha: float, drag: float, delay: float) -> OpenLoop:
+    """Open the loop of *controller* (velocity to output) around ``1/(alpha s + drag)`` with *delay* [s]."""
+    plant = Rational(np.array([1.0]), np.array([alpha, drag]))
+    return OpenLoop(plant * controller, delay)
 
 
 def constant(gain: float) -> Rational:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import LAWS, Law
-from gcs_autotune.design.matching import Problem, peak_demand
+from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
+from gcs_autotune.design.notes import notes_on
 from gcs_autotune.design.plant import Region, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.result import Change, Proposal
@@ -32,8 +33,6 @@ LEAST_SPAN = 5.0
 """Predicted steps are at least this long [s]."""
 SAME = 1e-3
 """Gains closer than this (relative) count as unchanged."""
-POOR_MATCH = 0.08
-"""Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
 
 
 def design(
@@ -64,6 +63,7 @@ def design(
     law = lookup(LAWS, axis.law, "control law")
     _check(fit_model, axis, present, spec)
     model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
+    model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
     problem = _problem(law, axis, sample_region(model, covariance), present, spec)
     chosen = choose(problem)
     span = _span(chosen)
@@ -84,7 +84,7 @@ def design(
         bound=stability_bound(model, chosen.wanted, uncertainty_of(model, covariance), velocity),
         before=before.prediction,
         after=shown.prediction,
-        notes=tuple(_notes(problem, axis, before, shown, bool(changes))),
+        notes=tuple(notes_on(problem, axis, before, shown, bool(changes))),
     )
 
 
@@ -144,32 +144,3 @@ def _reason(law: Law, gain: Gain, after: Candidate) -> str:
     if new in (gain.low, gain.high):
         reason += f", stopped at the documented {'least' if new == gain.low else 'most'} of {new:g}"
     return reason
-
-
-def _notes(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
-    yield from problem.law.notes(problem.settings, problem.spec.speed)
-    for gain in axis.gains:
-        old = problem.settings[gain.parameter]
-        if not gain.low <= old <= gain.high:
-            yield f"{gain.parameter} = {old:g} on the craft is outside its range {gain.low:g}..{gain.high:g}"
-    if not changed:
-        yield "the present gains are already as good as any this design can offer: nothing to change"
-    elif not before.worst_margins.stable:
-        yield "with the present gains the loop is, or may be, unstable on the identified craft"
-    for objection in shown.objections:
-        yield f"less than wished for, but the best the documented ranges allow: {objection}"
-    use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
-    if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
-        yield (
-            f"the wanted step needs {use:.0%} of the actuator: the craft cannot follow it exactly and "
-            "will be slower than asked for"
-        )
-    elif _lags(shown):
-        yield "the documented ranges keep the step from following the wanted one more closely"
-    if not problem.region.samples:
-        yield "the model came without uncertainty, so the worst margins are those of the model itself"
-
-
-def _lags(shown: Candidate) -> bool:
-    error = shown.prediction.position - shown.prediction.wanted
-    return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))

@@ -104,8 +104,8 @@ def is_tolerable(candidate: Candidate) -> bool:
 
 def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration: float) -> Candidate:
     """Return what *settings* promise, over a step recorded for *duration* [s]."""
-    margins = worst(problem.margins(settings, wanted, problem.model))
-    low = worst([margins, *(worst(problem.margins(settings, wanted, s)) for s in problem.region.samples)])
+    found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
+    margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
     return Candidate(wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction)))
 
@@ -128,7 +128,7 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
     most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT))
     if metrics.overshoot > most:
         yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
-    noise = output_noise(problem.law, settings, spec)
+    noise = output_noise(problem, settings)
     if noise > NOISE_LIMIT:
         yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
 
@@ -174,6 +174,6 @@ def _refusal(problem: Problem, last: Candidate) -> NoGainsMeetSpec:
     settled = settling_time(last.wanted.kind, last.wanted.omega_0)
     return NoGainsMeetSpec(
         f"no gains inside the documented ranges give an acceptable {problem.law.name} loop; the last try, "
-        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a smaller "
-        "step, or a longer experiment (less uncertainty)"
+        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a "
+        "smaller step, or a longer experiment (less uncertainty)"
     )

@@ -26,6 +26,7 @@ class Spec:
     full_scale : model input at full actuator output; None for models identified in fractions (unit ``1``).
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
     noise_bandwidth : half the rate at which that noise was measured [Hz].
+    link_delay : part of the identified delay [s] that lies in the telemetry link, not in the autopilot's loop.
     loop_delay : extra delay [s] of autopilot and actuator, beyond the identified one; None = 1.5 loop periods.
     gain_margin, phase_margin : least acceptable over the 95 % region, ratio and [rad].
     actuator_use : fraction of full output that the wanted step may need.
@@ -39,6 +40,7 @@ class Spec:
     full_scale: float | None = None
     noise_std: float = 0.0
     noise_bandwidth: float = 5.0
+    link_delay: float = 0.0
     loop_delay: float | None = None
     gain_margin: float = 2.5
     phase_margin: float = math.radians(45.0)
@@ -53,7 +55,7 @@ class Spec:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be a positive number, not {value}")
-        for name in ("noise_std", "loop_delay"):
+        for name in ("noise_std", "link_delay", "loop_delay"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be zero or more, not {value}")

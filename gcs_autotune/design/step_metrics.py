@@ -15,6 +15,8 @@ __all__ = ["step_metrics"]
 
 Array = NDArray[np.float64]
 LEAST_SAMPLES = 8
+SPIKE = 0.25
+"""Chosen: a lone sample this far from its neighbours, as a fraction of the step, is no motion."""
 LAST_PART = 1.0 / 3.0
 """Share of the record that tells about the steady state."""
 
@@ -25,8 +27,8 @@ def step_metrics(t: Array, target: Array, position: Array, output: Array, *, noi
     t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
     [fraction of full], held until the next sample. Samples before the target moves are the state at rest; a
     target that never moves is a step from the first position. ``noise_std`` [rad or m]: errors within two of it
-    count as none, and the settling band is never narrower than that. Single outliers are removed by a running
-    median of three. Compare only steps recorded over equally long windows: ITAE grows with the window.
+    count as none, and the settling band is never narrower than that. Single wild samples are replaced by their
+    neighbours' mean. Compare only steps recorded over equally long windows: ITAE grows with the window.
 
     Raises
     ------
@@ -39,8 +41,15 @@ def step_metrics(t: Array, target: Array, position: Array, output: Array, *, noi
     if abs(size) <= 4.0 * noise_std or size == 0.0:
         raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
     if len(t) - begin < LEAST_SAMPLES:
+<<<<<<< HEAD
         raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
     smooth = _median_of_three(position)[begin:]
+=======
+        raise NotInformative(
+            f"only {len(t) - begin} samples after the step; record longer or ask for higher rates"
+        )
+    smooth = _without_spikes(position, size)[begin:]
+>>>>>>> design
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
     floor = 2.0 * noise_std / abs(size)
@@ -79,9 +88,14 @@ def _find_step(target: Array, position: Array) -> tuple[int, float]:
     return 0, float(np.median(position[:3]))
 
 
-def _median_of_three(values: Array) -> Array:
-    middle = np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0)
-    return np.concatenate([values[:1], middle, values[-1:]])
+def _without_spikes(values: Array, size: float) -> Array:
+    """Replace samples that leave both neighbours, which agree with each other, by a quarter of the step."""
+    middle = 0.5 * (values[:-2] + values[2:])
+    lone = np.abs(values[1:-1] - middle) > SPIKE * abs(size)
+    lone &= np.abs(values[2:] - values[:-2]) < SPIKE * abs(size)
+    clean = values.copy()
+    clean[1:-1] = np.where(lone, middle, values[1:-1])
+    return clean
 
 
 def _crossing(t: Array, share: Array, level: float) -> float:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
+
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import GUARDS, Envelope
 from gcs_autotune.manoeuvres.envelope import Watch

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from gcs_autotune.identify import find_cycles
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
 from gcs_autotune.watch import SilentWatcher

@@ -3,6 +3,8 @@ from __future__ import annotations
 import math
 
 import pytest
+
+from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import (
     CommandDenied,
     GuardTripped,
@@ -12,7 +14,6 @@ from gcs_autotune.errors import (
     PreconditionFailed,
     TelemetryFault,
 )
-from gcs_autotune.craft import Actuate
 from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings, visit
 from gcs_autotune.watch import SilentWatcher
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
+
 from gcs_autotune.craft import DepthTarget, HeadingTarget
 from gcs_autotune.manoeuvres import Step, StepSettings
 

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.open_loop import OpenLoop, Rational
+from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -56,6 +56,10 @@ class Law(Protocol):
         """Return the autopilot's loop period [s]."""
         ...
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return the speed [m/s] to match gains at, where all terms act: the craft's unless it freezes one."""
+        ...
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the largest velocity the autopilot will ask for [rad/s or m/s]."""
         ...
@@ -72,10 +76,8 @@ class Law(Protocol):
         """Fly *scenario* on *model* with everything nonlinear in place; *delay* [s] is beyond the model's."""
         ...
 
-    def open_loop(
-        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
-    ) -> OpenLoop:
-        """Return the loop opened at the actuator, with the drag linearised to *drag*."""
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured velocity (position included, as its integral) to actuator output, sign aside."""
         ...
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
@@ -89,8 +91,8 @@ class Law(Protocol):
         """
         ...
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
-        """Return sentences on where the gains hold."""
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Return sentences on where the gains in *settings* hold, and what stands in their way."""
         ...
 
 

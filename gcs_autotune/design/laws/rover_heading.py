@@ -24,7 +24,7 @@ from gcs_autotune.design.laws.kernel import (
     wrap,
 )
 from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
-from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator, second_order
+from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -38,6 +38,9 @@ FF, P, I, D, ANG = (  # noqa: E741 - I is the integral gain
     "ATC_STR_ANG_P",
 )
 GRAVITY = 9.80665
+JUST_ABOVE = 1.0 + 1e-9
+LOW_FEED = 0.7
+"""Feed-forward below this share of the model's own is worth a note."""
 
 
 def _fly(
@@ -141,6 +144,11 @@ class RoverHeading:
             return True
         return speed is None or speed > self._get(settings, "MOT_SPD_SCA_BASE") > 0.0
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
+        base = self._get(settings, "MOT_SPD_SCA_BASE")
+        return speed if speed is None else max(speed, JUST_ABOVE * base)
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
         rate = math.radians(self._get(settings, "ATC_STR_RAT_MAX"))
@@ -206,15 +214,12 @@ class RoverHeading:
         angle = first_order(self._get(settings, "ATC_STR_RAT_FLTT")) * constant(settings[ANG])
         return constant(settings[FF] * scale), pid, angle
 
-    def open_loop(
-        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
-    ) -> OpenLoop:
-        """Return the loop opened at the servo."""
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured turn rate to servo."""
         feed, pid, angle = self._parts(settings, speed)
         gyro = second_order(self._get(settings, "INS_GYRO_FILTER"))
-        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
         turn = angle * integrator()
-        return OpenLoop(plant * (feed * turn + pid * (turn + gyro)), model.delay + delay)
+        return feed * turn + pid * (turn + gyro)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured heading to servo."""
@@ -228,7 +233,7 @@ class RoverHeading:
         proportional = settings[ANG] * (settings[FF] + settings[P]) + settings[I]
         return settings[ANG] * settings[I] / max(proportional, 1e-12)
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say at which speeds the gains hold."""
         base = self._get(settings, "MOT_SPD_SCA_BASE")
         if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
@@ -240,10 +245,22 @@ class RoverHeading:
             return [
                 f"the experiment ran at {speed:.2f} m/s, not above MOT_SPD_SCA_BASE = {base:g} m/s: there the "
                 "autopilot does not scale the steering and its integral cannot grow, so wind or trim leaves an "
-                f"error; the gains hold near {speed:.2f} m/s and should be proved again when going faster"
+                f"error; the margins are given for just above that speed; prove the gains again when going faster"
             ]
         return [
             f"identified at {speed:.2f} m/s; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the "
             "steering by speed, so the gains hold there as long as the turn rate per rudder grows in proportion "
-            f"to speed; at or below {base:g} m/s the integral term is frozen"
+            f"to speed; at or below {base:g} m/s the integral term is frozen",
+            *self._feed_notes(model, settings, speed),
+        ]
+
+    def _feed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        ideal = model.equivalent_drag(model.steady_velocity(0.5)) / self.scale(settings, speed)
+        if settings[FF] >= LOW_FEED * ideal:
+            return []
+        most = math.degrees(abs(model.steady_velocity(1.0)))
+        return [
+            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {ANG} cannot go below 1 and the "
+            f"heading loop needs less; the craft can turn at {most:.0f} deg/s at most at this speed, while "
+            f"ATC_STR_RAT_MAX asks for up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]

@@ -22,7 +22,7 @@ from gcs_autotune.design.laws.kernel import (
     sqrt_control,
 )
 from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
-from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator
+from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -117,6 +117,10 @@ class SubDepth:
         """Return the loop period [s]."""
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: it plays no part here."""
+        return speed
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of the pilot's climb and descent speeds [m/s]."""
         up = self._get(settings, "PILOT_SPEED_UP") / 100.0
@@ -173,15 +177,12 @@ class SubDepth:
         feed = constant(settings[ACC_FF]) * throttle
         return pid, feed, velocity * first_order(self._get(settings, "PSC_ACCZ_FLTT"))
 
-    def open_loop(
-        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
-    ) -> OpenLoop:
-        """Return the loop opened at the thrusters, the position controller in its linear range."""
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return climb rate to output, the position controller in its linear range."""
         pid, feed, velocity = self._parts(settings)
-        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
         wish = velocity * (constant(1.0) + integrator(settings[POS]))
         slope = Rational(np.array([1.0, 0.0]), np.array([1.0]))
-        return OpenLoop(plant * (pid * (wish + slope) + feed * wish), model.delay + delay)
+        return pid * (wish + slope) + feed * wish
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured depth to output."""
@@ -193,7 +194,7 @@ class SubDepth:
         proportional = settings[POS] * (settings[ACC] + settings[ACC_FF]) + settings[ACC_I]
         return settings[POS] * settings[ACC_I] / max(proportional, 1e-12)
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""
         notes = ["near the surface ArduSub limits the upward thrust (SURFACE_MAX_THR); prove the gains below it"]
         if self._get(settings, "PSC_ACCZ_D") != 0.0:

@@ -24,7 +24,7 @@ from gcs_autotune.design.laws.kernel import (
     wrap,
 )
 from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
-from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, first_order, integrator, second_order
+from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -132,6 +132,10 @@ class SubHeading:
         rate = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
         return rate if rate > 0.0 else 1e6
 
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: it plays no part here."""
+        return speed
+
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of ATC_RATE_Y_MAX and ATC_SLEW_YAW [rad/s]."""
         return min(self._rate_max(settings), math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0))
@@ -191,14 +195,11 @@ class SubHeading:
         pid = pid * first_order(self._get(settings, "ATC_RAT_YAW_FLTE"))
         return pid, first_order(self._get(settings, "ATC_RAT_YAW_FLTT")) * constant(settings[ANG])
 
-    def open_loop(
-        self, model: SingleDof, drag: float, settings: Settings, speed: float | None, delay: float
-    ) -> OpenLoop:
-        """Return the loop opened at the thrusters, the angle controller in its linear range."""
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured turn rate to output, the angle controller in its linear range."""
         pid, angle = self._parts(settings)
         gyro = second_order(self._get(settings, "INS_GYRO_FILTER"))
-        plant = Rational(np.array([1.0]), np.array([model.alpha, drag]))
-        return OpenLoop(plant * pid * (angle * integrator() + gyro), model.delay + delay)
+        return pid * (angle * integrator() + gyro)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured heading to output."""
@@ -210,6 +211,6 @@ class SubHeading:
         proportional = settings[ANG] * settings[P] + settings[I]
         return settings[ANG] * settings[I] / max(proportional, 1e-12)
 
-    def notes(self, settings: Settings, speed: float | None) -> list[str]:
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""
         return ["the yaw model was identified without way on; ArduSub does not scale its yaw gains with speed"]

@@ -1,0 +1,79 @@
+"""What a user should read beside the numbers of a proposal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from gcs_autotune.design.matching import Problem, peak_demand
+from gcs_autotune.design.selection import Candidate
+from gcs_autotune.design.verdict import is_better
+from gcs_autotune.firmware import Axis
+
+__all__ = ["notes_on"]
+
+LONG_DELAY = 0.05
+"""A delay [s] beyond which it matters where it lies."""
+POOR_MATCH = 0.08
+"""Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
+ROUNDING = 1e-6
+"""A vehicle keeps its parameters in float32; so far outside a range (relative to it) is still on its limit."""
+
+
+def notes_on(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
+    """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
+    yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
+    yield from _on_the_present(problem, axis)
+    yield from _on_the_change(before, shown, changed)
+    yield from _on_the_model(problem)
+    yield from _on_the_wish(problem, shown)
+
+
+def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:
+    for gain in axis.gains:
+        old, slack = problem.settings[gain.parameter], ROUNDING * (gain.high - gain.low)
+        if not gain.low - slack <= old <= gain.high + slack:
+            yield f"{gain.parameter} = {old:g} on the craft is outside its range {gain.low:g}..{gain.high:g}"
+
+
+def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
+    if not changed:
+        yield "the present gains are already as good as any this design can offer: nothing to change"
+    elif not before.worst_margins.stable:
+        yield "with the present gains the loop is, or may be, unstable on the identified craft"
+    elif not is_better(before.prediction.metrics, shown.prediction.metrics).better:
+        old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
+        yield (
+            "the predicted step is not better than with the present gains; what changes is the reserve: worst "
+            f"phase margin {old:.0f} -> {new:.0f} deg"
+        )
+
+
+def _on_the_model(problem: Problem) -> Iterator[str]:
+    if problem.model.delay > LONG_DELAY:
+        yield (
+            f"the identified delay of {problem.model.delay:.2f} s is taken to lie between autopilot and force; if "
+            "it is in the telemetry link, give it as link delay: the loop may then be faster"
+        )
+    if not problem.region.samples:
+        yield "the model came without uncertainty, so the worst margins are those of the model itself"
+
+
+def _on_the_wish(problem: Problem, shown: Candidate) -> Iterator[str]:
+    for objection in shown.objections:
+        yield f"less than wished for, but the best the documented ranges allow: {objection}"
+    use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
+    if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
+        yield (
+            f"the wanted step needs {use:.0%} of the actuator: the craft cannot follow it exactly and "
+            "will be slower than asked for"
+        )
+    elif _lags(shown):
+        yield "the documented ranges keep the step from following the wanted one more closely"
+
+
+def _lags(shown: Candidate) -> bool:
+    error = shown.prediction.position - shown.prediction.wanted
+    return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))

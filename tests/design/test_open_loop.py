@@ -1,0 +1,104 @@
+"""Margins against python-control, and the linear loops against the simulated ones."""
+
+from __future__ import annotations
+
+import math
+
+import control
+import numpy as np
+import pytest
+
+from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design.open_loop import (
+    NO_CROSSING,
+    OpenLoop,
+    Rational,
+    constant,
+    first_order,
+    integrator,
+    margins_of,
+    open_loop,
+    second_order,
+)
+
+from .crafts import CRAFTS, present
+
+
+def rational(num: list[float], den: list[float]) -> Rational:
+    return Rational(np.array(num), np.array(den))
+
+
+@pytest.mark.parametrize(
+    ("num", "den", "delay"),
+    [
+        ([2.0], [1.0, 1.0, 0.0], 0.1),
+        ([1.0, 0.3], [3.1, 1.0, 0.0, 0.0], 0.0),
+        ([4.0], [1.0, 3.0, 3.0, 1.0], 0.05),
+    ],
+)
+def test_margins_agree_with_python_control(num: list[float], den: list[float], delay: float) -> None:
+    ours = margins_of(OpenLoop(rational(num, den), delay))
+    loop = OpenLoop(rational(num, den), delay).to_control(order=8)
+    gain, phase, _, _, crossover, _ = control.stability_margins(loop)
+    assert ours.stable
+    assert ours.phase == pytest.approx(math.radians(phase), rel=2e-3)
+    assert ours.delay == pytest.approx(math.radians(phase) / crossover, rel=5e-3)
+    if math.isfinite(gain):
+        assert ours.gain == pytest.approx(gain, rel=5e-3)
+    else:
+        assert ours.gain == NO_CROSSING
+
+
+def test_an_unstable_loop_has_no_margins() -> None:
+    found = margins_of(OpenLoop(rational([20.0], [1.0, 3.0, 3.0, 1.0]), 0.0))
+    assert (found.stable, found.gain, found.phase, found.delay) == (False, 0.0, 0.0, 0.0)
+
+
+def test_a_loop_that_needs_its_gain_has_a_margin_downwards() -> None:
+    loop = OpenLoop(rational([4.0, 4.0], [1.0, 0.0, 1.0, 0.0]) * integrator(), 0.0)
+    triple = OpenLoop(rational([8.0, 8.0, 2.0], [1.0, 0.0, 0.0, 0.0]), 0.0)
+    edge = next(k for k in np.linspace(1.0, 0.01, 400) if np.max(np.roots([1.0, 8 * k, 8 * k, 2 * k]).real) > 0.0)
+    assert not margins_of(loop).stable
+    assert margins_of(triple).gain == pytest.approx(1.0 / edge, rel=0.05)
+
+
+def test_adding_loops_that_share_an_integrator_does_not_double_it() -> None:
+    both = (constant(2.0) + integrator(3.0)) + (integrator(1.0) + integrator() * integrator())
+    assert len(both.den) == 3
+    s = np.array([0.3 + 1.1j])
+    assert both.at(s) == pytest.approx(2.0 + 4.0 / s + 1.0 / s**2)
+
+
+def test_filters_are_3_db_down_at_their_cutoff() -> None:
+    s = np.array([2j * math.pi * 4.0])
+    assert abs(first_order(4.0).at(s)[0]) == pytest.approx(math.sqrt(0.5))
+    assert abs(second_order(4.0).at(s)[0]) == pytest.approx(math.sqrt(0.5))
+    assert first_order(0.0).at(s)[0] == second_order(0.0).at(s)[0] == 1.0
+
+
+@pytest.mark.parametrize(
+    "name", ["charlie trimmed off", "boat 2 s", "falcon yaw", "falcon heave", "bluerov heave"]
+)
+def test_the_linear_loop_predicts_the_small_steps_of_the_simulated_one(name: str) -> None:
+    """With steps too small for any limiter, closing the linear loop must give the simulated motion.
+
+    The step enters through the position path: ``eta = plant * path/(1 + L) * step``.
+    """
+    model, axis, spec = CRAFTS[name]
+    law = LAWS[axis.law]
+    settings = {**present(axis), "ATC_RATE_FF_ENAB": 0.0, "ATC_SLEW_YAW": 1e7}
+    if law.name == "rover-heading":
+        settings.update({"ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 0.05, "ATC_STR_ACC_MAX": 0.0})
+    period = law.loop_period(settings)
+    delay, step, speed = 0.06, 1e-4, spec.speed
+    level = type(model)(model.dof, "1", model.alpha, model.beta, 0.0, 0.0, model.delay)
+    motion = law.simulate(level, settings, Scenario(step, 15.0), speed, delay)
+    controller = law.controller(settings, speed)
+    loop = open_loop(controller, level.alpha, level.beta, level.delay + delay + 0.5 * period)
+    path = law.position_path(settings, speed) * Rational(np.array([1.0]), np.array([level.alpha, level.beta, 0.0]))
+    forward = OpenLoop(path, loop.delay).to_control()
+    closed = forward / (1 + loop.to_control())
+    t = np.linspace(0.0, 15.0, 751)
+    expected = control.step_response(control.minreal(closed, tol=1e-6, verbose=False), t).outputs
+    simulated = np.interp(t, motion.t, motion.position) / step
+    assert simulated == pytest.approx(expected, abs=0.02)
