@@ -14,7 +14,7 @@ from sitl.effects import Effect
 from sitl.mavlink import Server
 from sitl.vehicle import Vehicle
 
-__all__ = ["VEHICLES", "Effect", "Server", "UnknownVehicle", "open_vehicle"]
+__all__ = ["VEHICLES", "Effect", "Server", "UnknownVehicle", "load_vehicle", "open_vehicle"]
 
 
 def open_vehicle(
