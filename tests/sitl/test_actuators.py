@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sitl.actuators import FRAMES, RudderBoat, ThrusterFrame, YawSchedule
+from sitl.body import AxisDynamics, Body, Loads, World
+
+SCHEDULE = YawSchedule(((16.0, 10.0, 3.0), (36.0, 8.0, 2.0), (64.0, 9.0, 2.5)))
+BOAT = RudderBoat(SCHEDULE, math.radians(30), 8.0, 75.0, 0.0, 1, 3)
+
+
+def _body() -> Body:
+    return Body(
+        AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0), World(floats=True)
+    )
+
+
+def _drive(actuators, *pwm: int) -> tuple[Loads, Body]:
+    body, loads = _body(), Loads()
+    actuators.drive(pwm, body, loads)
+    return loads, body
+
+
+def test_the_schedule_is_linear_between_its_rows():
+    assert SCHEDULE.at(26.0) == pytest.approx((9.0, 2.5, 1.0))
+    assert SCHEDULE.at(50.0) == pytest.approx((8.5, 2.25, 1.0))
+
+
+def test_the_schedule_holds_its_last_row_beyond_it():
+    assert SCHEDULE.at(100.0) == (9.0, 2.5, 1.0)
+
+
+def test_below_the_first_row_the_rudder_fades_with_n2():
+    assert SCHEDULE.at(4.0) == (10.0, 3.0, 0.25)
+
+
+def test_full_rudder_is_thirty_degrees():
+    loads, body = _drive(BOAT, 2000, 0, 2000)
+    assert loads.N == pytest.approx(math.radians(30))
+    assert (body.yaw.alpha, body.yaw.beta) == (9.0, 2.5)
+
+
+def test_without_way_on_the_rudder_does_nothing():
+    loads, _ = _drive(BOAT, 2000, 0, 1500)
+    assert loads.N == 0.0
+
+
+def test_going_astern_the_rudder_acts_the_other_way():
+    ahead, _ = _drive(BOAT, 1800, 0, 2000)
+    astern, _ = _drive(BOAT, 1800, 0, 1000)
+    assert astern.N == pytest.approx(-ahead.N)
+    assert astern.X == pytest.approx(-75.0)
+
+
+def test_thrust_goes_with_the_square_of_the_throttle():
+    loads, _ = _drive(BOAT, 1500, 0, 1750)
+    assert loads.X == pytest.approx(75.0 / 4)
+
+
+def test_no_pulse_is_no_force():
+    loads, _ = _drive(BOAT, 0, 0, 0)
+    assert (loads.X, loads.N) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("frame", "pwm", "expected"),
+    [
+        ("simple-rov-3", (1100, 1900, 1500), (0.0, 1.0, 0.0)),
+        ("simple-rov-3", (1900, 1900, 1500), (1.0, 0.0, 0.0)),
+        ("simple-rov-3", (1500, 1500, 1900), (0.0, 0.0, 1.0)),
+        ("vectored", (1900, 1100, 1100, 1900, 1500, 1500), (0.0, 1.0, 0.0)),
+        ("vectored", (1100, 1100, 1900, 1900, 1500, 1500), (1.0, 0.0, 0.0)),
+        ("vectored", (1500, 1500, 1500, 1500, 1700, 1700), (0.0, 0.0, 0.5)),
+        ("vectored", (1900, 1100, 1900, 1100, 1500, 1500), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_a_frame_turns_pulses_into_forces(frame, pwm, expected):
+    loads, _ = _drive(ThrusterFrame(FRAMES[frame], 2.0, 3.0, 4.0, 0.0, 0.0), *pwm)
+    X, N, Z = expected
+    assert (loads.X, loads.N, loads.Z) == pytest.approx((3.0 * X, 2.0 * N, 4.0 * Z))
+
+
+def test_a_frame_has_its_biases_even_without_pulses():
+    loads, _ = _drive(ThrusterFrame(FRAMES["vectored"], 1.0, 1.0, 1.0, 0.1, -0.3), *[0] * 6)
+    assert (loads.N, loads.Z) == (0.1, -0.3)

@@ -1,0 +1,117 @@
+"""The hull against closed-form solutions of its equation of motion."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sitl.body import AxisDynamics, Body, Loads, World
+
+DT = 0.02
+
+
+def _run(axis: AxisDynamics, force: float, seconds: float, nu: float = 0.0) -> tuple[float, float]:
+    travelled = 0.0
+    for _ in range(round(seconds / DT)):
+        nu, step = axis.step(nu, force, DT)
+        travelled += step
+    return nu, travelled
+
+
+def _body(world: World | None = None) -> Body:
+    return Body(
+        AxisDynamics(8.0, 4.0, 0.0), AxisDynamics(8.0, 15.0, 0.0), AxisDynamics(0.04, 0.0, 0.07), world or World()
+    )
+
+
+def test_linear_drag_follows_the_exponential():
+    a, b, force, t = 8.0, 4.0, 6.0, 3.0
+    nu, travelled = _run(AxisDynamics(a, b, 0.0), force, t)
+    fall = math.exp(-b * t / a)
+    assert nu == pytest.approx(force / b * (1.0 - fall), rel=1e-9)
+    assert travelled == pytest.approx(force / b * (t - a / b * (1.0 - fall)), rel=1e-9)
+
+
+def test_quadratic_drag_follows_the_hyperbolic_tangent():
+    a, c, force, t = 0.04, 0.07, 0.06, 1.5
+    nu, travelled = _run(AxisDynamics(a, 0.0, c), force, t)
+    rate = math.sqrt(force * c) / a
+    assert nu == pytest.approx(math.sqrt(force / c) * math.tanh(rate * t), rel=1e-7)
+    assert travelled == pytest.approx(a / c * math.log(math.cosh(rate * t)), rel=1e-7)
+
+
+def test_quadratic_drag_alone_decays_as_one_over_time():
+    a, c, start, t = 300.0, 33.0, 1.5, 10.0
+    nu, _ = _run(AxisDynamics(a, 0.0, c), 0.0, t, start)
+    assert nu == pytest.approx(start / (1.0 + c * start * t / a), rel=1e-9)
+
+
+def test_affine_drag_settles_where_force_and_drag_balance():
+    nu, _ = _run(AxisDynamics(80.0, 300.0, 10.0), -400.0, 30.0)
+    assert 300.0 * nu + 10.0 * abs(nu) * nu == pytest.approx(-400.0, rel=1e-9)
+
+
+def test_the_step_is_of_fourth_order():
+    axis = AxisDynamics(0.04, 0.0, 0.07)
+    exact = math.sqrt(0.06 / 0.07) * math.tanh(math.sqrt(0.06 * 0.07) / 0.04 * 0.8)
+
+    def error(steps: int) -> float:
+        nu = 0.0
+        for _ in range(steps):
+            nu, _ = axis.step(nu, 0.06, 0.8 / steps)
+        return abs(nu - exact)
+
+    assert error(4) / error(8) > 12.0
+
+
+def test_a_steady_turn_is_a_circle():
+    body = _body()
+    body.u, body.r = 1.5, 0.3
+    body.surge, body.yaw = AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0)
+    for _ in range(500):
+        body.step(Loads(), DT)
+    radius, angle = 5.0, 0.3 * 10.0
+    assert body.psi == pytest.approx(angle)
+    assert body.x == pytest.approx(radius * math.sin(angle), abs=1e-4)
+    assert body.y == pytest.approx(radius * (1.0 - math.cos(angle)), abs=1e-4)
+
+
+def test_a_downward_force_makes_it_sink():
+    body = _body(World(bottom=100.0))
+    for _ in range(250):
+        body.step(Loads(Z=3.0), DT)
+    assert body.z > 0.5
+    assert body.w == pytest.approx(3.0 / 15.0, rel=1e-3)
+
+
+def test_a_boat_does_not_heave():
+    body = _body(World(floats=True))
+    body.step(Loads(Z=100.0), DT)
+    assert body.z == 0.0
+
+
+@pytest.mark.parametrize(("start", "force"), [(0.3, -3.0), (9.7, 3.0)])
+def test_surface_and_bottom_stop_it_softly(start, force):
+    body = _body(World(bottom=10.0))
+    body.z = start
+    fastest = 0.0
+    for _ in range(1500):
+        body.step(Loads(Z=force), DT)
+        fastest = max(fastest, abs(body.wdot))
+    rest = force / (8.0 * 3.0**2)
+    assert body.z == pytest.approx((0.0 if force < 0 else 10.0) + rest, abs=1e-3)
+    assert abs(body.w) < 1e-3
+    assert fastest < 3.0
+
+
+def test_roll_and_pitch_stay_small_and_come_back():
+    body = _body()
+    body.u, body.r = 1.5, 0.5
+    for _ in range(50):
+        body.step(Loads(N=0.02), DT)
+    assert 0.0 < abs(body.phi) < 0.1
+    for _ in range(1500):
+        body.step(Loads(), DT)
+    assert abs(body.phi) < 2e-3
+    assert abs(body.theta) < 2e-3

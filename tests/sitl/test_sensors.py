@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import statistics
+
+import pytest
+
+from sitl import load_vehicle
+from sitl.sensors import Reading, SensorData, Sensors
+
+QUIET = SensorData(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _samples(data: SensorData, count: int, seed: int = 1) -> list[Reading]:
+    body = load_vehicle("videoray").make_body()
+    sensors = Sensors(data, seed, floats=False)
+    readings = []
+    for _ in range(count):
+        reading = Reading()
+        sensors.sample(body, reading)
+        readings.append(reading)
+    return readings
+
+
+def test_without_noise_the_truth_is_read():
+    reading = _samples(QUIET, 1)[0]
+    assert (reading.psi, reading.z, reading.r) == (0.6, 2.0, 0.0)
+
+
+def test_the_compass_shows_whole_steps():
+    step = math.radians(2)
+    for reading in _samples(dataclasses.replace(QUIET, heading_quantum=step, heading_noise=0.05), 200):
+        assert reading.psi / step == pytest.approx(round(reading.psi / step), abs=1e-9)
+
+
+def test_noise_has_the_stated_size():
+    data = dataclasses.replace(QUIET, heading_noise=0.004, gyro_noise=0.002, depth_noise=0.01)
+    readings = _samples(data, 4000)
+    assert statistics.stdev(r.psi for r in readings) == pytest.approx(0.004, rel=0.05)
+    assert statistics.stdev(r.r for r in readings) == pytest.approx(0.002, rel=0.05)
+    assert statistics.stdev(r.z for r in readings) == pytest.approx(0.01, rel=0.05)
+    assert statistics.mean(r.psi for r in readings) == pytest.approx(0.6, abs=3e-4)
+
+
+def test_noise_is_white():
+    errors = [r.psi - 0.6 for r in _samples(dataclasses.replace(QUIET, heading_noise=0.004), 4000)]
+    lagged = sum(a * b for a, b in zip(errors, errors[1:], strict=False)) / sum(e * e for e in errors)
+    assert abs(lagged) < 0.05
+
+
+def test_another_seed_is_another_noise_and_the_same_seed_the_same():
+    data = dataclasses.replace(QUIET, heading_noise=0.004)
+    assert _samples(data, 3, seed=1) == _samples(data, 3, seed=1)
+    assert _samples(data, 3, seed=1) != _samples(data, 3, seed=2)
+
+
+def test_one_sensors_noise_does_not_disturb_another():
+    with_gyro = dataclasses.replace(QUIET, heading_noise=0.004, gyro_noise=0.1)
+    without = dataclasses.replace(QUIET, heading_noise=0.004)
+    assert [r.psi for r in _samples(with_gyro, 20)] == [r.psi for r in _samples(without, 20)]
+
+
+def test_heading_is_wrapped():
+    body = load_vehicle("videoray").make_body()
+    body.psi = 10.0
+    reading = Reading()
+    Sensors(QUIET, 0, floats=False).sample(body, reading)
+    assert reading.psi == pytest.approx(10.0 - 4 * math.pi)
