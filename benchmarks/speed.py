@@ -51,9 +51,8 @@ def tune_seconds(axis: str, directory: Path) -> float:
 def main() -> None:
     """Print the table."""
     for vehicle in ("charlie", "videoray"):
-        print(
-            f"{vehicle:10s} lock-step, {CONTROL_RATE:g} Hz control: {real_time_factor(vehicle):7.0f} x real time (goal 100)"
-        )
+        factor = real_time_factor(vehicle)
+        print(f"{vehicle:10s} lock-step, {CONTROL_RATE:g} Hz control: {factor:7.0f} x real time (goal 100)")
     with tempfile.TemporaryDirectory() as folder:
         for axis in ("heading", "depth"):
             times = [tune_seconds(axis, Path(folder) / f"{axis}-{i}") for i in range(3)]

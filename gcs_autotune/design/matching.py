@@ -192,15 +192,8 @@ class _Residuals:
         problem = self._problem
         settings = problem.with_gains(x)
         parts = [RELUCTANCE * (x - anchor), self._shortfalls(settings)]
-<<<<<<< HEAD
         for scenario, t, wanted, weight in zip(self._scenarios, self._times, self._wanted, self._weights, strict=True):
-            motion = problem.law.simulate(problem.model, settings, scenario, problem.spec.speed, problem.delay)
-=======
-        for scenario, t, wanted, weight in zip(
-            self._scenarios, self._times, self._wanted, self._weights, strict=True
-        ):
             motion = problem.law.simulate(problem.model, settings, scenario, problem.speed, problem.delay)
->>>>>>> design
             share = np.interp(t, motion.t, motion.position) / scenario.step
             error = np.nan_to_num(share - wanted, nan=WORST_RESIDUAL)
             parts.append(weight * np.clip(error, -WORST_RESIDUAL, WORST_RESIDUAL))

@@ -41,15 +41,8 @@ def step_metrics(t: Array, target: Array, position: Array, output: Array, *, noi
     if abs(size) <= 4.0 * noise_std or size == 0.0:
         raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
     if len(t) - begin < LEAST_SAMPLES:
-<<<<<<< HEAD
         raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
-    smooth = _median_of_three(position)[begin:]
-=======
-        raise NotInformative(
-            f"only {len(t) - begin} samples after the step; record longer or ask for higher rates"
-        )
     smooth = _without_spikes(position, size)[begin:]
->>>>>>> design
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
     floor = 2.0 * noise_std / abs(size)

@@ -61,9 +61,7 @@ def test_the_predicted_step_is_better_than_with_the_firmwares_defaults(
 
 
 @pytest.mark.parametrize("name", CRAFTS)
-def test_margins_hold_over_the_region_of_the_identified_parameters(
-    proposals: dict[str, Proposal], name: str
-) -> None:
+def test_margins_hold_over_the_region_of_the_identified_parameters(proposals: dict[str, Proposal], name: str) -> None:
     proposal = proposals[name]
     low = proposal.worst_margins
     assert low.stable
@@ -89,9 +87,7 @@ def test_the_step_is_better_for_every_craft_in_the_region_too(proposals: dict[st
 
 
 @pytest.mark.parametrize("name", CRAFTS)
-def test_gains_stay_in_their_documented_ranges_and_survive_float32(
-    proposals: dict[str, Proposal], name: str
-) -> None:
+def test_gains_stay_in_their_documented_ranges_and_survive_float32(proposals: dict[str, Proposal], name: str) -> None:
     for change in proposals[name].changes:
         assert change.low <= change.new <= change.high
         assert float(f"{np.float32(change.new):.4g}") == pytest.approx(change.new, rel=1e-6)

@@ -37,9 +37,7 @@ def fly(
 
     def slope(_: float, x: NDArray[np.float64]) -> list[float]:
         integral, eta, nu = x
-        force = (
-            gains.KI * integral - gains.KP * eta - (gains.KD - gains.beta_quadratic * abs(nu)) * nu - compensated
-        )
+        force = gains.KI * integral - gains.KP * eta - (gains.KD - gains.beta_quadratic * abs(nu)) * nu - compensated
         drag = (true.beta + true.beta_quadratic * abs(nu)) * nu
         return [step - eta, nu, (force + true.delta - drag) / true.alpha]
 
@@ -74,9 +72,7 @@ def test_example_8_3_yaw_rate_limit() -> None:
     ],
     ids=["8.1", "8.2", "8.3"],
 )
-def test_the_examples_follow_their_model_function(
-    true: SingleDof, found: SingleDof, omega: float, step: float
-) -> None:
+def test_the_examples_follow_their_model_function(true: SingleDof, found: SingleDof, omega: float, step: float) -> None:
     wanted = model_function("bessel", omega)
     t = np.linspace(0.0, 15.0 / omega, 300)
     position, velocity = fly(true, design_ipd(found, wanted), step, found.delta, t)

@@ -44,9 +44,7 @@ def test_a_step_is_followed_both_ways_alike(name: str) -> None:
         "sub-heading": yaw(0.2, 0.75),
         "sub-depth": heave(0.4, 0.7),
     }
-    ways = [
-        law.simulate(craft[name], DEFAULTS[name], Scenario(size, 20.0), 2.0, 0.0).position for size in (0.3, -0.3)
-    ]
+    ways = [law.simulate(craft[name], DEFAULTS[name], Scenario(size, 20.0), 2.0, 0.0).position for size in (0.3, -0.3)]
     assert ways[0] == pytest.approx(-ways[1], abs=1e-12)
     assert ways[0][-1] == pytest.approx(0.3, abs=0.03)
 
@@ -109,9 +107,7 @@ def test_vectored_thrust_is_not_scaled_by_speed_and_says_so() -> None:
 
 
 def test_a_delay_moves_the_whole_response() -> None:
-    now, later = (
-        SUB.simulate(yaw(0.2, 0.75), SUB_HEADING_DEFAULTS, Scenario(0.2, 5.0), None, d) for d in (0, 0.2)
-    )
+    now, later = (SUB.simulate(yaw(0.2, 0.75), SUB_HEADING_DEFAULTS, Scenario(0.2, 5.0), None, d) for d in (0, 0.2))
     first = [np.flatnonzero(m.position > 1e-9)[0] for m in (now, later)]
     assert (first[1] - first[0]) * 0.0025 == pytest.approx(0.2, abs=0.003)
 
@@ -152,9 +148,7 @@ def test_the_sub_dives_no_faster_than_its_pilot_speed() -> None:
 def test_the_step_of_the_videoray_in_heave_is_independent_of_the_loop_rate() -> None:
     """400 Hz and 200 Hz differ by their discretisation only."""
     fast, slow = (
-        DEPTH.simulate(
-            VIDEORAY_HEAVE, {**SUB_DEPTH_DEFAULTS, "SCHED_LOOP_RATE": rate}, Scenario(1.0, 10.0), None, 0.0
-        )
+        DEPTH.simulate(VIDEORAY_HEAVE, {**SUB_DEPTH_DEFAULTS, "SCHED_LOOP_RATE": rate}, Scenario(1.0, 10.0), None, 0.0)
         for rate in (400.0, 200.0)
     )
     assert np.interp(slow.t, fast.t, fast.position) == pytest.approx(slow.position, abs=0.02)

@@ -76,9 +76,7 @@ def test_filters_are_3_db_down_at_their_cutoff() -> None:
     assert first_order(0.0).at(s)[0] == second_order(0.0).at(s)[0] == 1.0
 
 
-@pytest.mark.parametrize(
-    "name", ["charlie trimmed off", "boat 2 s", "falcon yaw", "falcon heave", "bluerov heave"]
-)
+@pytest.mark.parametrize("name", ["charlie trimmed off", "boat 2 s", "falcon yaw", "falcon heave", "bluerov heave"])
 def test_the_linear_loop_predicts_the_small_steps_of_the_simulated_one(name: str) -> None:
     """With steps too small for any limiter, closing the linear loop must give the simulated motion.
 
