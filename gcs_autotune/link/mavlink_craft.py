@@ -277,7 +277,7 @@ class MavlinkCraft:
                 self._release()
 
     def _await_neutral(self) -> None:
-        begun = self.telemetry.t
+        begun = self.telemetry.output_ticks
         settled = self.session.wait_for(lambda: self._is_neutral(begun), _NEUTRAL_TIMEOUT)
         if settled:
             return
@@ -292,8 +292,8 @@ class MavlinkCraft:
             differences=stuck,
         )
 
-    def _is_neutral(self, begun: float) -> bool | None:
-        fresh = self.telemetry.output_t > begun
+    def _is_neutral(self, begun: int) -> bool | None:
+        fresh = self.telemetry.output_ticks > begun + 1
         still = all(abs(force) <= _NEUTRAL for force in self.telemetry.outputs.values())
         return True if fresh and still else None
 

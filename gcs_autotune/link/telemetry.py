@@ -34,7 +34,7 @@ class Telemetry:
     ----------
     latest : signal -> last value (names of ``sname.SIGNALS``, ``battery``, ``battery_remaining``, ``pressure``).
     t : stamp [s] of the last ATTITUDE. ticks : how many came.
-    outputs, output_t : measured force fractions and their stamp.
+    outputs, output_t : measured force fractions and their stamp. output_ticks : how many came.
     """
 
     def __init__(self, session: Session, servos: ServoMap, recorder: Recorder) -> None:
@@ -50,6 +50,7 @@ class Telemetry:
         self.latest: dict[str, float] = {}
         self.outputs: dict[str, float] = {}
         self.output_t = math.nan
+        self.output_ticks = 0
         self.t = math.nan
         self.ticks = 0
         for name, reader in self._readers().items():
@@ -108,6 +109,7 @@ class Telemetry:
         self.watchdog.see_outputs(t, forces)
         self._record_outputs(t, forces)
         self.outputs, self.output_t = forces, t
+        self.output_ticks += 1
 
     def _record_outputs(self, t: float, forces: Mapping[str, float]) -> None:
         """Date a change of output midway between the last message without it and the first with it.

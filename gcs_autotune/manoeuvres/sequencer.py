@@ -118,20 +118,28 @@ def visit(craft: Craft, watcher: Watcher) -> Iterator[Observation]:
     """
     found = craft.observe()
     watcher.say(f"found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+    trouble: BaseException | None = None
     try:
         yield found
+    except BaseException as error:
+        trouble = error
+        raise
     finally:
         with craft.shielded():
             differences = _put_back(craft, found)
         if differences:
-            watcher.say("NOT as found: " + "; ".join(f"{k}: {v}" for k, v in differences.items()))
-            raise NotAsFound(
-                "the craft could not be left as found: "
-                + "; ".join(f"{what}: {why}" for what, why in differences.items())
-                + ". Check it by eye, then run `gcs-autotune restore` when the link is back.",
-                differences=differences,
-            )
+            raise _not_as_found(differences, trouble) from trouble
         watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+
+
+def _not_as_found(differences: dict[str, str], trouble: BaseException | None) -> NotAsFound:
+    what = "; ".join(f"{name}: {why}" for name, why in differences.items())
+    first = f"{trouble}. Then the craft" if trouble is not None else "the craft"
+    return NotAsFound(
+        f"{first} could not be left as found: {what}. Its own override time-out makes the actuators neutral; check it "
+        "by eye, and run `gcs-autotune restore` when it answers again",
+        differences=differences,
+    )
 
 
 def _put_back(craft: Craft, found: Observation) -> dict[str, str]:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.workflow.operator import Operator
@@ -24,7 +25,7 @@ def think(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 
     On a lock-stepped link time stands still while we think, so there the work is simply done.
     """
-    if craft.session.transport.is_simulated:
+    if isinstance(craft.clock, ManualClock):
         return work()
     craft.send(Actuate())
     pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")

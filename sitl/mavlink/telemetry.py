@@ -77,7 +77,7 @@ def _local_position(vehicle: Vehicle) -> Message:
 
 
 def _servo_output(vehicle: Vehicle) -> Message:
-    return mavlink.MAVLink_servo_output_raw_message(vehicle.ms * 1000, 0, *vehicle.autopilot.pwm)
+    return mavlink.MAVLink_servo_output_raw_message(vehicle.ms * 1000 & 0xFFFFFFFF, 0, *vehicle.autopilot.pwm)
 
 
 def _rc_channels(vehicle: Vehicle) -> Message:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -251,6 +252,6 @@ def test_the_yaw_rate_that_is_shown_lags_by_the_gyro_filter():
         ground.run(0.1)
         filtered.append(ground.vehicle.autopilot.estimate.yaw_rate)
         true.append(ground.vehicle.body.r)
-    slope = [(b - a) / 0.1 for a, b in zip(true, true[1:], strict=False)]
+    slope = [(b - a) / 0.1 for a, b in itertools.pairwise(true)]
     lag = sum((t - f) * s for t, f, s in zip(true[1:], filtered[1:], slope, strict=True)) / sum(s * s for s in slope)
     assert lag == pytest.approx(0.056, abs=0.015)

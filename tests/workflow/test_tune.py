@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from gcs_autotune.errors import OperatorStopped, UsageError, WrongVehicle
+from gcs_autotune.link import Journal, load_params, read_tlog
+from gcs_autotune.trial import load_trial
+
+from .harbour import Answers, Harbour
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    harbour = Harbour(tmp_path_factory.mktemp("tuned"))
+    return harbour, harbour.tune()
+
+
+def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
+    harbour, story = tuned
+    assert story.ending == "kept"
+    assert story.metrics_after.itae < 0.95 * story.metrics_before.itae
+    for name, value in story.proposal.new.items():
+        assert harbour.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
+
+
+def test_nothing_but_the_proposed_gains_has_changed(tuned):
+    harbour, story = tuned
+    now = dict(harbour.vehicle.parameters.values)
+    changed = {name for name, value in harbour.parameters.items() if now[name] != value}
+    assert changed == set(story.proposal.new)
+
+
+def test_the_vehicle_is_left_neutral_disarmed_and_in_its_mode(tuned):
+    harbour, _ = tuned
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found == "HOLD"
+
+
+def test_gains_stay_inside_their_documented_ranges(tuned):
+    _, story = tuned
+    assert all(c.low <= c.new <= c.high for c in story.proposal.changes)
+
+
+def test_the_identified_model_is_the_hidden_one(tuned):
+    _, story = tuned
+    assert story.fit.structure == "linear"
+    assert story.fit.model.alpha == pytest.approx(16.36, rel=0.01)
+    assert story.fit.model.beta == pytest.approx(4.912, rel=0.01)
+
+
+def test_everything_is_said_before_it_is_done(tuned):
+    harbour, _ = tuned
+    will = [i for i, text in enumerate(harbour.said) if text.startswith("will ")]
+    done = harbour.said.index("step with present gains")
+    assert max(will) < done
+    announced = " ".join(harbour.said[i] for i in will)
+    for word in ("arm", "modes", "move", "ATC_STR_RAT_FF"):
+        assert word in announced
+
+
+def test_the_run_directory_holds_the_whole_record(tuned):
+    harbour, story = tuned
+    names = {p.name for p in (harbour.directory / "trials").glob("*.csv")}
+    assert {"01-step-before.csv", "02-relay-1.csv", "03-relay-2.csv", "04-step-after.csv"} <= names
+    trial = load_trial(harbour.directory / "trials" / "02-relay-1.csv")
+    assert trial["psi"].unit == "rad" and trial["N"].unit == "1"
+    assert any(m.kind == "switch" for m in trial.marks)
+    before = load_params(harbour.directory / "parameters_before.param")
+    assert before["ATC_STR_RAT_P"] == pytest.approx(0.2)
+    after = json.loads((harbour.directory / "parameters_after.json").read_text())
+    assert after["ATC_STR_RAT_P"] == pytest.approx(story.proposal.new["ATC_STR_RAT_P"])
+    assert sum(1 for _ in read_tlog(harbour.directory / "telemetry.tlog")) > 10_000
+
+
+def test_the_journal_is_settled_in_the_end(tuned):
+    harbour, _ = tuned
+    state = Journal.read(harbour.directory / "journal.jsonl")
+    assert state.closed
+    assert state.debts == {}
+
+
+def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
+    runs = []
+    for name in ("a", "b"):
+        harbour = Harbour(tmp_path / name, "automarine")
+        harbour.tune(dry_run=True)
+        files = sorted((harbour.directory / "trials").glob("*.csv"))
+        runs.append([f.read_bytes() for f in files] + [(harbour.directory / "telemetry.tlog").read_bytes()])
+    assert runs[0] == runs[1]
+
+
+def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
+    harbour = Harbour(tmp_path)
+    story = harbour.tune(dry_run=True)
+    assert story.ending == "dry-run"
+    assert story.proposal.changes
+    harbour.assert_as_found()
+
+
+def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
+    monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
+    harbour = Harbour(tmp_path)
+    story = harbour.tune()
+    assert story.ending == "restored"
+    assert "at least 100% lower" in " ".join(story.verdict_reasons)
+    harbour.assert_as_found()
+
+
+def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_written(tmp_path):
+    harbour = Harbour(tmp_path)
+    operator = Answers(True, True)
+    story = harbour.tune(operator, simulated=False)
+    assert operator.questions[0] == "Go ahead?"
+    assert "ATC_STR_RAT_P 0.2 ->" in operator.questions[1]
+    assert story.ending == "kept"
+
+
+def test_no_to_the_first_question_arms_nothing(tmp_path):
+    harbour = Harbour(tmp_path)
+    with pytest.raises(OperatorStopped, match="nothing was armed, moved or written"):
+        harbour.tune(Answers(False), simulated=False)
+    harbour.assert_as_found()
+    assert not any(harbour.directory.glob("trials/*.csv"))
+
+
+def test_no_to_the_second_question_writes_nothing(tmp_path):
+    harbour = Harbour(tmp_path)
+    story = harbour.tune(Answers(True, False), simulated=False)
+    assert story.ending == "declined"
+    harbour.assert_as_found()
+
+
+def test_an_rov_survives_the_operators_long_thinking(tmp_path):
+    # ArduSub disarms three seconds after the last pilot input; each question takes four.
+    harbour = Harbour(tmp_path, "automarine")
+    story = harbour.tune(Answers(True, True), simulated=False)
+    assert story.ending in ("kept", "restored")
+
+
+def test_a_boat_has_no_depth_loop(tmp_path):
+    harbour = Harbour(tmp_path)
+    with pytest.raises(WrongVehicle, match="no depth loop"):
+        harbour.tune(axis="depth")
+    harbour.assert_as_found()
+
+
+def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
+    harbour = Harbour(tmp_path, parameters={"ATC_STR_RAT_FF": 9.0})
+    story = harbour.tune(dry_run=True)
+    assert any("ATC_STR_RAT_FF" in note for note in story.proposal.notes)
+    harbour.assert_as_found()
+
+
+def test_a_run_directory_is_never_overwritten(tmp_path):
+    harbour = Harbour(tmp_path)
+    (harbour.directory / "trials").mkdir(parents=True)
+    with pytest.raises(UsageError, match="already holds a run"):
+        harbour.tune()
+
+
+def test_the_relay_and_the_step_can_be_given(tmp_path):
+    harbour = Harbour(tmp_path, "automarine")
+    story = harbour.tune(
+        dry_run=True, relay_output=0.4, relay_hysteresis=math.radians(15.0), step=math.radians(20.0), step_duration=15.0
+    )
+    assert story.relays[0].meta["C"] == pytest.approx(0.4)
+    assert story.relays[0].meta["x_a"] == pytest.approx(math.radians(15.0))
+    assert story.step_before.meta["size"] == pytest.approx(math.radians(20.0))
