@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import statistics
 
@@ -45,7 +46,7 @@ def test_noise_has_the_stated_size():
 
 def test_noise_is_white():
     errors = [r.psi - 0.6 for r in _samples(dataclasses.replace(QUIET, heading_noise=0.004), 4000)]
-    lagged = sum(a * b for a, b in zip(errors, errors[1:], strict=False)) / sum(e * e for e in errors)
+    lagged = sum(a * b for a, b in itertools.pairwise(errors)) / sum(e * e for e in errors)
     assert abs(lagged) < 0.05
 
 

@@ -204,9 +204,7 @@ def test_within_its_dead_zone_the_throttle_stick_is_not_felt():
 
 
 def test_yaw_feed_forward_has_no_effect():
-    plain, with_ff = (
-        rov("falcon", mode=SUB_STABILIZE, parameters={"ATC_RAT_YAW_FF": ff}) for ff in (0.0, 0.5)
-    )
+    plain, with_ff = (rov("falcon", mode=SUB_STABILIZE, parameters={"ATC_RAT_YAW_FF": ff}) for ff in (0.0, 0.5))
     for ground in (plain, with_ff):
         ground.hold_heading(1.5)
         ground.run(3.0)
@@ -214,7 +212,8 @@ def test_yaw_feed_forward_has_no_effect():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("ATC_RAT_YAW_P", 0.5), ("ATC_ANG_YAW_P", 2.0), ("ATC_RAT_YAW_I", 0.05), ("ATC_SLEW_YAW", 500)]
+    ("name", "value"),
+    [("ATC_RAT_YAW_P", 0.5), ("ATC_ANG_YAW_P", 2.0), ("ATC_RAT_YAW_I", 0.05), ("ATC_SLEW_YAW", 500)],
 )
 def test_each_yaw_parameter_changes_the_motion(name, value):
     headings = []
