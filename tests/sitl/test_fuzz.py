@@ -72,12 +72,15 @@ def _fields(cls: Any) -> list[tuple[str, str, int]]:
 
 
 @pytest.mark.parametrize("name", ["charlie", "falcon"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, 134, 137])
 def test_well_formed_messages_with_odd_numbers_never_raise(name, seed):
     rng = random.Random(seed)
     server, mav = sitl.open_vehicle(name), mavlink.MAVLink(None, 255, 190)
     server.advance_to(4.0)
+    for message in server.streams.available:
+        server.streams.request(message, 25_000, server.now_us)
     for k in range(300):
+        server.vehicle.autopilot.arm(force=True)
         kind = rng.choice(sorted(HANDLERS))
         cls = mavlink.mavlink_map[getattr(mavlink, f"MAVLINK_MSG_ID_{kind}")]
         values = {field: _random_field(rng, form, length) for field, form, length in _fields(cls)}
