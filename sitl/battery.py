@@ -24,7 +24,7 @@ class Battery:
         load = 0.0
         for pulse in pwm:
             if pulse:
-                load += abs(pulse - 1500)
+                load += min(500, abs(pulse - 1500))
         self.current = _IDLE_CURRENT + _FULL_CURRENT * load / 500.0
         self.consumed_mah += self.current * dt / 3.6
 

@@ -21,7 +21,7 @@ class Effect:
         """Change what the actuators do to the hull."""
 
     def alter_parameters(self, t: float, body: Body) -> None:
-        """Change inertia, drag or state of the hull."""
+        """Set inertia, drag or state of the hull; called every tick, so what is scaled here scales again."""
 
     def alter_measurement(self, t: float, reading: Reading) -> None:
         """Change what the sensors report."""

@@ -36,7 +36,7 @@ class RcInput:
 
     def override(self, channel: int, pwm: int, ms: int) -> None:
         """Take an override; 0 releases the channel."""
-        self._override[channel] = pwm
+        self._override[channel] = max(0, min(65535, pwm))
         self._stamp[channel] = ms
         self._new = True
 

@@ -10,6 +10,7 @@ __all__ = ["OUTPUTS", "ServoRail"]
 
 OUTPUTS = 16
 _PARAMETERISED = 8
+_MOST_PWM = 65535
 
 
 class ServoRail:
@@ -29,7 +30,7 @@ class ServoRail:
         if self._version != self._parameters.version:
             self._read_assignments()
         for index, function, low, trim, high, sign in self._rows:
-            self.pwm[index] = pulse_for(function, low, trim, high, sign)
+            self.pwm[index] = max(0, min(_MOST_PWM, pulse_for(function, low, trim, high, sign)))
 
     def _read_assignments(self) -> None:
         values = self._parameters.values

@@ -21,6 +21,8 @@ _FRAMES: Mapping[int, Sequence[tuple[int, int, int, int]]] = {
 _FIRST_MOTOR_FUNCTION, _LAST_MOTOR_FUNCTION = 33, 40
 _SPAN_PWM = 400
 _NEUTRAL_PWM = 1500
+_ROUNDING = 1e-6
+"""Pulses are cut to whole microseconds; this keeps an exact stick exact."""
 
 
 class SubMotors:
@@ -75,4 +77,5 @@ class SubMotors:
         if not _FIRST_MOTOR_FUNCTION <= function <= _LAST_MOTOR_FUNCTION or index >= len(self._outputs):
             return trim
         direction = -1.0 if self._values[f"MOT_{index + 1}_DIRECTION"] < 0.0 else 1.0
-        return round(_NEUTRAL_PWM + _SPAN_PWM * direction * self._outputs[index])
+        pulse = int(_NEUTRAL_PWM + _SPAN_PWM * direction * self._outputs[index] + _ROUNDING)
+        return max(int(self._values["MOT_PWM_MIN"]), min(int(self._values["MOT_PWM_MAX"]), pulse))

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.rover import Rover
 from sitl.autopilot.sub import Sub
-from sitl.mavlink.dialect import Message, mavlink
+from sitl.mavlink.dialect import Message, fit_float, mavlink
 from sitl.vehicle import Vehicle
 
 __all__ = ["make_pid_tuning"]
@@ -29,9 +29,8 @@ def make_pid_tuning(vehicle: Vehicle) -> Iterable[Message]:
 
 
 def _message(axis: int, desired: float, achieved: float, ff: float, pid: Pid, scale: float = 1.0) -> Message:
-    return mavlink.MAVLink_pid_tuning_message(
-        axis, desired, achieved, scale * ff, scale * pid.p_part, scale * pid.integrator, scale * pid.d_part
-    )
+    parts = (desired, achieved, scale * ff, scale * pid.p_part, scale * pid.integrator, scale * pid.d_part)
+    return mavlink.MAVLink_pid_tuning_message(axis, *map(fit_float, parts))
 
 
 def _rover(rover: Rover, mask: int) -> Iterator[Message]:

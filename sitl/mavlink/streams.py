@@ -10,6 +10,7 @@ from sitl.mavlink.telemetry import MESSAGES
 __all__ = ["STREAM_GROUPS", "Streams"]
 
 _TICK_US = 20_000
+_LONGEST_US = 2**31 - 1
 _DENY_SHARE = 0.8
 """ArduPilot denies an interval when 0.8 of it is shorter than its loop."""
 
@@ -38,16 +39,16 @@ class Streams:
     """
 
     def __init__(self, available: Iterable[int]) -> None:
-        self._available = frozenset(available)
+        self.available = frozenset(available)
         self._interval: dict[int, int] = {}
         self._next: dict[int, int] = {}
         for message in MESSAGES:
-            if message in self._available:
+            if message in self.available:
                 self._set(message, self._default(message), 0)
 
     def interval(self, message: int) -> int | None:
         """Return the interval [us] of *message*, -1 when it is off, None when we have no such message."""
-        return self._interval.get(message, -1) if message in self._available else None
+        return self._interval.get(message, -1) if message in self.available else None
 
     def is_too_fast(self, interval: float) -> bool:
         """Return whether *interval* [us] is denied."""
@@ -58,7 +59,7 @@ class Streams:
         if interval == 0.0:
             self._set(message, self._default(message), now_us)
         else:
-            self._set(message, int(interval) if interval > 0.0 else -1, now_us)
+            self._set(message, int(min(interval, _LONGEST_US)) if interval > 0.0 else -1, now_us)
 
     def due(self, now_us: int) -> Iterator[int]:
         """Yield the messages due at *now_us*, in a fixed order."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from sitl.autopilot import Autopilot
 from sitl.autopilot.sub import Sub
-from sitl.mavlink.dialect import Message, mavlink
+from sitl.mavlink.dialect import Message, fit_float, mavlink
 from sitl.mavlink.pid_tuning import make_pid_tuning
 from sitl.vehicle import Vehicle
 
@@ -102,7 +102,7 @@ def _sys_status(vehicle: Vehicle) -> Message:
 def _water_pressure(vehicle: Vehicle) -> Message:
     depth = vehicle.autopilot.estimate.z
     pressure = _SURFACE_HPA + _HPA_PER_METRE * vehicle.parameters["BARO_SPEC_GRAV"] * depth
-    return mavlink.MAVLink_scaled_pressure2_message(vehicle.ms, pressure, 0.0, 2000)
+    return mavlink.MAVLink_scaled_pressure2_message(vehicle.ms, fit_float(pressure), 0.0, 2000)
 
 
 def _system_time(vehicle: Vehicle) -> Message:

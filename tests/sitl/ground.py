@@ -20,7 +20,7 @@ def quaternion(yaw: float) -> list[float]:
 
 
 class Ground:
-    """Talks to a :class:`sitl.Server`. ``heard`` keeps every message; ``sticks`` are repeated at 10 Hz when set."""
+    """Talks to a :class:`sitl.Server`. ``heard`` keeps all messages; ``sticks`` are repeated at 10 Hz."""
 
     def __init__(self, name: str, *, system: int = 255, heartbeats: bool = True, **options: Any) -> None:
         self.server = sitl.open_vehicle(name, **options)

@@ -38,7 +38,7 @@ def test_below_the_first_row_the_rudder_fades_with_n2():
 
 def test_full_rudder_is_thirty_degrees():
     loads, body = _drive(BOAT, 2000, 0, 2000)
-    assert loads.N == pytest.approx(math.radians(30))
+    assert pytest.approx(math.radians(30)) == loads.N
     assert (body.yaw.alpha, body.yaw.beta) == (9.0, 2.5)
 
 
@@ -50,13 +50,13 @@ def test_without_way_on_the_rudder_does_nothing():
 def test_going_astern_the_rudder_acts_the_other_way():
     ahead, _ = _drive(BOAT, 1800, 0, 2000)
     astern, _ = _drive(BOAT, 1800, 0, 1000)
-    assert astern.N == pytest.approx(-ahead.N)
-    assert astern.X == pytest.approx(-75.0)
+    assert pytest.approx(-ahead.N) == astern.N
+    assert pytest.approx(-75.0) == astern.X
 
 
 def test_thrust_goes_with_the_square_of_the_throttle():
     loads, _ = _drive(BOAT, 1500, 0, 1750)
-    assert loads.X == pytest.approx(75.0 / 4)
+    assert pytest.approx(75.0 / 4) == loads.X
 
 
 def test_no_pulse_is_no_force():
@@ -79,7 +79,7 @@ def test_no_pulse_is_no_force():
 def test_a_frame_turns_pulses_into_forces(frame, pwm, expected):
     loads, _ = _drive(ThrusterFrame(FRAMES[frame], 2.0, 3.0, 4.0, 0.0, 0.0), *pwm)
     X, N, Z = expected
-    assert (loads.X, loads.N, loads.Z) == pytest.approx((3.0 * X, 2.0 * N, 4.0 * Z))
+    assert pytest.approx((3.0 * X, 2.0 * N, 4.0 * Z)) == (loads.X, loads.N, loads.Z)
 
 
 def test_a_frame_has_its_biases_even_without_pulses():

@@ -42,7 +42,7 @@ def test_every_vehicle_opens_and_rests(name):
 
 
 def test_an_unknown_vehicle_names_the_nearest():
-    with pytest.raises(UnknownVehicle, match=r"no vehicle called .chrlie.; did you mean charlie\?"):
+    with pytest.raises(UnknownVehicle, match=r"no vehicle called 'chrlie'; did you mean charlie\?"):
         load_vehicle("chrlie")
 
 

@@ -241,3 +241,10 @@ def test_a_rov_with_a_low_battery_disarms_when_told_to():
     ground = rov(parameters={"BATT_LOW_VOLT": 13, "BATT_LOW_TIMER": 1, "BATT_FS_LOW_ACT": 2}, armed=False)
     assert ground.command(400, 1) == 4
     assert ground.command(400, 1, 21196) == 0
+
+
+def test_a_boat_nobody_talks_to_ends_in_hold():
+    ground = Ground("charlie", heartbeats=False)
+    ground.run(3.0)
+    assert ground.mode_number == HOLD
+    assert "Radio Failsafe" in ground.texts()

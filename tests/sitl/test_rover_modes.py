@@ -20,15 +20,33 @@ def _steady(sticks: dict[int, int], mode: int = MANUAL, seconds: float = 1.5) ->
 
 @pytest.mark.parametrize(
     ("stick", "servo"),
-    [(1500, 1500), (1530, 1500), (1470, 1500), (1550, 1521), (1700, 1681), (1750, 1734), (2000, 2000), (1450, 1479)],
+    [
+        (1500, 1500),
+        (1530, 1500),
+        (1470, 1500),
+        (1550, 1521),
+        (1700, 1680),
+        (1750, 1734),
+        (2000, 2000),
+        (1450, 1479),
+    ],
 )
 def test_manual_steering_has_the_measured_map(stick, servo):
-    assert _steady({1: stick, 3: 1500})[0] == pytest.approx(servo, abs=1)
+    assert _steady({1: stick, 3: 1500})[0] == servo
 
 
 @pytest.mark.parametrize(
     ("stick", "servo"),
-    [(1500, 1500), (1530, 1500), (1550, 1520), (1700, 1680), (1750, 1730), (2000, 2000), (1000, 1000), (1300, 1320)],
+    [
+        (1500, 1500),
+        (1530, 1500),
+        (1550, 1520),
+        (1700, 1680),
+        (1750, 1730),
+        (2000, 2000),
+        (1000, 1000),
+        (1300, 1320),
+    ],
 )
 def test_manual_throttle_comes_in_steps_of_one_percent(stick, servo):
     assert _steady({1: 1500, 3: stick})[2] == servo
@@ -132,7 +150,9 @@ def test_steering_mode_turns_the_way_of_the_stick_and_back():
 
 
 def _guided(**parameters: float) -> Ground:
-    ground = boat(mode=GUIDED, parameters={"ATC_STR_RAT_FF": 3, "ATC_STR_RAT_P": 2, "ATC_STR_ANG_P": 1, **parameters})
+    ground = boat(
+        mode=GUIDED, parameters={"ATC_STR_RAT_FF": 3, "ATC_STR_RAT_P": 2, "ATC_STR_ANG_P": 1, **parameters}
+    )
     ground.hold_heading(0.6)
     ground.run(25.0)
     return ground
@@ -155,7 +175,9 @@ def test_guided_speed_is_a_fraction_of_wp_speed():
 
 def test_guided_follows_a_turn_rate():
     ground = _guided()
-    ground.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 3, [1, 0, 0, 0], 0, 0, 0.08, 1.0)
+    ground.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(
+        0, 1, 1, 3, [1, 0, 0, 0], 0, 0, 0.08, 1.0
+    )
     ground.run(40.0)
     assert ground.vehicle.body.r == pytest.approx(0.08, abs=0.015)
 
@@ -253,5 +275,7 @@ def test_the_yaw_rate_that_is_shown_lags_by_the_gyro_filter():
         filtered.append(ground.vehicle.autopilot.estimate.yaw_rate)
         true.append(ground.vehicle.body.r)
     slope = [(b - a) / 0.1 for a, b in itertools.pairwise(true)]
-    lag = sum((t - f) * s for t, f, s in zip(true[1:], filtered[1:], slope, strict=True)) / sum(s * s for s in slope)
+    lag = sum((t - f) * s for t, f, s in zip(true[1:], filtered[1:], slope, strict=True)) / sum(
+        s * s for s in slope
+    )
     assert lag == pytest.approx(0.056, abs=0.015)

@@ -43,7 +43,13 @@ def test_faster_than_the_loop_allows_is_denied_and_the_old_rate_stays():
 
 def test_all_messages_together_run_at_forty_hertz():
     ground = Ground("charlie")
-    kinds = {30: "ATTITUDE", 74: "VFR_HUD", 33: "GLOBAL_POSITION_INT", 32: "LOCAL_POSITION_NED", 36: "SERVO_OUTPUT_RAW"}
+    kinds = {
+        30: "ATTITUDE",
+        74: "VFR_HUD",
+        33: "GLOBAL_POSITION_INT",
+        32: "LOCAL_POSITION_NED",
+        36: "SERVO_OUTPUT_RAW",
+    }
     for number in kinds:
         assert ground.stream(number, 40) == ACCEPTED
     heard = [m.get_type() for m in ground.run(2.0)]
@@ -151,7 +157,7 @@ def test_pid_tuning_shows_the_steering_loop_in_its_units():
     tuning = ground.last("PID_TUNING")
     assert tuning.axis == 5
     assert tuning.desired > 5.0
-    assert tuning.FF == pytest.approx(0.2 * math.radians(tuning.desired), rel=1e-4)
+    assert pytest.approx(0.2 * math.radians(tuning.desired), rel=1e-4) == tuning.FF
     assert tuning.achieved == pytest.approx(math.degrees(ground.vehicle.body.r), abs=1.5)
 
 
@@ -168,7 +174,7 @@ def test_subs_pid_tuning_keeps_the_firmwares_odd_scale():
     ground.run(1.0)
     yaw = next(m for m in reversed(ground.heard) if m.get_type() == "PID_TUNING" and m.axis == 3)
     assert 0.0 < yaw.desired < 0.02
-    assert yaw.P == pytest.approx(0.01 * ground.vehicle.autopilot.yaw.pid.p_part, abs=1e-3)
+    assert pytest.approx(0.01 * ground.vehicle.autopilot.yaw.pid.p_part, abs=1e-3) == yaw.P
     assert 4 in {m.axis for m in ground.all("PID_TUNING")}
 
 

@@ -212,7 +212,8 @@ def test_yaw_feed_forward_has_no_effect():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("ATC_RAT_YAW_P", 0.5), ("ATC_ANG_YAW_P", 2.0), ("ATC_RAT_YAW_I", 0.05), ("ATC_SLEW_YAW", 500)]
+    ("name", "value"),
+    [("ATC_RAT_YAW_P", 0.5), ("ATC_ANG_YAW_P", 2.0), ("ATC_RAT_YAW_I", 0.05), ("ATC_SLEW_YAW", 500)],
 )
 def test_each_yaw_parameter_changes_the_motion(name, value):
     headings = []
