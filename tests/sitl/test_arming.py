@@ -12,9 +12,7 @@ def _prearm_ok(ground: Ground) -> bool:
     return bool(ground.last("SYS_STATUS").onboard_control_sensors_health & PREARM)
 
 
-@pytest.mark.parametrize(
-    ("name", "fault"), [("charlie", "Accels inconsistent"), ("falcon", "Gyros not calibrated")]
-)
+@pytest.mark.parametrize(("name", "fault"), [("charlie", "Accels inconsistent"), ("falcon", "Gyros not calibrated")])
 def test_before_its_sensors_are_ready_it_does_not_arm(name, fault):
     ground = Ground(name)
     ground.sticks = {1: 1500, 3: 1500}

@@ -84,9 +84,7 @@ def test_command_int_is_understood_like_command_long():
     assert ground.last("COMMAND_ACK").result == ACCEPTED
 
 
-@pytest.mark.parametrize(
-    ("number", "result"), [(22, UNSUPPORTED), (183, FAILED), (178, FAILED), (43000, UNSUPPORTED)]
-)
+@pytest.mark.parametrize(("number", "result"), [(22, UNSUPPORTED), (183, FAILED), (178, FAILED), (43000, UNSUPPORTED)])
 def test_what_cannot_be_done_is_said(number, result):
     assert Ground("charlie").command(number) == result
 

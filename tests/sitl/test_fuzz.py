@@ -59,9 +59,7 @@ def _random_field(rng: random.Random, kind: str, length: int) -> Any:
     else:
         bits = SIZES[kind]
         low = 0 if kind.startswith("u") else -(2**bits)
-        values = [
-            rng.choice((0, 1, low, 2**bits - 1, rng.randint(low, 2**bits - 1))) for _ in range(max(1, length))
-        ]
+        values = [rng.choice((0, 1, low, 2**bits - 1, rng.randint(low, 2**bits - 1))) for _ in range(max(1, length))]
     return values if length else values[0]
 
 

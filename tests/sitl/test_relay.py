@@ -43,9 +43,7 @@ def test_the_relays_period_is_that_of_the_closed_form(amplitude, hysteresis):
     """Half period h of a relay on K/(s(Ts+1)): K C (h - 2 T tanh(h/2T)) = 2 x_a; table 7.12 at n^2 = 64."""
     alpha, beta = 8.695, 2.82
     time = alpha / beta
-    half = brentq(
-        lambda h: amplitude / beta * (h - 2 * time * math.tanh(h / (2 * time))) - 2 * hysteresis, 0.1, 100.0
-    )
+    half = brentq(lambda h: amplitude / beta * (h - 2 * time * math.tanh(h / (2 * time))) - 2 * hysteresis, 0.1, 100.0)
     switchings = _relay_on_the_hull(math.radians(amplitude), math.radians(hysteresis), 120.0)
     assert switchings[-1] - switchings[-2] == pytest.approx(2 * half, rel=0.01)
 

@@ -150,9 +150,7 @@ def test_steering_mode_turns_the_way_of_the_stick_and_back():
 
 
 def _guided(**parameters: float) -> Ground:
-    ground = boat(
-        mode=GUIDED, parameters={"ATC_STR_RAT_FF": 3, "ATC_STR_RAT_P": 2, "ATC_STR_ANG_P": 1, **parameters}
-    )
+    ground = boat(mode=GUIDED, parameters={"ATC_STR_RAT_FF": 3, "ATC_STR_RAT_P": 2, "ATC_STR_ANG_P": 1, **parameters})
     ground.hold_heading(0.6)
     ground.run(25.0)
     return ground
@@ -175,9 +173,7 @@ def test_guided_speed_is_a_fraction_of_wp_speed():
 
 def test_guided_follows_a_turn_rate():
     ground = _guided()
-    ground.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(
-        0, 1, 1, 3, [1, 0, 0, 0], 0, 0, 0.08, 1.0
-    )
+    ground.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 3, [1, 0, 0, 0], 0, 0, 0.08, 1.0)
     ground.run(40.0)
     assert ground.vehicle.body.r == pytest.approx(0.08, abs=0.015)
 
@@ -275,7 +271,5 @@ def test_the_yaw_rate_that_is_shown_lags_by_the_gyro_filter():
         filtered.append(ground.vehicle.autopilot.estimate.yaw_rate)
         true.append(ground.vehicle.body.r)
     slope = [(b - a) / 0.1 for a, b in itertools.pairwise(true)]
-    lag = sum((t - f) * s for t, f, s in zip(true[1:], filtered[1:], slope, strict=True)) / sum(
-        s * s for s in slope
-    )
+    lag = sum((t - f) * s for t, f, s in zip(true[1:], filtered[1:], slope, strict=True)) / sum(s * s for s in slope)
     assert lag == pytest.approx(0.056, abs=0.015)

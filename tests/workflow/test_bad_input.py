@@ -66,7 +66,7 @@ def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
 
 def test_arming_refused_says_the_vehicles_own_reason(tmp_path):
     harbour = Harbour(tmp_path, parameters={"BATT_ARM_VOLT": 60.0})
-    with pytest.raises(ArmingRefused, match="[Bb]attery"):
+    with pytest.raises(ArmingRefused, match=r"[Bb]attery"):
         harbour.tune()
     harbour.assert_as_found()
 
@@ -130,7 +130,7 @@ def test_nan_telemetry(tmp_path):
         m.yaw = math.nan
 
     harbour = Harbour(tmp_path, meddling=attitude(blind, 60.0))
-    with pytest.raises(TelemetryFault, match="NaN|not a number|finite"):
+    with pytest.raises(TelemetryFault, match=r"NaN|not a number|finite"):
         harbour.tune()
     harbour.assert_as_found()
 
@@ -143,7 +143,7 @@ def test_frozen_telemetry(tmp_path):
             setattr(m, name, held.setdefault(name, getattr(m, name)))
 
     harbour = Harbour(tmp_path, meddling=attitude(freeze, 100.0))
-    with pytest.raises(TelemetryFault, match="frozen|same"):
+    with pytest.raises(TelemetryFault, match=r"frozen|same"):
         harbour.tune()
     harbour.assert_as_found()
 
@@ -156,7 +156,7 @@ def test_a_clock_that_jumps(tmp_path, jump_ms):
         return (message,)
 
     harbour = Harbour(tmp_path, meddling=jump)
-    with pytest.raises(TelemetryFault, match="clock|stamp|reboot|jump"):
+    with pytest.raises(TelemetryFault, match=r"clock|stamp|reboot|jump"):
         harbour.tune()
     harbour.assert_as_found()
 
