@@ -237,7 +237,7 @@ EXIT_CODES: tuple[tuple[type[BaseException], int, str], ...] = (
     (DesignError, 7, "no acceptable gains"),
     (AutotuneError, 1, "any other failure"),
 )
-"""Exception family, exit code, meaning; the first match counts. 8: tuned, but the old gains were better."""
+"""Exception family, exit code, meaning; the first match counts."""
 
 
 def exit_code(error: BaseException) -> int:

@@ -40,11 +40,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    codes = "\n".join(f"  {code:3d}  {meaning}" for _, code, meaning in sorted(EXIT_CODES, key=lambda row: row[1]))
+    rows = [(0, "done"), (tune_cmd.RESTORED, "tuned, but the old gains proved better and are back")]
+    rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
+    codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
     parser = argparse.ArgumentParser(
         prog="gcs-autotune",
         description="Identify and tune ArduPilot boats and ROVs over MAVLink.",
-        epilog=f"exit codes:\n    0  done\n{codes}\n    8  tuned, but the old gains proved better and are back",
+        epilog=f"exit codes:\n{codes}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"gcs-autotune {__version__}")

@@ -12,6 +12,8 @@ __all__ = ["TRIALS_FOLDER", "load_runs"]
 TRIALS_FOLDER = "trials"
 """Where a run directory keeps its recorded manoeuvres."""
 
+_LOGS = (".tlog", ".bin", ".log")
+
 IDENTIFYING = "relay"
 """The manoeuvre (``meta["manoeuvre"]`` in a trial's side file) a run directory is identified from."""
 
@@ -30,6 +32,11 @@ def load_runs(path: Path | str) -> list[Trial]:
         Nothing at *path*, no CSV in it, or none of a relay; and what ``load_trial`` raises.
     """
     place = Path(path)
+    if place.suffix.lower() in _LOGS:
+        raise BadFile(
+            f"{place} is a {place.suffix} log, and those cannot be identified from yet; give the run directory or a "
+            "CSV with columns like t[s],psi[rad],N[N m]"
+        )
     if place.is_file():
         return [load_trial(place)]
     if not place.is_dir():

@@ -28,7 +28,7 @@ class UdpIn(Transport):
             self._socket.close()
             raise CannotOpenLink(
                 f"cannot listen on UDP {address}: {error.strerror}; is another ground station using that port? "
-                "Close it, or choose another port"
+                "Close it, or choose another port; what listens there itself (a simulator) is reached with udpout:"
             ) from error
         self._socket.setblocking(False)
 

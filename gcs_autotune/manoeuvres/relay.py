@@ -17,6 +17,7 @@ from gcs_autotune.identify import LimitCycleMonitor
 from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
 from gcs_autotune.manoeuvres.lead_in import LeadIn
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Mark
 from gcs_autotune.watch import Progress
 
@@ -92,6 +93,7 @@ class Relay:
         s = self._settings
         return {
             "manoeuvre": "relay",
+            "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
             "signal": s.signal,
             "force": s.force,
             "C": self._output,

@@ -1,0 +1,251 @@
+"""What a user sees: exit codes, messages, files. Everything through ``main``, as typed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import COMMANDS, main
+from gcs_autotune.errors import EXIT_CODES
+
+
+def run(capsys, *arguments):
+    code = main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def write(path, rows, head="t[s],psi[rad],r[rad/s],N[N m]"):
+    path.write_text(head + "\n" + "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows) + "\n")
+    return path
+
+
+def relay_rows(n=800, dt=0.1):
+    """A relay experiment on 0.04 r' + 0.02 r = N + 0.002, exact between samples."""
+    psi = r = 0.0
+    high, rows = True, []
+    for k in range(n):
+        high = psi < -0.2 or (high and psi < 0.2)
+        tau = 0.06 if high else -0.06
+        rows.append((k * dt, psi, r, tau))
+        steady, decay = (tau + 0.002) / 0.02, math.exp(-dt / 2.0)
+        psi += steady * dt + (r - steady) * 2.0 * (1.0 - decay)
+        r = steady + (r - steady) * decay
+    return rows
+
+
+def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))  # from elsewhere, also when not installed
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "tune", "heading")
+    assert code == 0, err
+    (directory,) = (tmp_path / "runs").iterdir()
+    assert (directory / "report.html").exists()
+    assert "proved better" in out
+    assert "gcs-autotune params restore" in out
+    assert "will arm the vehicle" in err
+
+
+def test_identify_gives_the_same_model_from_the_run_directory_as_the_tune_did(capsys, tmp_path):
+    out = tmp_path / "run"
+    assert main(["tune", "heading", "--connect", "sitl:automarine", "--dry-run", "--out", str(out)]) == 0
+    capsys.readouterr()
+    code, text, _ = run(capsys, "identify", out, "--json")
+    assert code == 0
+    again, tuned = json.loads(text), json.loads((out / "fit.json").read_text())
+    assert again["structure"] == tuned["structure"]
+    for name, p in tuned["parameters"].items():
+        assert again["parameters"][name]["value"] == pytest.approx(p["value"], abs=max(0.2 * p["std"], 1e-9))
+
+
+def test_identify_reads_a_users_csv_and_prints_the_promised_json(capsys, tmp_path):
+    code, out, _ = run(capsys, "identify", write(tmp_path / "mine.csv", relay_rows()), "--json")
+    assert code == 0
+    fit = json.loads(out)
+    assert fit["dof"] == "yaw"
+    assert fit["structure"] == "linear"
+    assert set(fit["parameters"]) >= {"alpha_r", "beta_r", "beta_rr", "delta"}
+    assert set(fit["parameters"]["alpha_r"]) >= {"value", "unit", "std"}
+    assert fit["parameters"]["alpha_r"]["value"] == pytest.approx(0.04, rel=1e-3)
+    assert fit["parameters"]["beta_r"]["value"] == pytest.approx(0.02, rel=1e-3)
+    assert fit["parameters"]["delta"]["value"] == pytest.approx(0.002, rel=1e-2)
+    assert isinstance(fit["doubts"], list)
+
+
+def test_degrees_and_milliseconds_are_converted(capsys, tmp_path):
+    rows = [(t * 1e3, math.degrees(psi), math.degrees(r), N) for t, psi, r, N in relay_rows()]
+    path = write(tmp_path / "deg.csv", rows, "t[ms],psi[deg],r[deg/s],N[N m]")
+    code, out, _ = run(capsys, "identify", path, "--json")
+    assert code == 0
+    assert json.loads(out)["parameters"]["alpha_r"]["value"] == pytest.approx(0.04, rel=1e-3)
+
+
+def test_a_truncated_csv_loses_only_its_last_row_and_says_so(capsys, tmp_path):
+    path = write(tmp_path / "cut.csv", relay_rows())
+    path.write_bytes(path.read_bytes()[:-20])
+    code, out, _ = run(capsys, "identify", path, "--json")
+    assert code == 0
+    assert any("row" in d["slug"] or "row" in d["cause"] for d in json.loads(out)["doubts"])
+
+
+BAD_FILES = {
+    "damaged in the middle": ("t[s],psi[rad],N[N m]\n0,0,1\n0.1,x,1\n0.2,0,1\n", "row 3"),
+    "no head": ("1,2,3\n4,5,6\n", "no time column"),
+    "unknown unit": ("t[s],psi[furlong],N[N m]\n0,0,1\n0.1,0,1\n", "furlong"),
+    "empty": ("", "no samples"),
+    "too short": ("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,-1\n0.2,0,1\n", "too short"),
+    "nothing moves": (
+        "t[s],psi[rad],N[N m]\n" + "".join(f"{i / 10},0,{1 if i % 40 < 20 else -1}\n" for i in range(300)),
+        "",
+    ),
+    "constant input": (
+        "t[s],psi[rad],N[N m]\n" + "".join(f"{i / 10},{i / 50},1\n" for i in range(300)),
+        "never changes",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_a_hopeless_file_gets_one_clear_line_and_exit_code_6(capsys, tmp_path, case):
+    text, words = BAD_FILES[case]
+    (tmp_path / "bad.csv").write_text(text)
+    code, out, err = run(capsys, "identify", tmp_path / "bad.csv")
+    assert code == 6
+    assert out == ""
+    assert err.startswith("gcs-autotune: ")
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_a_log_that_cannot_be_read_yet_says_what_can(capsys, tmp_path):
+    (tmp_path / "x.tlog").write_bytes(b"\x00" * 30)
+    code, _, err = run(capsys, "identify", tmp_path / "x.tlog")
+    assert code == 6
+    assert "run directory" in err
+
+
+def test_an_unknown_vehicle_names_the_nearest(capsys, tmp_path):
+    code, _, err = run(capsys, "tune", "heading", "--connect", "sitl:charly", "--out", tmp_path / "r")
+    assert code == 2
+    assert "charlie" in err
+
+
+def test_a_port_in_use(capsys, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        code, _, err = run(capsys, "tune", "heading", "--connect", f"udpin:127.0.0.1:{port}", "--out", tmp_path / "r")
+    assert code == 3
+    assert "in use" in err and "udpout" in err
+
+
+def test_nobody_listens_there(capsys, tmp_path):
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        port = closed.getsockname()[1]
+    code, _, err = run(capsys, "tune", "heading", "--connect", f"tcp:127.0.0.1:{port}", "--out", tmp_path / "r")
+    assert code == 3
+    assert "refused" in err
+
+
+def test_no_such_serial_port(capsys, tmp_path):
+    code, _, err = run(capsys, "tune", "heading", "--connect", "/dev/ttyNOSUCH,57600", "--out", tmp_path / "r")
+    assert code == 3
+    assert "/dev/ttyNOSUCH" in err
+
+
+def test_a_boat_has_no_depth(capsys, tmp_path):
+    code, _, err = run(capsys, "tune", "depth", "--connect", "sitl:charlie", "--out", tmp_path / "r")
+    assert code == 4
+    assert "no depth loop" in err
+
+
+def test_a_real_vehicle_is_not_touched_when_nobody_can_be_asked(tmp_path):
+    """Over UDP, without --yes and without a terminal: an error before anything is armed."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        port = s.getsockname()[1]
+    sim = [sys.executable, "-m", "sitl", "falcon", "--listen", f"udp:127.0.0.1:{port}", "--speedup", "20"]
+    with subprocess.Popen(sim, stderr=subprocess.PIPE, text=True) as vehicle:
+        assert vehicle.stderr is not None
+        vehicle.stderr.readline()
+        tune = ["tune", "heading", "--connect", f"udpout:127.0.0.1:{port}", "--out", str(tmp_path / "r")]
+        done = subprocess.run(
+            [sys.executable, "-m", "gcs_autotune", *tune],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        vehicle.terminate()
+    assert done.returncode == 2
+    assert "--yes" in done.stderr
+    assert not list((tmp_path / "r" / "trials").glob("*.csv"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
+def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
+    tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--out", str(tmp_path / "r")]
+    with subprocess.Popen(tune, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "first self-oscillation" in line:
+                process.send_signal(signal.SIGINT)
+                break
+        said = process.stderr.read()
+        assert process.wait(30) == 130
+    assert "left as found" in said
+    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
+    assert summary["ending"] == "aborted"
+    assert summary["differences"] == {}
+
+
+def test_params_are_saved_and_restored_through_files(capsys, tmp_path):
+    path = tmp_path / "all.param"
+    assert run(capsys, "params", "save", path)[0] == 0
+    text = path.read_text()
+    assert "ATC_STR_RAT_P,0.2" in text
+    wanted = tmp_path / "some.param"
+    wanted.write_text("# mine\nATC_STR_RAT_P,0.35\nATC_STR_ANG_P 2\n")
+    code, out, err = run(capsys, "params", "restore", wanted, "--yes")
+    assert code == 0, err
+    assert "ATC_STR_RAT_P: 0.2 -> 0.35" in out
+    assert "1 parameters changed" in out
+
+
+def test_a_parameter_file_that_is_none_writes_nothing(capsys, tmp_path):
+    (tmp_path / "bad.param").write_text("ATC_STR_RAT_P=0.3\n")
+    code, _, err = run(capsys, "params", "restore", tmp_path / "bad.param", "--yes")
+    assert code == 6
+    assert "line 1" in err
+
+
+def test_restore_without_anything_open_says_so(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run(capsys, "restore")
+    assert (code, out) == (0, "nothing to restore: the journal is settled\n")
+
+
+def test_help_lists_every_command_and_every_exit_code(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    out = capsys.readouterr().out
+    assert all(name in out for name in COMMANDS)
+    assert all(f"  {code}  " in out or f"{code:5d}  " in out for _, code, _ in EXIT_CODES)
+
+
+def test_sitl_lists_its_vehicles():
+    done = subprocess.run(
+        [sys.executable, "-m", "gcs_autotune", "sitl", "--list"], capture_output=True, text=True, check=True
+    )
+    for name in ("charlie", "videoray", "automarine", "falcon"):
+        assert name in done.stdout

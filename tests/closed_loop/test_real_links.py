@@ -1,0 +1,94 @@
+"""The same tune over real transports: two processes, UDP, TCP and a pair of pseudo-terminals.
+
+The simulator runs free at twenty times real time, so these are the only tests that take wall time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+SPEEDUP = "20"
+TRUTH = {"alpha": 80 / 400, "beta": 300 / 400}
+
+
+def free_port(kind) -> int:
+    with socket.socket(socket.AF_INET, kind) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+@contextlib.contextmanager
+def udp() -> Iterator[tuple[str, str]]:
+    port = free_port(socket.SOCK_DGRAM)
+    yield f"udp:127.0.0.1:{port}", f"udpout:127.0.0.1:{port}"
+
+
+@contextlib.contextmanager
+def tcp() -> Iterator[tuple[str, str]]:
+    port = free_port(socket.SOCK_STREAM)
+    yield f"tcp:127.0.0.1:{port}", f"tcp:127.0.0.1:{port}"
+
+
+@contextlib.contextmanager
+def serial() -> Iterator[tuple[str, str]]:
+    """Two pseudo-terminals with a null-modem cable between their masters."""
+    (one, vehicle), (other, ground) = os.openpty(), os.openpty()
+    done, wake = os.pipe()
+
+    def cable():
+        ends = {one: other, other: one}
+        while True:
+            ready, _, _ = select.select([one, other, done], [], [])
+            if done in ready:
+                return
+            for end in ready:
+                os.write(ends[end], os.read(end, 4096))
+
+    thread = threading.Thread(target=cable, daemon=True)
+    thread.start()
+    try:
+        yield f"serial:{os.ttyname(vehicle)}", f"{os.ttyname(ground)},57600"
+    finally:
+        os.write(wake, b"x")
+        thread.join(5.0)
+        for fd in (one, other, vehicle, ground, done, wake):
+            os.close(fd)
+
+
+@contextlib.contextmanager
+def vehicle_process(listen: str) -> Iterator[None]:
+    command = [sys.executable, "-m", "gcs_autotune", "sitl", "falcon", "--listen", listen, "--speedup", SPEEDUP]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert "FALCON" in process.stderr.readline().upper()
+        try:
+            yield
+        finally:
+            process.terminate()
+            assert process.wait(10.0) in (0, -15)
+
+
+@pytest.mark.parametrize("wire", [udp, tcp, serial], ids=lambda w: w.__name__)
+def test_the_same_tune_over_a_real_link(tmp_path, wire):
+    run = tmp_path / "run"
+    with wire() as (listen, connect), vehicle_process(listen):
+        tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--connect", connect, "--yes"]
+        done = subprocess.run(
+            [*tune, "--out", str(run), "--step-duration", "8"], capture_output=True, text=True, timeout=100, check=False
+        )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["ending"] == "kept"
+    assert summary["model"]["alpha"] == pytest.approx(TRUTH["alpha"], rel=0.03)
+    assert summary["model"]["beta"] == pytest.approx(TRUTH["beta"], rel=0.05)
+    assert (run / "report.html").exists()
