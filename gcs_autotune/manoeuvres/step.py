@@ -34,7 +34,7 @@ class StepSettings:
     speed: float = 0.0
     settle: float = 20.0
     steady_time: float = 3.0
-    steady_band: float = 0.2
+    steady_band: float = 0.07
     diverged: float = 2.5
 
 
