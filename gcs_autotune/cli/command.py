@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gcs_autotune.manoeuvres import Envelope
 
-__all__ = ["Command", "add_connection", "add_envelope", "add_output", "envelope_from"]
+__all__ = ["Command", "add_connection", "add_envelope", "add_output", "envelope_from", "label_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,3 +93,8 @@ def envelope_from(args: argparse.Namespace) -> Envelope:
         battery_remaining=args.min_battery / 100.0,
         time=args.max_time,
     )
+
+
+def label_of(uri: str) -> str:
+    """Return a connection string as it may stand in a folder's name."""
+    return "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:")).strip("-")

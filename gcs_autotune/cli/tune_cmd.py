@@ -9,7 +9,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_envelope, add_output, envelope_from
+from gcs_autotune.cli.command import Command, add_connection, add_envelope, add_output, envelope_from, label_of
 from gcs_autotune.cli.console import ConsoleOperator
 
 __all__ = ["COMMAND"]
@@ -61,7 +61,7 @@ def _run(args: argparse.Namespace) -> int:
     settings = TuneSettings(
         axis=args.axis,
         connection=Connection(uri, args.baud, args.system_id, args.source_system, args.seed),
-        directory=args.out or Path("runs") / f"{now:%Y%m%d-%H%M%S}-{_label(uri)}-{args.axis}",
+        directory=args.out or Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label_of(uri)}-{args.axis}",
         step=inside(args.step),
         step_duration=args.step_duration,
         relay_output=args.relay_output,
@@ -85,10 +85,6 @@ def _run(args: argparse.Namespace) -> int:
     else:
         show_tune(Console(), story)
     return RESTORED if story.ending == "restored" else 0
-
-
-def _label(uri: str) -> str:
-    return "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:")).strip("-")
 
 
 COMMAND = Command(

@@ -31,10 +31,10 @@ class KeeperGains:
     most: float = 0.5
 
 
-KEEPERS: Mapping[str, KeeperGains] = {
-    "psi": KeeperGains("z", "w", "Z"),
-    "z": KeeperGains("psi", "r", "N"),
-}
+_DEPTH = KeeperGains("z", "w", "Z")
+_HEADING = KeeperGains("psi", "r", "N")
+
+KEEPERS: Mapping[str, tuple[KeeperGains, ...]] = {"psi": (_DEPTH,), "z": (_HEADING,), "x": (_HEADING, _DEPTH)}
 """Signal that is being swung -> what is kept meanwhile."""
 
 

@@ -38,7 +38,7 @@ class RelaySettings:
     hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
     throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
     reference_speed : speed [m/s] around which a surge relay swings.
-    keep_still : hold an ROV's depth (or heading) by hand while its heading (or depth) swings.
+    keep_still : hold an ROV's other axes (heading, depth) by hand meanwhile.
     periods, tolerance : the stop rule.
     patience : longest time without a switching [s].
     """
@@ -83,7 +83,7 @@ class Relay:
         self._switched_once = False
         self._astray = 0
         self._first_half = self._extreme = math.nan
-        self._keeper = Keeper(KEEPERS[settings.signal]) if settings.keep_still else None
+        self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
         self._integral = 0.0
         self._last_t = math.nan
 
@@ -264,6 +264,6 @@ class Relay:
     def _command(self, output: float, observation: Observation) -> Command:
         s = self._settings
         command = Actuate(X=s.throttle)
-        if self._keeper is not None:
-            command = replace(command, **{self._keeper.force: self._keeper.demand(observation)})
+        for keeper in self._keepers:
+            command = replace(command, **{keeper.force: keeper.demand(observation)})
         return replace(command, **{s.force: getattr(command, s.force) + output})

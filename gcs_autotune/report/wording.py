@@ -124,8 +124,9 @@ def safety(proposal: Proposal) -> str:
 
 
 def _margin_words(margins: Margins) -> str:
+    gain = "more than a factor of 100" if margins.gain > 100.0 else f"a factor of {format_number(margins.gain, 2)}"
     return (
-        f"a factor of {format_number(margins.gain, 2)} in gain, "
+        f"{gain} in gain, "
         f"{format_quantity(margins.phase, 'rad', 2)} of phase and {format_seconds(margins.delay)} of extra delay"
     )
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.restore import restore_parameters, restore_run, save_parameters
-from gcs_autotune.workflow.settings import Connection, TuneSettings
+from gcs_autotune.workflow.settings import EXPERIMENTS, Connection, TuneSettings
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [
+    "EXPERIMENTS",
     "Connection",
     "Operator",
     "TuneSettings",
     "Unattended",
+    "experiment",
     "restore_parameters",
     "restore_run",
     "save_parameters",

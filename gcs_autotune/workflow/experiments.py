@@ -43,16 +43,22 @@ def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Ste
     )
 
 
-def relay_for(settings: TuneSettings, axis: Axis, kind: str, throttle: float, output: float | None, name: str) -> Relay:
-    """Return a relay experiment for a *kind* of craft (``boat``, ``rov``); *output* None lets it find its size."""
-    d = DEFAULTS[axis.dof]
+def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, output: float | None, name: str) -> Relay:
+    """Return a relay experiment on *dof* for a *kind* of craft (``boat``, ``rov``).
+
+    *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest.
+    """
+    d = DEFAULTS[dof]
     return Relay(
         RelaySettings(
             signal=d.signal,
-            force=DOFS[axis.dof].force,
+            force=DOFS[dof].force,
             output=output,
             hysteresis=settings.relay_hysteresis,
             throttle=throttle,
+            reference_speed=(settings.speed or 0.0) if d.signal == "x" else 0.0,
+            most_output=0.9 if d.signal != "x" else 0.9 - abs(throttle),
+            first_output=0.3 if d.signal != "x" else min(0.3, 0.9 - abs(throttle)),
             keep_still=kind == "rov",
             least_hysteresis=d.least_hysteresis,
         ),
@@ -60,9 +66,9 @@ def relay_for(settings: TuneSettings, axis: Axis, kind: str, throttle: float, ou
     )
 
 
-def second_output(first: float) -> float:
-    """Return the relay output of the second experiment: as different as there is room for (thesis 7.1)."""
-    return min(2.0 * first, 0.9) if first <= 0.6 else 0.5 * first
+def second_output(first: float, room: float = 0.9) -> float:
+    """Return the relay output of the second experiment: as different as there is *room* for (thesis 7.1)."""
+    return min(2.0 * first, room) if first <= room / 1.5 else 0.5 * first
 
 
 def measure(trial: Trial, noise_std: float = 0.0) -> StepMetrics:

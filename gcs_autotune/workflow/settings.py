@@ -75,5 +75,9 @@ class AxisDefaults:
 DEFAULTS: dict[str, AxisDefaults] = {
     "yaw": AxisDefaults("psi", "N", math.radians(30.0), 30.0, math.radians(10.0)),
     "heave": AxisDefaults("z", "Z", 1.0, 30.0, 0.15),
+    "surge": AxisDefaults("x", "X", math.nan, math.nan, 0.3),
 }
-"""Degree of freedom -> what is flown on it."""
+"""Degree of freedom -> what is flown on it; surge has experiments but no step yet."""
+
+EXPERIMENTS: dict[str, str] = {"heading": "yaw", "depth": "heave", "surge": "surge"}
+"""What users call an experiment's axis -> its degree of freedom."""

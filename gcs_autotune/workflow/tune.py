@@ -102,9 +102,9 @@ class _Tuner:
     def _identify(self, throttle: float) -> Fit:
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
-        relay = relay_for(s, self._axis, kind, throttle, s.relay_output, "relay-1")
+        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
         first = self._fly(relay, "first self-oscillation").trial
-        relay = relay_for(s, self._axis, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
+        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
         delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay

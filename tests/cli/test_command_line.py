@@ -249,3 +249,21 @@ def test_sitl_lists_its_vehicles():
     )
     for name in ("charlie", "videoray", "automarine", "falcon"):
         assert name in done.stdout
+
+
+def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path):
+    out = tmp_path / "run"
+    code, text, err = run(capsys, "experiment", "surge", "--out", out, "--json")
+    assert code == 0, err
+    fit = json.loads(text)
+    assert fit["dof"] == "surge"
+    assert fit["parameters"]["alpha_u"]["value"] == pytest.approx(8.2372 / 8.0, rel=0.02)
+    assert fit["parameters"]["beta_u"]["value"] == pytest.approx(4.4283 / 8.0, rel=0.03)
+    assert "will write no parameter" in err
+    assert not (out / "journal.jsonl").exists()
+
+
+def test_a_boat_does_not_heave(capsys, tmp_path):
+    code, _, err = run(capsys, "experiment", "depth", "--connect", "sitl:charlie", "--out", tmp_path / "run")
+    assert code == 4
+    assert "does not heave" in err

@@ -1,0 +1,107 @@
+"""``experiment``: fly the two relay experiments of one degree of freedom, identify it, and change nothing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.errors import NotAchieved, OperatorStopped, WrongVehicle
+from gcs_autotune.identify import Fit, identify
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import Sequencer, visit
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.aboard import come_aboard
+from gcs_autotune.workflow.experiments import relay_for, second_output
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
+from gcs_autotune.workflow.waiting import ask, think
+
+__all__ = ["experiment"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Cruise:
+    """How a boat goes while it swings: throttle fraction and speed [m/s]."""
+
+    throttle: float
+    speed: float
+
+
+def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> Fit:
+    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog`` and ``fit.json``.
+
+    No parameter is written. The craft is left as found on every ending.
+
+    Raises
+    ------
+    WrongVehicle
+        A boat has no heave.
+    OperatorStopped, GuardTripped, NotAchieved, LinkError, NotInformative
+        What ended it early; the record is on disk.
+    """
+    record = RunDirectory(settings.directory)
+    dof = EXPERIMENTS[settings.axis]
+    with come_aboard(settings.connection, operator, watcher, record, settings.control_rate) as craft:
+        if dof == "heave" and craft.firmware.kind == "boat":
+            raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
+        _announce(settings, craft, operator, watcher, craft.observe())
+        with visit(craft, watcher):
+            craft.arm()
+            trials = _fly(settings, dof, craft, watcher, record)
+            delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
+            fit = think(craft, lambda: identify(trials, dof=dof, structure=settings.structure, delay=delay))
+    (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
+    (record.path / "model.json").write_text(json.dumps(fit.model.to_dict(), indent=1) + "\n", encoding="utf-8")
+    return fit
+
+
+def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory) -> list[Trial]:
+    cruise = _cruise(settings, dof, craft)
+    settings = replace(settings, speed=cruise.speed)
+    sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
+    room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
+    output, trials = settings.relay_output, []
+    for name in ("relay-1", "relay-2"):
+        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name)
+        flown = sequencer.fly(relay, name)
+        if flown.outcome.ending == "aborted":
+            raise NotAchieved(f"{name}: {flown.outcome.reason}")
+        trials.append(flown.trial)
+        output = second_output(float(flown.trial.meta["C"]), room)
+    return trials
+
+
+def _cruise(settings: TuneSettings, dof: str, craft: MavlinkCraft) -> _Cruise:
+    """A boat's rudder needs way on; its surge swings about half its cruise throttle. An ROV starts from rest."""
+    if craft.firmware.kind != "boat":
+        return _Cruise(settings.throttle or 0.0, settings.speed or 0.0)
+    present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED"])
+    share = 0.5 if dof == "surge" else 1.0
+    throttle = settings.throttle
+    if throttle is None:
+        throttle = share * present.get("CRUISE_THROTTLE", 50.0) / 100.0
+    speed = settings.speed
+    if speed is None:
+        speed = share * present.get("CRUISE_SPEED", 1.0)
+    return _Cruise(throttle, speed)
+
+
+def _announce(
+    settings: TuneSettings, craft: MavlinkCraft, operator: Operator, watcher: Watcher, now: Observation
+) -> None:
+    armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
+    for text in (
+        armed,
+        f"use the mode {craft.firmware.manual_mode}, and go back to {now.mode} at the end",
+        f"move: two self-oscillation experiments in {settings.axis}",
+        "write no parameter",
+    ):
+        watcher.say(f"will {text}")
+    if craft.session.transport.is_simulated:
+        watcher.say("Go ahead? Simulated vehicle: not asking.")
+    elif not ask(craft, operator, "Go ahead?"):
+        raise OperatorStopped("not started: the answer was no; nothing was armed or moved")
