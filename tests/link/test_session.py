@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ROV, ScriptedVehicle
 
-from gcs_autotune.errors import CannotOpenLink, LinkLost, NoVehicle, OperatorStopped, UsageError
-from gcs_autotune.link import MemoryLink, Parameters, Session, read_tlog
+from gcs_autotune.errors import BadFile, CannotOpenLink, LinkLost, NoVehicle, OperatorStopped, UsageError
+from gcs_autotune.link import MemoryLink, Parameters, Session, TlogWriter, read_tlog
 from gcs_autotune.link.texts import TextLog
 from gcs_autotune.link.wire import Framer
 
@@ -33,7 +33,7 @@ class Babbler:
         return self._chunks.pop(0) if self._chunks else b""
 
 
-# --- discovery -----------------------------------------------------------------------------------------------
+# --- discovery --------------------------------------------------------------------------------
 
 
 def test_the_vehicle_found_says_who_it_is(session: Session) -> None:
@@ -114,9 +114,7 @@ def test_our_heartbeat_goes_out_every_second(session: Session, boat: ScriptedVeh
     assert (beat.type, beat.autopilot, beat.get_srcSystem(), beat.get_srcComponent()) == (6, 8, 255, 190)
 
 
-def test_a_vehicle_that_falls_silent_is_a_lost_link_with_the_seconds(
-    session: Session, boat: ScriptedVehicle
-) -> None:
+def test_a_silent_vehicle_is_a_lost_link_with_the_seconds(session: Session, boat: ScriptedVehicle) -> None:
     boat.alive = False
     begun = session.clock.now()
     with pytest.raises(LinkLost, match=r"silent for 5\.\d s"):
@@ -179,7 +177,7 @@ def test_an_error_inside_a_shield_is_not_replaced(boat: ScriptedVehicle) -> None
         raise CannotOpenLink("first")
 
 
-# --- texts ------------------------------------------------------------------------------------------------------
+# --- texts --------------------------------------------------------------------------------
 
 
 def test_a_text_in_pieces_is_joined() -> None:
@@ -201,7 +199,7 @@ def test_texts_carry_their_severity_and_time(session: Session, boat: ScriptedVeh
     assert (text.severity, text.text) == (2, "Leak detected")
 
 
-# --- robustness ---------------------------------------------------------------------------------------------------
+# --- robustness --------------------------------------------------------------------------------
 
 
 @settings(max_examples=60, deadline=None)
@@ -242,7 +240,7 @@ def test_a_frame_with_a_flipped_byte_is_counted_and_dropped(spoil: int) -> None:
     assert not [f for f in frames if not f.name.startswith("UNKNOWN")]
 
 
-# --- the log ------------------------------------------------------------------------------------------------------
+# --- the log --------------------------------------------------------------------------------
 
 
 def flown(path: Path, make: Callable[[], ScriptedVehicle]) -> list[Any]:
@@ -271,3 +269,26 @@ def test_lossy_links_still_find_the_vehicle() -> None:
     for seed in random.Random(1).sample(range(1000), 5):
         session = Session(MemoryLink(ScriptedVehicle(), loss=0.3, seed=seed))
         assert session.discover().system == 1
+
+
+def test_a_full_disk_ends_the_log_but_not_the_conversation(
+    boat: ScriptedVehicle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise BadFile("the telemetry log cannot be written: No space left on device")
+
+    session = Session(MemoryLink(boat), tlog=tmp_path / "a.tlog")
+    session.discover()
+    monkeypatch.setattr(TlogWriter, "write", full)
+    session.pause(3.0)
+    assert [n for n in session.notes if "nothing is logged" in n] == [
+        "the telemetry log cannot be written: No space left on device; from here on nothing is logged"
+    ]
+    session.close()
+
+
+def test_a_second_station_with_our_id_is_pointed_out_once(session: Session, boat: ScriptedVehicle) -> None:
+    for _ in range(3):
+        boat.send_as(255, 190, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        session.pause(1.0)
+    assert len([n for n in session.notes if "another station" in n]) == 1

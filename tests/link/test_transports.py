@@ -207,7 +207,7 @@ def test_udpin_answers_whoever_spoke_last() -> None:
         assert second.recv(100) == b"you"
 
 
-# --- lock-step ----------------------------------------------------------------------------------------------
+# --- lock-step --------------------------------------------------------------------------------
 
 
 def test_a_grant_never_runs_past_the_next_control_tick() -> None:
@@ -414,7 +414,7 @@ def test_a_host_that_does_not_exist_is_named() -> None:
 
 @pytest.mark.parametrize("uri", ["", "charlie", "14550"])
 def test_a_string_that_is_no_connection_gets_examples(uri: str) -> None:
-    with pytest.raises(UsageError, match="udpin:0.0.0.0:14550"):
+    with pytest.raises(UsageError, match=r"udpin:0\.0\.0\.0:14550"):
         open_link(uri)
 
 
