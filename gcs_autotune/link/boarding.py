@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from gcs_autotune.errors import ParameterMissing, TelemetryFault, WrongVehicle
+from gcs_autotune.errors import AutotuneError, ParameterMissing, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.identity import VehicleIdentity, type_name
@@ -20,7 +20,7 @@ __all__ = ["NEEDED_RATES", "WANTED_RATES", "open_craft"]
 
 WANTED_RATES: Mapping[str, float] = {
     "ATTITUDE": 10.0,
-    "SERVO_OUTPUT_RAW": 20.0,
+    "SERVO_OUTPUT_RAW": 25.0,
     "LOCAL_POSITION_NED": 10.0,
     "GLOBAL_POSITION_INT": 10.0,
     "VFR_HUD": 5.0,
@@ -79,13 +79,13 @@ def open_craft(
         rates=rates,
         arm_patience=arm_patience,
     )
-    granted = rates.request(wanted_rates)
     try:
-        rates.measure({n: min(hz, granted.get(n, hz)) for n, hz in needed_rates.items()})
-    except TelemetryFault:
+        granted = rates.request(wanted_rates)
+        rates.measure(needed_rates)
+        _follow_control_tick(craft, granted.get("ATTITUDE", 0.0))
+    except AutotuneError:
         rates.restore()
         raise
-    _follow_control_tick(craft, granted.get("ATTITUDE", 0.0))
     return craft
 
 

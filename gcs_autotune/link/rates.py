@@ -56,6 +56,7 @@ class Rates:
         for name, rate in wanted.items():
             before = self.granted.get(name)
             previous = before.previous if before else self._previous_interval(name)
+            self.granted[name] = Granted(rate, 0.0, previous)
             self.granted[name] = Granted(rate, self._grant(name, rate), previous)
             if self.granted[name].granted < rate:
                 self._session.notes.append(

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
 from gcs_autotune.clock import Clock, Deadline
-from gcs_autotune.errors import LinkLost, OperatorStopped
+from gcs_autotune.errors import BadFile, LinkLost, OperatorStopped
 from gcs_autotune.link.discovery import Candidate, choose, is_autopilot, nobody_found
 from gcs_autotune.link.identity import VehicleIdentity, firmware_version
 from gcs_autotune.link.texts import TextLog
@@ -134,8 +134,7 @@ class Session:
     def send(self, message: Message) -> None:
         """Send one message, and log it."""
         frame = self._packer.pack(message)
-        if self._tlog:
-            self._tlog.write(frame)
+        self._log(frame)
         self.transport.write(frame)
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
@@ -281,17 +280,37 @@ class Session:
         return []
 
     def _route(self, frame: Frame) -> None:
-        if self._tlog:
-            self._tlog.write(frame.raw)
+        self._log(frame.raw)
         if self.vehicle is None:
             self._consider(frame)
             return
         if (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
-            self.foreign[frame.system, frame.component] += 1
+            self._note_foreign(frame)
             return
         self._last_heard = self.clock.now()
         for listener in tuple(self._listeners.get(frame.name, ())):
             listener(frame.message)
+
+    def _log(self, frame: bytes) -> None:
+        """Log *frame*, or flush when it is empty. A full disk ends the log, never the clean-up of a vehicle."""
+        if self._tlog is None:
+            return
+        try:
+            self._tlog.write(frame) if frame else self._tlog.flush()
+        except BadFile as error:
+            self.notes.append(f"{error}; from here on nothing is logged")
+            with suppress(BadFile):
+                self._tlog.close()
+            self._tlog = None
+
+    def _note_foreign(self, frame: Frame) -> None:
+        self.foreign[frame.system, frame.component] += 1
+        is_twin = frame.name == "HEARTBEAT" and frame.system == self.source_system
+        if is_twin and self.foreign[frame.system, frame.component] == 1:
+            self.notes.append(
+                f"another station on this link also is system {frame.system}: the vehicle cannot tell us apart "
+                "and obeys both; close it"
+            )
 
     def _consider(self, frame: Frame) -> None:
         if frame.name == "HEARTBEAT" and is_autopilot(frame.message):
@@ -320,14 +339,15 @@ class Session:
                 mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
             )
         )
-        if self._tlog:
-            self._tlog.flush()
+        self._log(b"")
 
     def close(self) -> None:
         """Close the log and the transport."""
         try:
             if self._tlog:
                 self._tlog.close()
+        except BadFile as error:
+            self.notes.append(str(error))
         finally:
             self.transport.close()
 

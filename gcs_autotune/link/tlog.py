@@ -57,15 +57,24 @@ class TlogWriter:
         try:
             self._stream.write(_STAMP.pack(round(self._now() * 1e6)) + frame)
         except OSError as error:
-            raise BadFile(f"the telemetry log {self._path} cannot be written: {error.strerror}") from error
+            raise self._unwritable(error) from error
 
     def flush(self) -> None:
         """Hand what is buffered to the operating system."""
-        self._stream.flush()
+        try:
+            self._stream.flush()
+        except OSError as error:
+            raise self._unwritable(error) from error
 
     def close(self) -> None:
         """Flush and close the file."""
-        self._stream.close()
+        try:
+            self._stream.close()
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> BadFile:
+        return BadFile(f"the telemetry log {self._path} cannot be written: {error.strerror}; check the disk")
 
 
 @dataclass(frozen=True, slots=True)

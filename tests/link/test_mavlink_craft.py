@@ -1,0 +1,416 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scripted_vehicle import BOAT, ROV, ScriptedVehicle
+
+from gcs_autotune.craft import Actuate, Craft, DepthTarget, HeadingTarget
+from gcs_autotune.errors import (
+    ArmingRefused,
+    GuardTripped,
+    LinkError,
+    LinkLost,
+    NotAsFound,
+    OperatorStopped,
+    TelemetryFault,
+    WrongVehicle,
+)
+from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
+
+
+def board(vehicle: ScriptedVehicle, interrupt: Callable[[], bool] = lambda: False) -> MavlinkCraft:
+    return open_craft(Session(MemoryLink(vehicle), interrupt=interrupt), arm_patience=3.0)
+
+
+@pytest.fixture
+def craft(boat: ScriptedVehicle) -> Craft:
+    """A boarded boat; that it is a ``Craft`` is checked by the type checker here."""
+    return board(boat)
+
+
+@pytest.fixture
+def flying(boat: ScriptedVehicle) -> MavlinkCraft:
+    """A boarded, armed boat that steers."""
+    craft = board(boat)
+    craft.arm()
+    craft.send(Actuate(N=0.4, X=0.5))
+    for _ in range(5):
+        craft.observe()
+    return craft
+
+
+# --- boarding --------------------------------------------------------------------------------
+
+
+def test_boarding_says_who_and_what_it_is(craft: Craft) -> None:
+    assert isinstance(craft, MavlinkCraft)
+    assert craft.firmware.name == "ArduRover"
+    assert craft.session.vehicle is not None
+    assert (craft.session.vehicle.firmware, craft.session.vehicle.frame) == ("ArduRover", None)
+
+
+def test_a_vehicle_of_another_kind_is_refused_by_name() -> None:
+    with pytest.raises(WrongVehicle, match="QUADROTOR"):
+        board(ScriptedVehicle(2))
+
+
+def test_the_id_the_vehicle_obeys_is_adopted_and_said(boat: ScriptedVehicle) -> None:
+    boat.parameters["MAV_GCS_SYSID"] = 252
+    craft = board(boat)
+    assert craft.session.source_system == 252
+    assert any("system 252" in note for note in craft.session.notes)
+    craft.arm()
+    craft.send(Actuate(N=0.5))
+    craft.observe()
+    assert craft.observe().output["N"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_older_name_of_that_parameter_works_too(rov: ScriptedVehicle) -> None:
+    rov.parameters["SYSID_MYGCS"] = 250
+    assert board(rov).session.source_system == 250
+
+
+def test_telemetry_too_slow_to_steer_by_puts_the_rates_back(boat: ScriptedVehicle) -> None:
+    boat.mute.add("SERVO_OUTPUT_RAW")
+    with pytest.raises(TelemetryFault, match="SERVO_OUTPUT_RAW 0"):
+        board(boat)
+    assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.25)
+
+
+def test_a_vehicle_that_grants_no_rates_and_streams_nothing_is_too_slow(boat: ScriptedVehicle) -> None:
+    boat.fastest = 0.1
+    with pytest.raises(TelemetryFault, match="no ATTITUDE"):
+        board(boat)
+
+
+def test_stopping_while_boarding_puts_the_rates_back(boat: ScriptedVehicle) -> None:
+    stop = False
+    session = Session(MemoryLink(boat), interrupt=lambda: stop)
+    session.discover()
+
+    def stop_once_attitude_flows() -> None:
+        nonlocal stop
+        stop = boat.intervals.get(mavlink.MAVLINK_MSG_ID_ATTITUDE, 1.0) < 0.2
+
+    session.every(0.1, stop_once_attitude_flows)
+    with pytest.raises(OperatorStopped):
+        open_craft(session)
+    boat.advance_to(boat.time + 0.1)
+    assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.25)
+
+
+def test_in_simulated_time_a_decision_is_taken_at_the_tick_it_answers(craft: Craft) -> None:
+    for _ in range(20):
+        observation = craft.observe()
+        assert craft.clock.now() == pytest.approx(observation.t, abs=1e-6)
+
+
+# --- observing --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [BOAT, ROV])
+def test_the_wanted_fractions_come_out_of_the_actuators(kind: int) -> None:
+    craft = board(ScriptedVehicle(kind))
+    craft.arm()
+    wanted = Actuate(N=0.3, X=-0.2, Z=0.0 if kind == BOAT else 0.25)
+    craft.send(wanted)
+    craft.observe()
+    output = craft.observe().output
+    assert output == pytest.approx({name: getattr(wanted, name) for name in output}, abs=0.01)
+
+
+def test_heading_goes_on_beyond_half_a_turn(flying: MavlinkCraft) -> None:
+    psi = [flying.observe().psi for _ in range(200)]
+    assert psi[-1] > math.pi
+    assert all(0.0 < b - a < 0.1 for a, b in pairwise(psi))
+
+
+def test_an_observation_has_everything_that_is_known(flying: MavlinkCraft) -> None:
+    seen = flying.observe()
+    assert (seen.armed, seen.mode, seen.speed) == (True, "MANUAL", 1.25)
+    assert seen.battery_voltage == pytest.approx(12.6)
+    assert seen.r == pytest.approx(0.2, abs=0.01)
+    assert seen.value("z") == 0.0
+
+
+def test_a_command_stays_in_force_without_being_repeated_by_the_manoeuvre(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    flying.session.pause(10.0)
+    assert boat.servos[0] == pytest.approx(1700, abs=2)
+    before = boat.count("RC_CHANNELS_OVERRIDE")
+    flying.session.pause(5.0)
+    assert boat.count("RC_CHANNELS_OVERRIDE") - before >= 50
+
+
+def test_one_command_per_tick_is_one_override_per_tick(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    before = boat.count("RC_CHANNELS_OVERRIDE")
+    for _ in range(100):
+        flying.observe()
+        flying.send(Actuate(N=-0.4))
+    assert boat.count("RC_CHANNELS_OVERRIDE") - before == pytest.approx(100, abs=2)
+
+
+def test_a_vehicle_whose_time_runs_fast_still_gets_its_overrides_in_time(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    flying._duty.period = 1e9
+    before = boat.count("RC_CHANNELS_OVERRIDE")
+    flying.session.pause(5.0)
+    assert boat.count("RC_CHANNELS_OVERRIDE") - before >= 24
+
+
+def test_silence_in_flight_is_a_lost_link(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    boat.alive = False
+    with pytest.raises(LinkError):
+        for _ in range(3):
+            flying.observe()
+
+
+def test_a_stream_that_stops_is_a_telemetry_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    boat.mute.add("ATTITUDE")
+    with pytest.raises(TelemetryFault, match="stream rates"):
+        flying.observe()
+
+
+def spoil(boat: ScriptedVehicle, **fields: Callable[[Any], float]) -> None:
+    def edit(message: Any) -> Any:
+        if message.get_type() == "ATTITUDE":
+            for name, value in fields.items():
+                setattr(message, name, value(message))
+        return message
+
+    boat.edit = edit
+
+
+def observe_until_fault(craft: MavlinkCraft) -> str:
+    with pytest.raises(TelemetryFault) as caught:
+        for _ in range(200):
+            craft.observe()
+    return str(caught.value)
+
+
+def test_nan_attitude_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    spoil(boat, yaw=lambda _: math.nan)
+    assert "not a number" in observe_until_fault(flying)
+
+
+def test_frozen_attitude_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    spoil(boat, roll=lambda _: 0.1, yaw=lambda _: 0.2, yawspeed=lambda _: 0.0)
+    assert "frozen" in observe_until_fault(flying)
+
+
+def test_a_standing_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    stamp = round(flying.observe().t * 1000)
+    spoil(boat, time_boot_ms=lambda _: stamp)
+    assert "stands" in observe_until_fault(flying)
+
+
+@pytest.mark.parametrize(("jump", "words"), [(-3.0, "it has rebooted"), (30.0, "its clock jumped")])
+def test_a_jumping_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle, jump: float, words: str) -> None:
+    boat.boot_offset = jump
+    assert words in observe_until_fault(flying)
+
+
+def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    spoil(boat, yaw=lambda _: math.nan)
+    observe_until_fault(flying)
+    flying.neutral()
+    assert boat.servos[:3] == [1500, 1500, 1500]
+    flying.parameters.write("WP_SPEED", 1.5)
+
+
+# --- other hands --------------------------------------------------------------------------------
+
+
+def test_a_mode_change_by_others_trips_with_the_vehicles_words(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    boat.mode = 4
+    boat.say("Radio Failsafe")
+    with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by us .*Radio Failsafe") as caught:
+        for _ in range(30):
+            flying.observe()
+    assert caught.value.guard == "mode"
+
+
+def test_a_disarm_by_others_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    boat.armed = False
+    with pytest.raises(GuardTripped, match="disarmed"):
+        for _ in range(30):
+            flying.observe()
+
+
+def test_another_stations_write_to_a_borrowed_parameter_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    flying.parameters.watch({"WP_SPEED": 2.0})
+    boat.parameters["WP_SPEED"] = 8.0
+    boat.send_parameter("WP_SPEED")
+    with pytest.raises(GuardTripped, match="WP_SPEED = 8"):
+        for _ in range(30):
+            flying.observe()
+
+
+def test_our_own_mode_changes_do_not_trip(flying: MavlinkCraft) -> None:
+    flying.set_mode("GUIDED")
+    for _ in range(30):
+        flying.observe()
+
+
+# --- targets --------------------------------------------------------------------------------
+
+
+def test_a_boats_heading_target_is_attitude_and_a_fraction_of_its_speed(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    flying.set_mode("GUIDED")
+    flying.send(HeadingTarget(psi=2.0 + 4 * math.pi, speed=0.5))
+    flying.observe()
+    target = boat.last("SET_ATTITUDE_TARGET")
+    assert target.q == pytest.approx([math.cos(1.0), 0.0, 0.0, math.sin(1.0)], abs=1e-6)
+    assert (target.thrust, target.type_mask) == (0.25, 0b111)
+    assert boat.last("RC_CHANNELS_OVERRIDE").chan1_raw == 1500
+
+
+def test_a_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehicle) -> None:
+    craft = board(rov)
+    craft.arm()
+    craft.set_mode("ALT_HOLD")
+    craft.send(HeadingTarget(psi=1.0))
+    craft.session.pause(4.0)
+    assert rov.last("SET_ATTITUDE_TARGET").type_mask == 0b1000111
+    craft.send(DepthTarget(z=2.5))
+    craft.observe()
+    target = rov.last("SET_POSITION_TARGET_GLOBAL_INT")
+    assert (target.alt, target.coordinate_frame, target.type_mask) == (-2.5, 6, 0b110111111011)
+    assert rov.time - rov.overrides[3][1] < 0.2
+    assert rov.overrides[3][0] == 1500
+
+
+# --- arming, neutral, stopping --------------------------------------------------------------------------------
+
+
+def test_a_boat_without_a_receiver_arms_because_neutral_overrides_flow_first(boat: ScriptedVehicle) -> None:
+    boat.needs_overrides_to_arm = True
+    craft = board(boat)
+    craft.arm()
+    assert boat.armed
+    assert boat.last("RC_CHANNELS_OVERRIDE").chan3_raw == 1500
+
+
+def test_prearm_checks_that_settle_are_waited_for(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.arming_refusals = ["PreArm: Accels inconsistent"]
+    craft.session.every(2.5, lambda: boat.arming_refusals.clear() if craft.clock.now() > begun + 2 else None)
+    begun = craft.clock.now()
+    craft.arm()
+    assert boat.armed
+
+
+def test_refused_arming_leaves_no_override_behind(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.arming_refusals = ["Arm: Leak detected"]
+    with pytest.raises(ArmingRefused, match="Leak detected"):
+        craft.arm()
+    craft.session.pause(1.0)
+    assert boat.overrides == {}
+
+
+def test_neutral_is_checked_on_the_outputs_and_then_released(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    flying.neutral()
+    assert boat.servos[:3] == [1500, 1500, 1500]
+    before = boat.count("RC_CHANNELS_OVERRIDE")
+    flying.session.pause(1.0)
+    assert boat.overrides == {}
+    released = [m for m in boat.heard if m.get_type() == "RC_CHANNELS_OVERRIDE"][-3:]
+    assert all((m.chan1_raw, m.chan3_raw) == (0, 0) for m in released)
+    assert boat.count("RC_CHANNELS_OVERRIDE") - before <= 5, "nothing is commanded any more"
+
+
+def test_neutral_ends_the_autopilots_own_steering(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    flying.set_mode("GUIDED")
+    flying.send(HeadingTarget(psi=1.0, speed=1.0))
+    flying.neutral()
+    assert flying.mode == "HOLD"
+
+
+def test_a_stuck_actuator_is_reported_with_its_value(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
+    boat.parameters["RC_OVERRIDE_TIME"] = 1e9
+    with pytest.raises(NotAsFound, match=r"N \+0\.40 of full output"):
+        flying.neutral()
+
+
+def test_neutral_is_sent_even_when_the_link_is_lost(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    boat.mute.update({"ATTITUDE", "HEARTBEAT", "SERVO_OUTPUT_RAW", "VFR_HUD", "SYS_STATUS", "GLOBAL_POSITION_INT"})
+    with pytest.raises(LinkLost):
+        flying.session.pause(20.0)
+    with pytest.raises(LinkError):
+        flying.neutral()
+    boat.advance_to(boat.time + 0.1)
+    assert boat.last("RC_CHANNELS_OVERRIDE").chan1_raw in (0, 1500)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 120))
+def test_the_operator_may_stop_at_any_pump_and_the_actuators_end_neutral(pumps: int) -> None:
+    boat, left = ScriptedVehicle(), [10**9]
+
+    def stop() -> bool:
+        left[0] -= 1
+        return left[0] < 0
+
+    craft = board(boat, stop)
+    left[0] = pumps
+    try:
+        craft.arm()
+        while True:
+            craft.send(Actuate(N=0.4, X=0.5))
+            craft.observe()
+    except OperatorStopped:
+        craft.neutral()
+        with craft.shielded():
+            craft.disarm()
+            craft.session.pause(1.0)
+    assert boat.servos[:3] == [1500, 1500, 1500]
+    assert not boat.armed
+    assert boat.overrides == {}
+
+
+# --- recording --------------------------------------------------------------------------------
+
+
+def test_a_trial_knows_its_vehicle(flying: MavlinkCraft) -> None:
+    flying.start_recording("relay")
+    for _ in range(50):
+        flying.observe()
+    trial = flying.stop_recording("aborted", "guard")
+    assert (trial.name, trial.ending, trial.reason) == ("relay", "aborted", "guard")
+    assert trial.meta["vehicle"]["version"] == "4.7.0-dev"
+    assert len(trial["psi"]) == pytest.approx(50, abs=1)
+    assert len(trial["N"]) == pytest.approx(125, abs=2)
+    assert trial["N"].values.tolist() == pytest.approx([0.4] * len(trial["N"]), abs=0.01)
+
+
+def test_the_same_flight_gives_the_same_record_to_the_last_bit() -> None:
+    def flight() -> Any:
+        craft = board(ScriptedVehicle())
+        craft.arm()
+        craft.start_recording("relay")
+        for k in range(60):
+            craft.observe()
+            craft.send(Actuate(N=0.4 if k % 20 < 10 else -0.4))
+        return craft.stop_recording("completed")
+
+    first, second = flight(), flight()
+    for name, channel in first.channels.items():
+        assert channel.t.tobytes() == second[name].t.tobytes()
+        assert channel.values.tobytes() == second[name].values.tobytes()

@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scripted_vehicle import ScriptedVehicle
+
+from gcs_autotune.errors import LinkLost, NoReply, ParameterMissing, ParameterNotAccepted, UsageError
+from gcs_autotune.link import MemoryLink, Parameters, Session
+from gcs_autotune.link.parameters import same_float32
+
+
+def connect(boat: ScriptedVehicle, **link: Any) -> Parameters:
+    session = Session(MemoryLink(boat, **link))
+    session.discover()
+    return Parameters(session)
+
+
+# --- reading --------------------------------------------------------------------------------
+
+
+def test_a_parameter_is_read_by_name(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    assert parameters.read("ATC_STR_RAT_P") == pytest.approx(0.2)
+    assert boat.last("PARAM_REQUEST_READ").param_index == -1
+
+
+def test_an_unknown_name_is_missing_after_three_tries_of_a_second(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    begun = parameters.session.clock.now()
+    with pytest.raises(ParameterMissing, match="NO_SUCH_THING") as caught:
+        parameters.read("NO_SUCH_THING")
+    assert caught.value.name == "NO_SUCH_THING"
+    assert boat.count("PARAM_REQUEST_READ") == 3
+    assert parameters.session.clock.now() - begun == pytest.approx(3.0, abs=0.05)
+
+
+def test_a_newer_firmwares_parameter_error_saves_the_wait(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    boat.on["PARAM_REQUEST_READ"] = lambda m: boat.send(
+        mavlink.MAVLink_param_error_message(255, 190, m.param_id.encode(), -1, 1)
+    )
+    begun = parameters.session.clock.now()
+    with pytest.raises(ParameterMissing):
+        parameters.read("NO_SUCH_THING")
+    assert parameters.session.clock.now() - begun < 0.5
+
+
+def test_many_are_asked_for_without_waiting_for_each(parameters: Parameters) -> None:
+    begun = parameters.session.clock.now()
+    values = parameters.read_all(f"RC{n}_{field}" for n in range(1, 9) for field in ("MIN", "MAX"))
+    assert len(values) == 16
+    assert parameters.session.clock.now() - begun < 0.5
+
+
+def test_all_missing_names_are_listed(parameters: Parameters) -> None:
+    with pytest.raises(ParameterMissing, match="A_THING, B_THING"):
+        parameters.read_all(["A_THING", "WP_SPEED", "B_THING"])
+
+
+def test_the_first_of_several_alternatives_is_found(parameters: Parameters) -> None:
+    assert parameters.read_first(["SYSID_MYGCS", "MAV_GCS_SYSID"]) == ("MAV_GCS_SYSID", 255.0)
+    with pytest.raises(ParameterMissing, match="none of A_A, B_B"):
+        parameters.read_first(["A_A", "B_B"])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lost_frames_are_asked_for_again(boat: ScriptedVehicle, seed: int) -> None:
+    parameters = connect(boat, loss=0.1, seed=seed)
+    assert len(parameters.read_existing(f"RC{n}_MIN" for n in range(1, 5))) == 4
+    assert parameters.read_full() == pytest.approx(boat.parameters)
+
+
+def test_the_whole_list_is_read(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    assert parameters.read_full() == pytest.approx(boat.parameters)
+
+
+def test_a_list_that_never_comes_is_an_error_with_the_count(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    boat.on["PARAM_REQUEST_LIST"] = lambda _: None
+    with pytest.raises(NoReply, match="0 of unknown"):
+        parameters.read_full(timeout=5.0)
+
+
+def test_a_forged_value_from_another_system_is_ignored(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    boat.mute.add("PARAM_VALUE")
+    forged = mavlink.MAVLink_param_value_message(b"WP_SPEED", 99.0, 9, 10, 1)
+    boat.on["PARAM_REQUEST_READ"] = lambda _: boat.send_as(2, 1, forged)
+    with pytest.raises(ParameterMissing):
+        parameters.read("WP_SPEED")
+    boat.on["PARAM_REQUEST_READ"] = lambda _: boat.send_as(1, 25, forged)
+    with pytest.raises(ParameterMissing):
+        parameters.read("WP_SPEED")
+
+
+def test_a_vehicle_that_falls_silent_while_we_wait_is_a_lost_link(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    boat.alive = False
+    with pytest.raises(LinkLost):
+        for _ in range(3):
+            parameters.read_existing(["WP_SPEED"])
+
+
+@pytest.mark.parametrize("name", ["", "A_NAME_OF_17_CHARS", "GRÖSSE"])
+def test_what_cannot_be_a_name_is_a_usage_error(parameters: Parameters, name: str) -> None:
+    with pytest.raises(UsageError, match="no parameter name"):
+        parameters.read(name)
+
+
+def test_a_name_of_sixteen_letters_works(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    boat.parameters["SIXTEEN_LETTERS_"] = 4.0
+    assert parameters.read("SIXTEEN_LETTERS_") == 4.0
+
+
+# --- writing --------------------------------------------------------------------------------
+
+
+def test_a_write_is_verified_by_its_echo(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    parameters.write("ATC_STR_RAT_P", 0.33)
+    assert boat.parameters["ATC_STR_RAT_P"] == pytest.approx(0.33)
+    assert boat.count("PARAM_SET") == 1
+    assert boat.last("PARAM_SET").param_type == mavlink.MAV_PARAM_TYPE_REAL32
+
+
+def test_whole_numbers_travel_as_floats_and_never_bytewise(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    parameters.write("CRUISE_THROTTLE", 45)
+    assert boat.last("PARAM_SET").param_value == 45.0
+
+
+def test_a_lost_echo_is_asked_for(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    boat.on["PARAM_SET"] = lambda m: boat.parameters.update({m.param_id: m.param_value})
+    parameters.write("ATC_STR_RAT_P", 0.5)
+    assert boat.count("PARAM_SET") == 3
+    assert boat.count("PARAM_REQUEST_READ") == 1
+
+
+def test_a_read_only_parameter_is_not_accepted_and_says_why(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    boat.read_only.add("WP_SPEED")
+    with pytest.raises(ParameterNotAccepted, match="write denied") as caught:
+        parameters.write("WP_SPEED", 9.0)
+    assert (caught.value.name, caught.value.wanted, caught.value.found) == ("WP_SPEED", 9.0, 2.0)
+
+
+def test_a_value_that_is_rounded_by_the_vehicle_is_not_accepted(parameters: Parameters) -> None:
+    with pytest.raises(ParameterNotAccepted) as caught:
+        parameters.write("CRUISE_THROTTLE", 33.4)
+    assert caught.value.found == 33.0
+
+
+def test_writing_an_unknown_name_is_missing(parameters: Parameters) -> None:
+    with pytest.raises(ParameterMissing):
+        parameters.write("NO_SUCH_THING", 1.0)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
+def test_what_is_no_finite_float32_is_never_sent(
+    parameters: Parameters, boat: ScriptedVehicle, value: float
+) -> None:
+    with pytest.raises(UsageError, match="finite"):
+        parameters.write("WP_SPEED", value)
+    assert boat.count("PARAM_SET") == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_writes_get_through_a_lossy_link(boat: ScriptedVehicle, seed: int) -> None:
+    connect(boat, loss=0.2, seed=seed).write("ATC_STR_RAT_I", 0.4)
+    assert boat.parameters["ATC_STR_RAT_I"] == pytest.approx(0.4)
+
+
+@given(st.floats(min_value=1e-30, max_value=1e30))
+def test_float32_tolerance_is_tight(x: float) -> None:
+    assert same_float32(x, x * (1 + 1e-7))
+    assert not same_float32(x, x * (1 + 1e-6))
+
+
+# --- watching --------------------------------------------------------------------------------
+
+
+def test_another_hands_write_is_noticed(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    parameters.watch({"ATC_STR_RAT_P": parameters.read("ATC_STR_RAT_P")})
+    boat.parameters["ATC_STR_RAT_P"] = 1.5
+    boat.send_parameter("ATC_STR_RAT_P")
+    parameters.session.pause(1.0)
+    assert parameters.intrusions == [("ATC_STR_RAT_P", pytest.approx(0.2), 1.5)]
+
+
+def test_a_late_echo_of_our_own_is_no_intrusion(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    parameters.watch({"ATC_STR_RAT_P": parameters.read("ATC_STR_RAT_P")})
+    boat.send(mavlink.MAVLink_param_value_message(b"ATC_STR_RAT_P", 0.7, 9, 100, 65535))
+    parameters.session.pause(1.0)
+    assert parameters.intrusions == []
+
+
+def test_our_own_writes_are_no_intrusion(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    parameters.watch({"ATC_STR_RAT_P": parameters.read("ATC_STR_RAT_P")})
+    parameters.write("ATC_STR_RAT_P", 0.4)
+    boat.send_parameter("ATC_STR_RAT_P")
+    parameters.session.pause(1.0)
+    assert parameters.intrusions == []

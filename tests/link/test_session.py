@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scripted_vehicle import ROV, ScriptedVehicle
+
+from gcs_autotune.errors import BadFile, CannotOpenLink, LinkLost, NoVehicle, OperatorStopped, UsageError
+from gcs_autotune.link import MemoryLink, Parameters, Session, TlogWriter, read_tlog
+from gcs_autotune.link.texts import TextLog
+from gcs_autotune.link.wire import Framer
+
+
+class Babbler:
+    """A peer that sends given bytes and notes what it hears."""
+
+    def __init__(self, *chunks: bytes) -> None:
+        self._chunks = list(chunks)
+        self.heard: list[Any] = []
+        self._mav = mavlink.MAVLink(None)
+        self._mav.robust_parsing = True
+
+    def receive(self, data: bytes) -> None:
+        self.heard += self._mav.parse_buffer(data) or []
+
+    def advance_to(self, t: float) -> bytes:
+        return self._chunks.pop(0) if self._chunks else b""
+
+
+# --- discovery --------------------------------------------------------------------------------
+
+
+def test_the_vehicle_found_says_who_it_is(session: Session) -> None:
+    assert session.vehicle is not None
+    assert str(session.vehicle) == "SURFACE_BOAT 4.7.0-dev (system 1, component 1)"
+    assert session.vehicle.to_dict()["vehicle_type"] == 11
+
+
+def test_nobody_there_is_an_error_after_the_time_out_and_not_a_hang() -> None:
+    session = Session(MemoryLink(Babbler()))
+    with pytest.raises(NoVehicle, match="nothing came in at all"):
+        session.discover(timeout=3.0)
+    assert session.clock.now() == pytest.approx(3.0, abs=0.01)
+
+
+def test_noise_without_mavlink_suggests_the_baud_rate() -> None:
+    with pytest.raises(NoVehicle, match="baud rate"):
+        Session(MemoryLink(Babbler(b"\x55" * 400))).discover(timeout=1.0)
+
+
+def test_another_ground_station_is_no_vehicle_but_is_named() -> None:
+    mission_planner = ScriptedVehicle(system=254)
+    mission_planner.heartbeat = lambda: mission_planner.send(  # type: ignore[method-assign]
+        mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    )
+    with pytest.raises(NoVehicle, match="system ids 254"):
+        Session(MemoryLink(mission_planner)).discover(timeout=3.0)
+
+
+class Two:
+    """Two vehicles on one link."""
+
+    def __init__(self) -> None:
+        self.vehicles = (ScriptedVehicle(system=1), ScriptedVehicle(ROV, system=7))
+
+    def receive(self, data: bytes) -> None:
+        for vehicle in self.vehicles:
+            vehicle.receive(data)
+
+    def advance_to(self, t: float) -> bytes:
+        return b"".join(vehicle.advance_to(t) for vehicle in self.vehicles)
+
+
+def test_two_autopilots_need_a_choice_and_both_are_named() -> None:
+    with pytest.raises(UsageError, match=r"system 1 \(SURFACE_BOAT\) and system 7 \(SUBMARINE\)"):
+        Session(MemoryLink(Two())).discover()
+
+
+def test_with_a_choice_only_the_chosen_one_is_listened_to() -> None:
+    session = Session(MemoryLink(Two()))
+    vehicle = session.discover(system_id=7)
+    assert (vehicle.system, vehicle.vehicle_type) == (7, 12)
+    session.pause(3.0)
+    assert session.custom_mode == 19
+    assert session.foreign[1, 1] >= 3
+
+
+def test_a_system_id_that_is_not_there_lists_who_is() -> None:
+    with pytest.raises(NoVehicle, match=r"system id 9 .* system 1 \(SURFACE_BOAT\)"):
+        Session(MemoryLink(ScriptedVehicle())).discover(timeout=2.0, system_id=9)
+
+
+def test_a_vehicle_that_does_not_tell_its_version_is_still_found(boat: ScriptedVehicle) -> None:
+    boat.mute.add("AUTOPILOT_VERSION")
+    session = Session(MemoryLink(boat))
+    assert session.discover().version == ""
+    assert any("version" in note for note in session.notes)
+
+
+# --- heartbeat, liveness, the operator ------------------------------------------------------------------------
+
+
+def test_our_heartbeat_goes_out_every_second(session: Session, boat: ScriptedVehicle) -> None:
+    before = boat.count("HEARTBEAT")
+    session.pause(10.0)
+    assert boat.count("HEARTBEAT") - before == 10
+    beat = boat.last("HEARTBEAT")
+    assert (beat.type, beat.autopilot, beat.get_srcSystem(), beat.get_srcComponent()) == (6, 8, 255, 190)
+
+
+def test_a_silent_vehicle_is_a_lost_link_with_the_seconds(session: Session, boat: ScriptedVehicle) -> None:
+    boat.alive = False
+    begun = session.clock.now()
+    with pytest.raises(LinkLost, match=r"silent for 5\.\d s"):
+        session.pause(60.0)
+    assert session.clock.now() - begun < 7.0
+
+
+def test_others_talking_do_not_hide_the_silence(session: Session, boat: ScriptedVehicle) -> None:
+    boat.mute.add("HEARTBEAT")
+    with pytest.raises(LinkLost):
+        for _ in range(100):
+            boat.send_as(9, 1, mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
+            session.pump()
+
+
+def test_after_a_lost_link_its_return_can_be_awaited(session: Session, boat: ScriptedVehicle) -> None:
+    boat.alive = False
+    with pytest.raises(LinkLost):
+        session.pause(60.0)
+    assert not session.await_return(2.0)
+    boat.alive = True
+    assert session.await_return(3.0)
+    session.pause(2.0)
+
+
+def test_the_operators_stop_is_raised_by_the_next_pump(boat: ScriptedVehicle) -> None:
+    stop = False
+    session = Session(MemoryLink(boat), interrupt=lambda: stop)
+    session.discover()
+    stop = True
+    with pytest.raises(OperatorStopped):
+        session.pump()
+
+
+def test_a_shield_keeps_the_stop_until_it_is_down(boat: ScriptedVehicle) -> None:
+    pressed = False
+    session = Session(MemoryLink(boat), interrupt=lambda: pressed)
+    session.discover()
+    with session.shielded():
+        pressed = True
+        session.pump()
+        pressed = False
+        with session.shielded():
+            session.pump()
+        session.pump()
+    assert session.stop_asked
+    with pytest.raises(OperatorStopped):
+        session.pump()
+
+
+def test_a_shield_can_raise_on_leaving(boat: ScriptedVehicle) -> None:
+    session = Session(MemoryLink(boat), interrupt=lambda: True)
+    with pytest.raises(OperatorStopped), session.shielded(raise_after=True):
+        session.pump()
+
+
+def test_an_error_inside_a_shield_is_not_replaced(boat: ScriptedVehicle) -> None:
+    session = Session(MemoryLink(boat), interrupt=lambda: True)
+    with pytest.raises(CannotOpenLink), session.shielded(raise_after=True):
+        raise CannotOpenLink("first")
+
+
+# --- texts --------------------------------------------------------------------------------
+
+
+def test_a_text_in_pieces_is_joined() -> None:
+    log = TextLog()
+    long = "PreArm: " + "all the many things that are wrong " * 3
+    pieces = [long[i : i + 50] for i in range(0, len(long), 50)]
+    done = [
+        log.take(mavlink.MAVLink_statustext_message(4, piece.encode(), 5, number), 1.0)
+        for number, piece in enumerate(pieces)
+    ]
+    assert [text.text for text in log] == [long]
+    assert done[:-1] == [None] * (len(pieces) - 1)
+
+
+def test_texts_carry_their_severity_and_time(session: Session, boat: ScriptedVehicle) -> None:
+    boat.say("Leak detected", severity=2)
+    session.pump()
+    (text,) = session.texts
+    assert (text.severity, text.text) == (2, "Leak detected")
+
+
+# --- robustness --------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.binary(max_size=300), max_size=8))
+def test_arbitrary_bytes_never_raise_and_never_make_us_write_parameters(chunks: list[bytes]) -> None:
+    peer = Babbler(*chunks)
+    session = Session(MemoryLink(peer))
+    Parameters(session)
+    session.pause(1.0)
+    assert {m.get_type() for m in peer.heard} <= {"HEARTBEAT"}
+
+
+_FRAME = mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(max_size=60).filter(lambda b: 0xFD not in b and 0xFE not in b), st.integers(1, 20))
+def test_a_frame_in_noise_is_found_however_it_is_cut(noise: bytes, cut: int) -> None:
+    framer = Framer()
+    data = noise + _FRAME + noise + _FRAME
+    frames = [f for i in range(0, len(data), cut) for f in framer.feed(data[i : i + cut])]
+    assert [f.name for f in frames] == ["HEARTBEAT", "HEARTBEAT"]
+    assert framer.bad_bytes == 2 * len(noise)
+
+
+def test_a_false_start_does_not_swallow_the_frames_behind_it(boat: ScriptedVehicle) -> None:
+    session = Session(MemoryLink(Babbler(b"\xfd\xff\x00" + _FRAME)))
+    assert session.discover(timeout=4.0).system == 1
+    assert session.bad_data == 1
+
+
+@pytest.mark.parametrize("spoil", range(1, len(_FRAME)))
+def test_a_frame_with_a_flipped_byte_is_counted_and_dropped(spoil: int) -> None:
+    damaged = bytearray(_FRAME)
+    damaged[spoil] ^= 0x55
+    framer = Framer()
+    frames = framer.feed(bytes(damaged)) + framer.flush()
+    assert not [f for f in frames if not f.name.startswith("UNKNOWN")]
+
+
+# --- the log --------------------------------------------------------------------------------
+
+
+def flown(path: Path, make: Callable[[], ScriptedVehicle]) -> list[Any]:
+    with Session(MemoryLink(make()), tlog=path) as session:
+        session.discover()
+        Parameters(session).read_full()
+        session.pause(2.0)
+    return list(read_tlog(path))
+
+
+def test_the_log_holds_both_directions_from_the_first_byte(tmp_path: Path) -> None:
+    records = flown(tmp_path / "a.tlog", ScriptedVehicle)
+    assert records[0].frame.system == 255
+    assert {r.frame.system for r in records} == {1, 255}
+    assert {"HEARTBEAT", "COMMAND_LONG", "AUTOPILOT_VERSION", "PARAM_VALUE"} <= {r.frame.name for r in records}
+    assert [r.time for r in records] == sorted(r.time for r in records)
+
+
+def test_simulated_runs_leave_the_same_log_to_the_last_bit(tmp_path: Path) -> None:
+    for name in ("a.tlog", "b.tlog"):
+        flown(tmp_path / name, ScriptedVehicle)
+    assert (tmp_path / "a.tlog").read_bytes() == (tmp_path / "b.tlog").read_bytes()
+
+
+def test_lossy_links_still_find_the_vehicle() -> None:
+    for seed in random.Random(1).sample(range(1000), 5):
+        session = Session(MemoryLink(ScriptedVehicle(), loss=0.3, seed=seed))
+        assert session.discover().system == 1
+
+
+def test_a_full_disk_ends_the_log_but_not_the_conversation(
+    boat: ScriptedVehicle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise BadFile("the telemetry log cannot be written: No space left on device")
+
+    session = Session(MemoryLink(boat), tlog=tmp_path / "a.tlog")
+    session.discover()
+    monkeypatch.setattr(TlogWriter, "write", full)
+    session.pause(3.0)
+    assert [n for n in session.notes if "nothing is logged" in n] == [
+        "the telemetry log cannot be written: No space left on device; from here on nothing is logged"
+    ]
+    session.close()
+
+
+def test_a_second_station_with_our_id_is_pointed_out_once(session: Session, boat: ScriptedVehicle) -> None:
+    for _ in range(3):
+        boat.send_as(255, 190, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        session.pause(1.0)
+    assert len([n for n in session.notes if "another station" in n]) == 1

@@ -1,0 +1,394 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scripted_vehicle import ScriptedVehicle
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import PreconditionFailed, TelemetryFault
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link import Commands, MemoryLink, Parameters, Rates, Session
+from gcs_autotune.link.overrides import RcChannel, read_override_map
+from gcs_autotune.link.recorder import Recorder
+from gcs_autotune.link.servo import Output, ServoMap, read_servo_map
+from gcs_autotune.link.stamps import BootClock, Unwrapper
+from gcs_autotune.link.telemetry import Telemetry
+from gcs_autotune.link.watchdog import Watchdog
+from gcs_autotune.trial import Mark
+
+ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
+fractions = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
+
+
+# --- stamps --------------------------------------------------------------------------------
+
+
+@given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=50), st.floats(-100.0, 100.0))
+def test_an_unwrapped_angle_is_continuous(steps: list[float], start: float) -> None:
+    true, unwrapper = start, Unwrapper()
+    first = unwrapper.unwrap(math.remainder(start, math.tau))
+    for step in steps:
+        true += step
+        assert unwrapper.unwrap(math.remainder(true, math.tau)) - first == pytest.approx(true - start, abs=1e-9)
+
+
+def test_servo_microseconds_wrap_after_71_minutes_and_are_unwrapped() -> None:
+    clock = BootClock()
+    assert math.isnan(clock.from_us(5))
+    for seconds in (10.0, 2000.0, 4290.0, 4295.0, 4301.0, 8000.0, 8590.0):
+        clock.from_ms(round(seconds * 1000))
+        assert clock.from_us(round((seconds + 0.02) * 1e6) % 2**32) == pytest.approx(seconds + 0.02)
+
+
+def test_milliseconds_wrap_after_49_days_and_are_unwrapped() -> None:
+    clock = BootClock()
+    clock.from_ms(2**32 - 10)
+    assert clock.from_ms(5) == pytest.approx((2**32 + 5) * 1e-3)
+
+
+# --- servo outputs --------------------------------------------------------------------------------
+
+
+@given(fractions, fractions, fractions, fractions)
+def test_mixed_motors_give_back_the_forces(N: float, X: float, Y: float, Z: float) -> None:
+    for factors in SUB.mixing.values():
+        outputs = [Output(i, 1500, 1100, 1900) for i in range(1, len(factors) + 1)]
+        servos = ServoMap.of_mixing(outputs, factors)
+        forces = {name: value for name, value in zip("NXYZ", (N, X, Y, Z), strict=True) if name in servos.names}
+        pwms = [1500 + 400 * sum(f.get(n, 0.0) * forces.get(n, 0.0) for n in "NXYZ") for f in factors]
+        assert servos.forces([*pwms, *[0] * 8]) == pytest.approx(forces, abs=1e-9)
+
+
+def servo_map(vehicle: ScriptedVehicle, firmware: Any) -> ServoMap:
+    session = Session(MemoryLink(vehicle))
+    session.discover()
+    return read_servo_map(Parameters(session), firmware)
+
+
+def test_a_boats_outputs_are_found_by_function_trim_and_direction(boat: ScriptedVehicle) -> None:
+    boat.parameters |= {"SERVO1_FUNCTION": 0, "SERVO4_FUNCTION": 26, "SERVO4_TRIM": 1450, "SERVO4_REVERSED": 1}
+    boat.parameters |= {"SERVO4_MIN": 1050, "SERVO4_MAX": 1950}
+    servos = servo_map(boat, ROVER)
+    assert servos.forces([0, 0, 1750, 1050, 0, 0, 0, 0]) == pytest.approx({"X": 0.5, "N": 1.0})
+    assert servos.forces([0, 0, 1250, 1700, 0, 0, 0, 0]) == pytest.approx({"X": -0.5, "N": -0.5})
+
+
+def test_a_boat_without_a_steering_output_is_refused_by_name(boat: ScriptedVehicle) -> None:
+    boat.parameters |= {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74}
+    with pytest.raises(PreconditionFailed, match=r"N \(26\), X \(70\)"):
+        servo_map(boat, ROVER)
+
+
+def test_disordered_servo_limits_are_refused(boat: ScriptedVehicle) -> None:
+    boat.parameters["SERVO1_TRIM"] = 2100
+    with pytest.raises(PreconditionFailed, match="SERVO1_MIN 1000, TRIM 2100"):
+        servo_map(boat, ROVER)
+
+
+def test_a_rovs_motors_turn_as_their_direction_says(rov: ScriptedVehicle) -> None:
+    rov.parameters |= {"MOT_2_DIRECTION": -1, "MOT_3_DIRECTION": -1}
+    servos = servo_map(rov, SUB)
+    assert servos.forces([1380, 1380, 1460, 0, 0, 0, 0, 0]) == pytest.approx({"X": 0.0, "N": 0.3, "Z": 0.1})
+
+
+def test_a_rovs_motors_may_sit_on_other_outputs(rov: ScriptedVehicle) -> None:
+    rov.parameters |= {"SERVO3_FUNCTION": 0, "SERVO8_FUNCTION": 35}
+    servos = servo_map(rov, SUB)
+    assert servos.forces([1500, 1500, 1900, 0, 0, 0, 0, 1540])["Z"] == pytest.approx(0.1)
+
+
+def test_an_unknown_frame_is_refused_by_number(rov: ScriptedVehicle) -> None:
+    rov.parameters["FRAME_CONFIG"] = 7
+    with pytest.raises(PreconditionFailed, match="FRAME_CONFIG 7 is not a frame we know"):
+        servo_map(rov, SUB)
+
+
+# --- overrides --------------------------------------------------------------------------------
+
+
+@given(fractions)
+def test_the_dead_zone_is_stepped_over(fraction: float) -> None:
+    """ArduRover as measured: output = sign * 500 * (|rc - 1500| - 30) / 470."""
+    channel = RcChannel(1000, 1500, 2000, dead_zone=30)
+    pwm = channel.pwm(fraction)
+    output = math.copysign(max(abs(pwm - 1500) - 30, 0) / 470, pwm - 1500)
+    assert 1000 <= pwm <= 2000
+    assert output == pytest.approx(fraction, abs=1.1e-3)
+
+
+def test_neutral_is_trim_and_full_is_the_limit() -> None:
+    channel = RcChannel(1100, 1480, 1900, dead_zone=30, sign=-1.0)
+    assert [channel.pwm(f) for f in (0.0, 1.0, -1.0, 5.0, -5.0)] == [1480, 1100, 1900, 1100, 1900]
+
+
+def test_a_reversed_channel_is_driven_the_other_way(boat: ScriptedVehicle) -> None:
+    boat.parameters["RC1_REVERSED"] = 1
+    session = Session(MemoryLink(boat))
+    session.discover()
+    message = read_override_map(Parameters(session), ROVER).message(Actuate(N=0.5, X=0.5), 1, 1)
+    assert (message.chan1_raw, message.chan3_raw) == (1500 - 265, 1500 + 265)
+    assert {getattr(message, f"chan{n}_raw") for n in (2, 4, 5, 6, 7, 8)} == {65535}
+    assert {getattr(message, f"chan{n}_raw") for n in range(9, 19)} == {0}
+
+
+def test_a_rovs_throttle_is_up_and_z_is_down(rov: ScriptedVehicle) -> None:
+    session = Session(MemoryLink(rov))
+    session.discover()
+    overrides = read_override_map(Parameters(session), SUB)
+    message = overrides.message(Actuate(Z=0.25, N=-0.5), 1, 1)
+    assert (message.chan3_raw, message.chan4_raw, message.chan5_raw) == (1400, 1300, 1500)
+    release = overrides.release(1, 1)
+    assert [getattr(release, f"chan{n}_raw") for n in range(1, 9)] == [65535, 65535, 0, 0, 0, 0, 65535, 65535]
+
+
+@pytest.mark.parametrize(("expiry", "words"), [(0, "ignores overrides"), (-1, "for ever")])
+def test_overrides_that_never_work_or_never_end_are_refused(
+    boat: ScriptedVehicle, expiry: float, words: str
+) -> None:
+    boat.parameters["RC_OVERRIDE_TIME"] = expiry
+    session = Session(MemoryLink(boat))
+    session.discover()
+    with pytest.raises(PreconditionFailed, match=words):
+        read_override_map(Parameters(session), ROVER)
+
+
+def test_radio_limits_without_room_are_refused(boat: ScriptedVehicle) -> None:
+    boat.parameters["RC1_TRIM"] = 1000
+    session = Session(MemoryLink(boat))
+    session.discover()
+    with pytest.raises(PreconditionFailed, match="RC1_MIN"):
+        read_override_map(Parameters(session), ROVER)
+
+
+# --- signals --------------------------------------------------------------------------------
+
+
+SERVOS = ServoMap.of_mixing([Output(1, 1500, 1000, 2000), Output(3, 1500, 1000, 2000)], [{"N": 1.0}, {"X": 1.0}])
+
+
+class Told:
+    """A session with a telemetry, told things directly."""
+
+    def __init__(self, session: Session, boat: ScriptedVehicle) -> None:
+        self.recorder = Recorder()
+        self.telemetry = Telemetry(session, SERVOS, self.recorder)
+        self._session, self._boat = session, boat
+
+    def tell(self, *messages: Any) -> Telemetry:
+        for message in messages:
+            self._boat.send(message)
+        self._session.pump()
+        return self.telemetry
+
+
+@pytest.fixture
+def told(session: Session, boat: ScriptedVehicle) -> Told:
+    return Told(session, boat)
+
+
+def attitude(ms: int, yaw: float = 0.0, yawspeed: float = 0.0) -> Any:
+    return mavlink.MAVLink_attitude_message(ms, 0.01, 0.02, yaw, 0.0, 0.0, yawspeed)
+
+
+def test_velocity_is_turned_into_the_body_frame_at_its_own_moment(told: Told) -> None:
+    telemetry = told.tell(
+        attitude(1000, yaw=math.pi / 2 - 0.1, yawspeed=0.5),
+        mavlink.MAVLink_local_position_ned_message(1200, 10.0, 20.0, -1.0, -0.5, 2.0, 0.25),
+    )
+    assert telemetry.value("u") == pytest.approx(2.0)
+    assert telemetry.value("v") == pytest.approx(0.5)
+    assert telemetry.value("U") == pytest.approx(math.hypot(2.0, 0.5))
+    assert (telemetry.value("x"), telemetry.value("y"), telemetry.value("z")) == (10.0, 20.0, -1.0)
+
+
+def test_depth_is_minus_relative_altitude_and_positive_down(told: Told) -> None:
+    telemetry = told.tell(
+        attitude(1000), mavlink.MAVLink_global_position_int_message(1000, 0, 0, 0, -2500, 100, 0, 30, 0)
+    )
+    assert telemetry.value("z") == pytest.approx(2.5)
+    assert telemetry.value("w") == pytest.approx(0.3)
+    assert math.isnan(telemetry.value("u")), "without a fix the velocity is not known to be zero"
+
+
+def global_position(ms: int, north: float) -> Any:
+    lat = round(54e7 + math.degrees(north / 6378137.0) * 1e7)
+    return mavlink.MAVLink_global_position_int_message(ms, lat, 100000000, 0, 0, 150, 0, 0, 0)
+
+
+def test_gps_stands_in_for_a_missing_local_position(told: Told) -> None:
+    for second in range(5):
+        telemetry = told.tell(attitude(second * 1000), global_position(second * 1000, 3.0 * second))
+    assert telemetry.value("x") == pytest.approx(6.0, abs=0.02)
+    assert telemetry.value("u") == pytest.approx(1.5)
+
+
+def test_two_positions_are_never_mixed(told: Told) -> None:
+    local = mavlink.MAVLink_local_position_ned_message(1000, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    telemetry = told.tell(attitude(1000), local, *(global_position(1000 * s, 3.0 * s) for s in range(1, 6)))
+    assert telemetry.value("x") == 100.0
+
+
+def test_battery_and_prearm_come_from_sys_status(told: Told) -> None:
+    bit = 0x10000000
+    telemetry = told.tell(
+        attitude(1000), mavlink.MAVLink_sys_status_message(bit, bit, 0, 0, 11800, 0, 61, 0, 0, 0, 0, 0, 0)
+    )
+    assert telemetry.value("battery") == pytest.approx(11.8)
+    assert telemetry.value("battery_remaining") == pytest.approx(0.61)
+    assert telemetry.value("prearm_ok") == 0.0
+
+
+def test_an_unmeasured_battery_stays_unknown(told: Told) -> None:
+    telemetry = told.tell(
+        attitude(1000), mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, 0, -1, 0, 0, 0, 0, 0, 0)
+    )
+    assert math.isnan(telemetry.value("battery"))
+    assert math.isnan(telemetry.value("battery_remaining"))
+
+
+def test_a_trial_holds_every_sample_with_its_own_stamp(told: Told) -> None:
+    told.tell(attitude(900))
+    told.recorder.start("turn")
+    told.tell(
+        attitude(1000, yaw=3.0),
+        mavlink.MAVLink_servo_output_raw_message(1_020_000, 0, 1750, 0, 1500, 0, 0, 0, 0, 0),
+        attitude(1100, yaw=-3.0),
+        attitude(1050, yaw=2.0),
+        mavlink.MAVLink_servo_output_raw_message(1_120_000, 1, 2000, 0, 2000, 0, 0, 0, 0, 0),
+    )
+    told.recorder.mark(Mark(1.1, "switch"))
+    trial = told.recorder.stop("completed", "", {"a": 1})
+    assert trial["psi"].t.tolist() == pytest.approx([1.0, 1.1])
+    assert trial["psi"].values.tolist() == pytest.approx([3.0, math.tau - 3.0])
+    assert trial["N"].t.tolist() == pytest.approx([1.02])
+    assert (trial["N"].values.tolist(), trial["N"].unit) == ([0.5], "1")
+    assert (trial.ending, trial.marks[0].kind, trial.meta["a"]) == ("completed", "switch", 1)
+
+
+# --- faults --------------------------------------------------------------------------------
+
+
+def watched(clock: ManualClock | None = None) -> Watchdog:
+    return Watchdog(clock or ManualClock())
+
+
+def fault(watchdog: Watchdog) -> str:
+    with pytest.raises(TelemetryFault) as caught:
+        watchdog.check()
+    return str(caught.value)
+
+
+def test_all_is_well_while_all_is_well() -> None:
+    watchdog = watched()
+    for k in range(1000):
+        assert watchdog.see_stamp(0.1 * k)
+        watchdog.see_outputs(0.1 * k, {"N": 0.5})
+        watchdog.see_attitude(0.1 * k, (1e-9 * k, 0.0))
+    watchdog.check()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_an_attitude_that_is_no_number_is_a_fault(value: float) -> None:
+    watchdog = watched()
+    watchdog.see_attitude(1.0, (0.0, value))
+    assert "not a number" in fault(watchdog)
+
+
+def test_a_frozen_attitude_under_helm_is_a_fault_after_three_seconds() -> None:
+    watchdog = watched()
+    for k in range(50):
+        watchdog.see_outputs(0.1 * k, {"N": 0.3 * (-1) ** k})
+        watchdog.see_attitude(0.1 * k, (0.1, 0.2))
+        if k <= 29:
+            watchdog.check()
+    assert "frozen for 3.1 s" in fault(watchdog)
+
+
+def test_a_craft_at_rest_may_have_a_constant_attitude() -> None:
+    watchdog = watched()
+    for k in range(1000):
+        watchdog.see_outputs(0.1 * k, {"N": 0.0, "X": 0.01})
+        watchdog.see_attitude(0.1 * k, (0.1, 0.2))
+    watchdog.check()
+
+
+def test_a_clock_that_jumps_ahead_is_a_fault() -> None:
+    watchdog = watched()
+    watchdog.see_stamp(10.0)
+    watchdog.see_stamp(16.0)
+    assert "jumped from 10.0 s to 16.0 s" in fault(watchdog)
+
+
+def test_a_clock_that_runs_back_is_a_reboot_or_a_fault() -> None:
+    for back, word in ((2.0, "rebooted"), (500.0, "ran back")):
+        watchdog = watched()
+        watchdog.see_stamp(1000.0)
+        watchdog.see_stamp(back)
+        assert word in fault(watchdog)
+
+
+def test_a_datagram_out_of_order_is_left_out_and_no_fault() -> None:
+    watchdog = watched()
+    assert watchdog.see_stamp(10.0)
+    assert not watchdog.see_stamp(9.9)
+    watchdog.check()
+
+
+def test_a_clock_that_stands_still_is_a_fault() -> None:
+    clock = ManualClock()
+    watchdog = watched(clock)
+    for _ in range(30):
+        watchdog.see_stamp(10.0)
+        clock.advance(0.1)
+    assert "stands at 10.00 s" in fault(watchdog)
+
+
+# --- rates --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def rates(session: Session) -> Rates:
+    return Rates(session, Commands(session, ROVER))
+
+
+def test_a_denied_rate_is_halved_until_it_is_granted(rates: Rates, session: Session) -> None:
+    assert rates.request({"ATTITUDE": 100.0, "VFR_HUD": 4.0}) == {"ATTITUDE": 25.0, "VFR_HUD": 4.0}
+    assert any("asked for 100 Hz, the vehicle grants 25 Hz" in note for note in session.notes)
+
+
+def test_what_is_never_granted_is_zero_and_noted(rates: Rates, session: Session, boat: ScriptedVehicle) -> None:
+    boat.fastest = 0.1
+    assert rates.request({"ATTITUDE": 10.0}) == {"ATTITUDE": 0.0}
+
+
+def test_rates_are_measured_on_the_vehicles_clock(rates: Rates) -> None:
+    rates.request({"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 25.0})
+    measured = rates.measure({"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 25.0})
+    assert measured == pytest.approx({"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 25.0}, rel=0.1)
+
+
+def test_too_slow_is_a_fault_with_the_number(rates: Rates) -> None:
+    rates.request({"ATTITUDE": 2.0})
+    with pytest.raises(TelemetryFault, match=r"ATTITUDE 2\.\d Hz of 10"):
+        rates.measure({"ATTITUDE": 10.0})
+
+
+def test_no_attitude_at_all_is_a_fault(rates: Rates) -> None:
+    with pytest.raises(TelemetryFault, match="no ATTITUDE"):
+        rates.measure({"ATTITUDE": 10.0})
+
+
+def test_rates_are_put_back_as_they_were(rates: Rates, boat: ScriptedVehicle) -> None:
+    boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] = 0.5
+    rates.request({"ATTITUDE": 10.0, "VFR_HUD": 5.0})
+    rates.request({"ATTITUDE": 20.0})
+    rates.restore()
+    assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.5)
+    assert boat.intervals[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(0.25)
+    assert rates.granted == {}
