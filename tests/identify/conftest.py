@@ -14,7 +14,12 @@ from water import Plant, fly
 from gcs_autotune.trial import Channel, Trial
 
 CHANNELS = {"yaw": ("psi", "r", "N"), "heave": ("z", "w", "Z"), "surge": ("x", "u", "X"), "sway": ("y", "v", "Y")}
-UNITS = {"yaw": ("rad", "rad/s", "N m"), "heave": ("m", "m/s", "N"), "surge": ("m", "m/s", "N"), "sway": ("m", "m/s", "N")}
+UNITS = {
+    "yaw": ("rad", "rad/s", "N m"),
+    "heave": ("m", "m/s", "N"),
+    "surge": ("m", "m/s", "N"),
+    "sway": ("m", "m/s", "N"),
+}
 
 
 @pytest.fixture(scope="session")
