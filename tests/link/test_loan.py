@@ -73,9 +73,7 @@ def test_giving_back_restores_in_reverse_order_and_pays_the_debt(
     assert [m.param_id for m in boat.heard if m.get_type() == "PARAM_SET"] == [P, INT, FF, FF, INT, P]
 
 
-def test_keeping_leaves_the_new_values_and_owes_nothing(
-    loan: ParameterLoan, path: Path, boat: ScriptedVehicle
-) -> None:
+def test_keeping_leaves_the_new_values_and_owes_nothing(loan: ParameterLoan, path: Path, boat: ScriptedVehicle) -> None:
     loan.set(NEW)
     assert loan.keep() == pytest.approx(NEW)
     loan.give_back()
@@ -127,9 +125,7 @@ def test_what_cannot_be_put_back_is_listed_and_stays_owed(
     assert Journal.open_debts(path) == {}
 
 
-def test_a_lost_link_while_setting_names_what_is_owed(
-    loan: ParameterLoan, path: Path, boat: ScriptedVehicle
-) -> None:
+def test_a_lost_link_while_setting_names_what_is_owed(loan: ParameterLoan, path: Path, boat: ScriptedVehicle) -> None:
     def die_at_the_second(m: Any) -> None:
         boat._on_param_set(m)
         boat.alive = m.param_id == P

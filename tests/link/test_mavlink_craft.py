@@ -219,9 +219,7 @@ def test_a_jumping_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle,
     assert words in observe_until_fault(flying)
 
 
-def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(
-    flying: MavlinkCraft, boat: ScriptedVehicle
-) -> None:
+def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     spoil(boat, yaw=lambda _: math.nan)
     observe_until_fault(flying)
     flying.neutral()
@@ -232,9 +230,7 @@ def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(
 # --- other hands --------------------------------------------------------------------------------
 
 
-def test_a_mode_change_by_others_trips_with_the_vehicles_words(
-    flying: MavlinkCraft, boat: ScriptedVehicle
-) -> None:
+def test_a_mode_change_by_others_trips_with_the_vehicles_words(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     boat.mode = 4
     boat.say("Radio Failsafe")
     with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by us .*Radio Failsafe") as caught:

@@ -156,9 +156,7 @@ def test_writing_an_unknown_name_is_missing(parameters: Parameters) -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
-def test_what_is_no_finite_float32_is_never_sent(
-    parameters: Parameters, boat: ScriptedVehicle, value: float
-) -> None:
+def test_what_is_no_finite_float32_is_never_sent(parameters: Parameters, boat: ScriptedVehicle, value: float) -> None:
     with pytest.raises(UsageError, match="finite"):
         parameters.write("WP_SPEED", value)
     assert boat.count("PARAM_SET") == 0

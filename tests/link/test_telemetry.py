@@ -148,9 +148,7 @@ def test_a_rovs_throttle_is_up_and_z_is_down(rov: ScriptedVehicle) -> None:
 
 
 @pytest.mark.parametrize(("expiry", "words"), [(0, "ignores overrides"), (-1, "for ever")])
-def test_overrides_that_never_work_or_never_end_are_refused(
-    boat: ScriptedVehicle, expiry: float, words: str
-) -> None:
+def test_overrides_that_never_work_or_never_end_are_refused(boat: ScriptedVehicle, expiry: float, words: str) -> None:
     boat.parameters["RC_OVERRIDE_TIME"] = expiry
     session = Session(MemoryLink(boat))
     session.discover()

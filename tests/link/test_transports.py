@@ -376,9 +376,7 @@ def test_a_missing_serial_port_is_named(uri: str) -> None:
         (ValueError("not a valid baudrate"), "baudrate"),
     ],
 )
-def test_serial_failures_come_with_their_cure(
-    monkeypatch: pytest.MonkeyPatch, failure: Exception, words: str
-) -> None:
+def test_serial_failures_come_with_their_cure(monkeypatch: pytest.MonkeyPatch, failure: Exception, words: str) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise failure
 
