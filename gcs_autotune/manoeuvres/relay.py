@@ -40,6 +40,8 @@ class RelaySettings:
     reference_speed : speed [m/s] around which a surge relay swings.
     keep_still : hold an ROV's other axes (heading, depth) by hand meanwhile.
     periods, tolerance : the stop rule.
+    unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
+        given is widened by ``growth``, so many times at most.
     patience : longest time without a switching [s].
     """
 
@@ -57,6 +59,8 @@ class RelaySettings:
     periods: int = 5
     tolerance: float = 0.10
     most_periods: int = 30
+    unsettled_periods: int = 10
+    most_widenings: int = 2
     patience: float = 30.0
 
 
@@ -81,6 +85,7 @@ class Relay:
         self._improper_periods = 0
         self._judged = 0
         self._switched_once = False
+        self._widenings = 0
         self._astray = 0
         self._first_half = self._extreme = math.nan
         self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
@@ -190,6 +195,8 @@ class Relay:
             self._grow(t, self._no_oscillation())
         elif self._improper_periods >= 2:
             self._grow(t, self._improper())
+        elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
+            self._widen(t)
         elif state.switchings >= 2 * s.most_periods:
             self.outcome = Outcome("aborted", self._never_settled())
 
@@ -205,6 +212,17 @@ class Relay:
         self._marks.append(Mark(t, "grow", {"C": self._output}))
         sign = 1.0 if self._high else -1.0
         self._marks.append(Mark(t, "switch", {s.force: sign * self._output}))
+
+    def _may_widen(self) -> bool:
+        return self._settings.hysteresis is None and self._widenings < self._settings.most_widenings
+
+    def _widen(self, t: float) -> None:
+        """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
+        self._widenings += 1
+        self._hysteresis *= self._settings.growth
+        self._improper_periods = 0
+        self._reset_monitor()
+        self._marks.append(Mark(t, "widen", {"x_a": self._hysteresis}))
 
     def _reset_monitor(self) -> None:
         self._judged = 0

@@ -94,3 +94,33 @@ def test_the_same_tune_over_a_real_link(tmp_path, wire):
     assert summary["model"]["alpha"] == pytest.approx(TRUTH["alpha"], rel=0.03)
     assert summary["model"]["beta"] == pytest.approx(TRUTH["beta"], rel=0.05)
     assert (run / "report.html").exists()
+
+
+def run_cli(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "gcs_autotune", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_after_a_power_cut_in_mid_proof_restore_puts_the_old_gains_back(tmp_path):
+    run = tmp_path / "run"
+    with udp() as (listen, connect), vehicle_process(listen):
+        tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--connect", connect, "--yes"]
+        with subprocess.Popen(
+            [*tune, "--out", str(run), "--step-duration", "8"], stderr=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stderr is not None
+            for line in process.stderr:
+                if "step with new gains" in line:
+                    process.kill()
+                    break
+        changed = run_cli("params", "save", str(tmp_path / "changed.param"), "--connect", connect)
+        restored = run_cli("restore", str(run), "--connect", connect, "--yes")
+        again = run_cli("restore", str(run), "--connect", connect, "--yes")
+        after = run_cli("params", "save", str(tmp_path / "after.param"), "--connect", connect)
+    assert (changed.returncode, restored.returncode, after.returncode) == (0, 0, 0), restored.stderr
+    before = (run / "parameters_before.param").read_text().splitlines()
+    left = (tmp_path / "changed.param").read_text().splitlines()
+    assert any(line not in left for line in before), "the cut came before anything was written"
+    assert set(before) <= set((tmp_path / "after.param").read_text().splitlines())
+    assert "verified by reading it back" in restored.stdout
+    assert "nothing to restore" in again.stdout

@@ -83,9 +83,29 @@ def test_a_limit_cycle_that_never_settles_is_given_up():
                 self.r += 0.05 * self.rng.standard_normal()
             super()._advance(dt)
 
-    flown, _ = fly(Gusty(), RelaySettings("psi", "N", output=0.3, most_periods=12), Envelope(heading_excursion=9.0))
+    flown, _ = fly(
+        Gusty(),
+        RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), most_periods=12),
+        Envelope(heading_excursion=9.0),
+    )
     assert flown.outcome.ending == "aborted"
     assert "never settled" in flown.outcome.reason
+
+
+def test_a_jittery_link_is_answered_with_a_wider_slower_oscillation():
+    class Jittery(PondCraft):
+        """Commands take effect a random number of ticks late, as on a loaded radio."""
+
+        rng = np.random.default_rng(2)
+
+        def send(self, command):
+            if self.rng.random() < 0.5:
+                self.command = command
+
+    flown, _ = fly(Jittery(gain=4.0, drag=4.0), YAW)
+    assert any(m.kind == "widen" for m in flown.trial.marks)
+    assert flown.outcome.ending == "completed"
+    assert flown.trial.meta["x_a"] == pytest.approx(1.5 * YAW.least_hysteresis)
 
 
 def test_noise_widens_the_hysteresis():
