@@ -6,11 +6,25 @@ import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gcs_autotune.manoeuvres import Envelope
 
-__all__ = ["Command", "add_connection", "add_envelope", "add_output", "envelope_from", "label_of"]
+if TYPE_CHECKING:
+    from gcs_autotune.workflow import Connection
+
+__all__ = [
+    "Command",
+    "add_connection",
+    "add_envelope",
+    "add_experiment",
+    "add_output",
+    "connection_of",
+    "envelope_from",
+    "run_directory",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +109,28 @@ def envelope_from(args: argparse.Namespace) -> Envelope:
     )
 
 
-def label_of(uri: str) -> str:
-    """Return a connection string as it may stand in a folder's name."""
-    return "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:")).strip("-")
+def add_experiment(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the self-oscillation experiment and of its identification."""
+    group = parser.add_argument_group("experiment (angles in deg, the rest in m)")
+    group.add_argument("--relay-output", type=float, metavar="C", help="output, fraction of full (default: found)")
+    group.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: by the noise)")
+    group.add_argument("--throttle", type=float, help="fraction of full (default: cruise for boats, 0 for ROVs)")
+    group.add_argument("--speed", type=float, help="m/s meanwhile (default: from CRUISE_SPEED for boats, 0 for ROVs)")
+    group.add_argument("--control-rate", type=float, default=10.0, metavar="HZ", help="rate of our relay (default 10)")
+    group.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
+    group.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
+
+
+def connection_of(args: argparse.Namespace, uri: str) -> Connection:
+    """Build the connection to *uri* from the options of :func:`add_connection`."""
+    from gcs_autotune.workflow import Connection
+
+    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed)
+
+
+def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:
+    """Return ``--out``, or a new folder below ``runs/`` named for time, vehicle and axis."""
+    if args.out is not None:
+        return Path(args.out)
+    label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:")).strip("-")
+    return Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{args.axis}"

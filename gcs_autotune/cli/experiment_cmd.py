@@ -7,9 +7,17 @@ import json
 import math
 import sys
 from datetime import datetime
-from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_envelope, add_output, envelope_from, label_of
+from gcs_autotune.cli.command import (
+    Command,
+    add_connection,
+    add_envelope,
+    add_experiment,
+    add_output,
+    connection_of,
+    envelope_from,
+    run_directory,
+)
 from gcs_autotune.cli.console import ConsoleOperator
 
 __all__ = ["COMMAND"]
@@ -23,14 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
     parser.add_argument("--json", action="store_true", help="print the fit as JSON on standard output")
-    fly = parser.add_argument_group("experiment (heading in deg, the rest in m)")
-    fly.add_argument("--relay-output", type=float, metavar="C", help="relay output, fraction of full (default: found)")
-    fly.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: from the noise)")
-    fly.add_argument("--throttle", type=float, help="fraction of full (default: cruise for boats, 0 for ROVs)")
-    fly.add_argument("--speed", type=float, help="m/s about which surge swings (default: half of CRUISE_SPEED, 0)")
-    fly.add_argument("--control-rate", type=float, default=10.0, metavar="HZ", help="rate of our relay (default 10)")
-    fly.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
-    fly.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
+    add_experiment(parser)
     add_envelope(parser)
 
 
@@ -38,13 +39,13 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher, fit_summary
-    from gcs_autotune.workflow import Connection, TuneSettings, experiment
+    from gcs_autotune.workflow import TuneSettings, experiment
 
     hysteresis = args.relay_hysteresis
     settings = TuneSettings(
         axis=args.axis,
-        connection=Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed),
-        directory=args.out or Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{label_of(args.connect)}-{args.axis}",
+        connection=connection_of(args, args.connect),
+        directory=run_directory(args, args.connect, datetime.now()),
         relay_output=args.relay_output,
         relay_hysteresis=math.radians(hysteresis) if args.axis == "heading" and hysteresis else hysteresis,
         throttle=args.throttle,

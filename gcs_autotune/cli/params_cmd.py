@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection
+from gcs_autotune.cli.command import Command, add_connection, connection_of
 from gcs_autotune.cli.console import ConsoleOperator
 
 __all__ = ["COMMAND"]
@@ -27,9 +27,9 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher
-    from gcs_autotune.workflow import Connection, restore_parameters, save_parameters
+    from gcs_autotune.workflow import restore_parameters, save_parameters
 
-    connection = Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed)
+    connection = connection_of(args, args.connect)
     operator = ConsoleOperator(yes=args.action == "save" or args.yes)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         if args.action == "save":

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection
+from gcs_autotune.cli.command import Command, add_connection, connection_of
 from gcs_autotune.cli.console import ConsoleOperator
 
 __all__ = ["COMMAND"]
@@ -28,10 +28,10 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher
-    from gcs_autotune.workflow import Connection, restore_run
+    from gcs_autotune.workflow import restore_run
 
     operator = ConsoleOperator(yes=args.yes)
-    connection = Connection(args.connect, args.baud, args.system_id, args.source_system, args.seed)
+    connection = connection_of(args, args.connect)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         restored = restore_run(connection, args.run, operator, watcher)
     if not restored:

@@ -7,9 +7,17 @@ import json
 import math
 import sys
 from datetime import datetime
-from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_envelope, add_output, envelope_from, label_of
+from gcs_autotune.cli.command import (
+    Command,
+    add_connection,
+    add_envelope,
+    add_experiment,
+    add_output,
+    connection_of,
+    envelope_from,
+    run_directory,
+)
 from gcs_autotune.cli.console import ConsoleOperator
 
 __all__ = ["COMMAND"]
@@ -26,22 +34,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
-    fly = parser.add_argument_group("experiment (angles in deg, depths in m)")
-    fly.add_argument("--step", type=float, help="size of the before/after step (default 30 deg or 1 m)")
-    fly.add_argument("--step-duration", type=float, metavar="S", help="time given to each step (default 30 s)")
-    fly.add_argument("--relay-output", type=float, metavar="C", help="relay output, fraction of full (default: found)")
-    fly.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: from the noise)")
-    fly.add_argument("--throttle", type=float, help="fraction of full for boats (default: CRUISE_THROTTLE)")
-    fly.add_argument("--speed", type=float, help="m/s during the steps, for boats (default: CRUISE_SPEED)")
-    fly.add_argument("--control-rate", type=float, default=10.0, metavar="HZ", help="rate of our relay (default 10)")
+    step = parser.add_argument_group("proof (angles in deg, depths in m)")
+    step.add_argument("--step", type=float, help="size of the before/after step (default 30 deg or 1 m)")
+    step.add_argument("--step-duration", type=float, metavar="S", help="time given to each step (default 30 s)")
+    add_experiment(parser)
     design = parser.add_argument_group("design")
     design.add_argument("--model", default="bessel", help="model function: bessel or butterworth (default bessel)")
     design.add_argument("--settling-time", type=float, metavar="S", help="wanted settling time")
     design.add_argument("--omega-0", type=float, metavar="RAD_S", help="wanted characteristic frequency")
-    design.add_argument(
-        "--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)"
-    )
-    design.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
     add_envelope(parser)
 
 
@@ -49,7 +49,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher, show_tune, summarise
-    from gcs_autotune.workflow import Connection, TuneSettings, tune
+    from gcs_autotune.workflow import TuneSettings, tune
 
     now = datetime.now()
     uri = args.connect or DEFAULT_CONNECTIONS[args.axis]
@@ -60,8 +60,8 @@ def _run(args: argparse.Namespace) -> int:
 
     settings = TuneSettings(
         axis=args.axis,
-        connection=Connection(uri, args.baud, args.system_id, args.source_system, args.seed),
-        directory=args.out or Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label_of(uri)}-{args.axis}",
+        connection=connection_of(args, uri),
+        directory=run_directory(args, uri, now),
         step=inside(args.step),
         step_duration=args.step_duration,
         relay_output=args.relay_output,

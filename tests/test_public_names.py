@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+import pytest
+
+import gcs_autotune
+import sitl
+
+
+def modules():
+    for package in (gcs_autotune, sitl):
+        yield package.__name__
+        for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if not found.name.endswith("__main__"):
+                yield found.name
+
+
+@pytest.mark.parametrize("name", list(modules()))
+def test_every_public_name_exists_and_every_module_says_what_it_is_for(name):
+    module = importlib.import_module(name)
+    assert module.__doc__ and module.__doc__.strip()
+    for public in getattr(module, "__all__", ()):
+        assert hasattr(module, public), public
+
+
+def test_every_room_declares_what_it_offers():
+    rooms = [f.name for f in pkgutil.iter_modules(gcs_autotune.__path__) if f.ispkg]
+    for room in rooms:
+        module = importlib.import_module(f"gcs_autotune.{room}")
+        assert module.__all__, room
