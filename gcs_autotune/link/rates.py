@@ -93,7 +93,7 @@ class Rates:
     def measure(
         self, required: Mapping[str, float], duration: float = 2.0, *, tolerance: float = 0.6
     ) -> dict[str, float]:
-        """Count messages for *duration* [s of the vehicle's time] and return their rates [Hz].
+        """Count for *duration* [s of the vehicle's time]; return Hz of all messages asked for and required.
 
         Parameters
         ----------
@@ -106,19 +106,21 @@ class Rates:
         """
         counts: Counter[str] = Counter()
         stamps: list[float] = []
-        stops = [self._session.listen(name, partial(_count, counts, name)) for name in required]
+        watched = {*required, *self.granted}
+        stops = [self._session.listen(name, partial(_count, counts, name)) for name in watched]
         stops.append(self._session.listen("ATTITUDE", lambda m: stamps.append(m.time_boot_ms * 1e-3)))
         try:
             self._session.wait_for(lambda: _lasted(stamps, duration), 4.0 * duration)
         finally:
             for stop in stops:
                 stop()
-        span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
+        n = len(stamps)
+        span = (stamps[-1] - stamps[0]) * n / (n - 1) if n > 1 else 0.0  # n messages stand for n periods
         if span <= 0.0:
             raise TelemetryFault(
                 "no ATTITUDE arrives although heartbeats do: is another ground station changing the stream rates?"
             )
-        rates = self.measured = {name: counts[name] / span for name in required}
+        rates = self.measured = {name: counts[name] / span for name in watched}
         slow = [f"{n} {rates[n]:.1f} Hz of {hz:g}" for n, hz in required.items() if rates[n] < tolerance * hz]
         if slow:
             raise TelemetryFault(
