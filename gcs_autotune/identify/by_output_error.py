@@ -17,7 +17,7 @@ from gcs_autotune.identify.output_error import Bounds, Solution, solve
 from gcs_autotune.identify.record import Record
 from gcs_autotune.identify.result import Decision, Doubt, Fit, IsoEstimate, Status, Trace
 from gcs_autotune.identify.signals import first_names, objection, wanted_names
-from gcs_autotune.identify.start import bounds_of, misfit, start_from_cycles, start_from_scan
+from gcs_autotune.identify.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.structure import FREE, Selection, model_of, select
 from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_white, physical_covariance, whiteness
 
@@ -63,7 +63,7 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Arra
         variance = sum(float(np.var(r.main.values)) * min(len(r.main.t), 400) for r in case.records)
         if misfit(case.records, begin) <= GOOD_START * variance:
             return begin
-    scanned = start_from_scan(case.records, bounds, case.delay)
+    scanned = start_from_scan(case.records, bounds, DELAYS if case.delay is None else (case.delay,))
     if begin is not None and misfit(case.records, begin) <= misfit(case.records, scanned):
         return begin
     return scanned
@@ -154,7 +154,7 @@ def _assembled(
 def _status(case: Case, chosen: Selection) -> list[Status]:
     free, bound = chosen.solution.free, chosen.solution.at_bound
     drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
-    inertia: Status = "at_bound" if "a" in bound else "fitted"
+    inertia: Status = "at_bound" if "a" in bound or "c" in bound else "fitted"
     delay: Status = "fitted" if free[4] else "absent" if case.delay is None else "fixed"
     return [inertia, *drag, "fitted", delay]
 
@@ -201,7 +201,7 @@ def _own_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str,
                 "give --delay if you know it; a slow actuator looks like a delay too",
             )
         )
-    if "a" in solution.at_bound:
+    if "a" in solution.at_bound or "c" in solution.at_bound:
         found.append(
             Doubt(
                 "inertia-unresolved",

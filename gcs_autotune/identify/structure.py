@@ -19,7 +19,8 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.output_error import Bounds, Solution, solve
 from gcs_autotune.identify.record import Record, after_delay
 from gcs_autotune.identify.result import Candidate, Decision, Structure
-from gcs_autotune.identify.uncertainty import correlation_time, inflation
+from gcs_autotune.identify.start import start_from_scan
+from gcs_autotune.identify.uncertainty import correlation_time, inflation, is_white
 from gcs_autotune.models import SingleDof
 
 __all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]
@@ -40,6 +41,9 @@ inertia, so it must be very strongly evident, and three standard errors above ze
 
 FIRST_MARGIN = 0.5
 """Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
+
+SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+"""Delays a second search starts from when the first left coloured residuals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +123,7 @@ class _Fitter:
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
         """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
         free = np.array([*FREE[structure], with_delay])
-        theta = _translated(theta, structure, self.records)
+        theta = _translated(theta, structure, self.bounds.speed)
         initial = None if near is None else near.initial
         noise = None if near is None else near.noise
         return solve(
@@ -182,6 +186,8 @@ def _lagged_fit(
         late = fitter.without(margin)
         plain = late.must_fit(base, np.array([*start[:4], 0.0]))
         lagged = late.fit(base, np.array([*plain.theta[:4], begin]), True, plain)
+        if not is_white(lagged or plain):
+            lagged = _better(lagged, _scanned_fit(late, base))
         if lagged is None or "delay" in lagged.at_bound:
             return late, plain, None
         if lagged.theta[4] <= margin:
@@ -189,25 +195,21 @@ def _lagged_fit(
         margin = 1.2 * float(lagged.theta[4])
 
 
-def _translated(theta: Array, structure: Structure, records: Sequence[Record]) -> Array:
+def _scanned_fit(fitter: _Fitter, base: Structure) -> Solution | None:
+    """Fit with a delay started from a scan over delays: far from the truth a delay's fit gets stuck."""
+    theta = start_from_scan(fitter.records, fitter.bounds, SEARCHED_DELAYS)
+    return fitter.fit(base, theta, True, None)
+
+
+def _translated(theta: Array, structure: Structure, speed: float) -> Array:
     """Return *theta* in another structure, with the drag that loses the same first harmonic, thesis (6.43)."""
     b, a, c, d, delay = (float(v) for v in theta)
-    speed = max(float(np.mean([_speed(r) for r in records])), 1e-9)
     share = 8.0 / (3.0 * math.pi) * speed
     if structure == "linear":
         a, c = a + share * c, 0.0
     elif structure == "nonlinear":
         a, c = 0.0, c + a / share
     return np.array([b, a, c, d, delay])
-
-
-def _speed(record: Record) -> float:
-    """Return a typical velocity amplitude of a stretch."""
-    if record.velocity is not None:
-        return float(np.sqrt(2.0) * np.std(record.velocity.values))
-    t, x = record.main.t, record.main.values
-    reach = max(1, len(t) // 200)
-    return float(np.sqrt(2.0) * np.std((x[reach:] - x[:-reach]) / (t[reach:] - t[:-reach])))
 
 
 def _bic(solution: Solution, correlation: float) -> float:
