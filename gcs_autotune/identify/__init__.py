@@ -13,7 +13,7 @@ output_error        the exact fit; ``least_squares`` under it
 structure           which drag, and is there a delay: candidates weighed by evidence
 uncertainty         covariance, correlated residuals, Cramer-Rao bound
 signals             position, velocity or both
-doubts              reasons not to trust the result, with cause and cure
+doubts, fit_doubts  reasons not to trust the result, with cause and cure
 validation          free run on a record
 by_output_error, by_iso   the methods
 ==================  ===========================================================================

@@ -170,7 +170,8 @@ def _with_delay(
         std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
         if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
             return late, lagged, correlation, evidence
-    whole = fitter.must_fit(base, np.array([*plain.theta[:4], 0.0]))
+    begin_again = np.array([*plain.theta[:4], 0.0])
+    whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
     return fitter, whole, correlation_time(whole), 0.0 if lagged is None else evidence
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from water import DEG, Levels, Relay
+from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
 from gcs_autotune.identify import METHODS, free_run, identify, load_runs, residual_statistics

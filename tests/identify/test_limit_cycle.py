@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from water import DEG, Levels, Relay
+from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.identify import LimitCycleMonitor, decide, find_cycles
 from gcs_autotune.identify.describing_function import relay, relay_bias

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from water import DEG, Relay
+from identify_water import DEG, Relay
 
 from gcs_autotune.identify import find_cycles
 from gcs_autotune.identify.decision import MARGINS, decide
