@@ -79,7 +79,7 @@ def identify(
     ----------
     dof : name in ``DOFS``; guessed from what moves when None.
     structure : ``linear``, ``nonlinear`` or ``affine`` drag; decided by evidence when None.
-    delay : between input and motion [s]; ``auto`` fits one and keeps it on very strong evidence only.
+    delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
     method : name in :data:`METHODS`.
     use : ``("position",)``, ``("velocity",)`` or both; chosen when None, see :mod:`gcs_autotune.identify.signals`.
     loss : ``soft_l1`` bears with outliers.

@@ -112,6 +112,8 @@ def _assembled(
     factors = inflation(solution)
     covariance = physical_covariance(solution.theta, solution.covariance * np.outer(factors, factors))
     model = model_of(records[0], solution.theta)
+    if "a" in solution.at_bound or "c" in solution.at_bound:
+        _admit_unresolved_inertia(covariance, model.alpha)
     parameters = named_parameters(model, covariance, _status(case, chosen))
     main = solution.residuals[0].signal.name
     rms, fit_percent = solution.rms(main), _fit_percent(solution, main)
@@ -144,6 +146,12 @@ def _assembled(
         traces=_traces(records, solution, main, float(factors.max())),
         extra=extra,
     )
+
+
+def _admit_unresolved_inertia(covariance: Array, alpha: float) -> None:
+    """Set inertia's standard error to its value: all that is known is that it is no larger."""
+    covariance[0, :] = covariance[:, 0] = 0.0
+    covariance[0, 0] = alpha**2
 
 
 def _status(case: Case, chosen: Selection) -> list[Status]:

@@ -14,6 +14,9 @@ from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_whi
 
 __all__ = ["fit_doubts"]
 
+DELAY_CHANGE = 0.03
+"""Change of inertia by an unproved delay that is worth a word, if it also exceeds three standard errors."""
+
 COLOUR = 0.2
 """Autocorrelation within five samples above which coloured residuals are worth a word."""
 
@@ -45,6 +48,9 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
                 "give --delay if you know it; a slow actuator looks like a delay too",
             )
         )
+    undecided_delay = _delay_undecided(chosen)
+    if undecided_delay is not None:
+        found.append(undecided_delay)
     if "a" in solution.at_bound or "c" in solution.at_bound:
         found.append(
             Doubt(
@@ -65,6 +71,23 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
         )
     found += [d for d in (_outliers(solution), _runs_disagree(chosen, case, bounds, names)) if d is not None]
     return found
+
+
+def _delay_undecided(chosen: Selection) -> Doubt | None:
+    """A delay that would change the inertia, can be neither proved nor excluded (likelihood ratio at 10 %)."""
+    tried = chosen.with_delay
+    if tried is None or chosen.solution.free[4]:
+        return None
+    ratio = chosen.delay_evidence + math.log(tried.n / chosen.correlation)
+    change = float(chosen.solution.theta[0] / tried.theta[0]) - 1.0
+    spread = 3.0 * math.sqrt(chosen.solution.covariance[0, 0]) / abs(float(chosen.solution.theta[0]))
+    if ratio < 2.7 or abs(change) < max(DELAY_CHANGE, spread):
+        return None
+    return Doubt(
+        "delay-undecided",
+        f"a delay of {tried.theta[4]:.2f} s fits as well as none; inertia changes by {100.0 * change:+.0f} %",
+        "give --delay if you know it; fly a second relay with a clearly different x_a, or with larger C",
+    )
 
 
 def _outliers(solution: Solution) -> Doubt | None:

@@ -42,11 +42,11 @@ LONGEST_DELAY = 2.0
 
 
 def bounds_of(records: Sequence[Record]) -> Bounds:
-    """Return what the sampling can resolve: time constants down to half a step, delays within the run."""
+    """Return what the sampling can resolve: time constants down to a fifth of a step, delays within the run."""
     step = min(float(np.median(np.diff(r.main.t))) for r in records)
     length = max(float(r.main.t[-1] - r.main.t[0]) for r in records)
     speed = max(float(np.mean([_speed(r) for r in records])), 1e-9)
-    return Bounds(rate=min(2.0 / step, FASTEST), delay=min(LONGEST_DELAY, 0.1 * length), speed=speed)
+    return Bounds(rate=min(5.0 / step, FASTEST), delay=min(LONGEST_DELAY, 0.1 * length), speed=speed)
 
 
 def _speed(record: Record) -> float:

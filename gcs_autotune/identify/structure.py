@@ -2,8 +2,8 @@
 
 Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
 ``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
-extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided, 6
-is strong, 10 very strong.
+extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided,
+above 6 the evidence is strong.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
 }
 """Structure -> which of b, a, c, d are fitted."""
 
-UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 10.0
+UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 6.0
 """Differences of the criterion. A delay costs phase margin in every later design and trades against
-inertia, so it must be very strongly evident, and three standard errors above zero."""
+inertia, so it must be strongly evident and three standard errors above zero. Without a delay that comes
+about by chance once in some thousands of records of a thousand samples."""
 
 
 FIRST_MARGIN = 0.5
@@ -50,7 +51,8 @@ SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 class Selection:
     """What was chosen and why: the fits per structure, the correlation time, whether it was a close call.
 
-    ``records`` are those fitted: without their first moments when there is a delay.
+    ``records`` are those fitted: without their first moments when there is a delay. ``with_delay`` is the
+    fit with a delay that was tried, kept or not.
     """
 
     structure: Structure
@@ -61,6 +63,7 @@ class Selection:
     undecided: bool
     delay_evidence: float
     records: tuple[Record, ...]
+    with_delay: Solution | None
 
 
 def model_of(record: Record, theta: Array) -> SingleDof:
@@ -85,7 +88,7 @@ def select(
     Parameters
     ----------
     structure : fit only this one; None weighs all three.
-    delay : fixed [s], or None to fit one and keep it on very strong evidence only.
+    delay : fixed [s], or None to fit one and keep it on strong evidence only.
     decision : the two-experiment decision, asked when the evidence is not clear.
 
     Raises
@@ -94,7 +97,9 @@ def select(
         When no candidate can be simulated at all.
     """
     base: Structure = structure or "affine"
-    fitter, first, correlation, evidence = _with_delay(_Fitter(records, names, bounds, robust), base, start, delay)
+    fitter, first, tried, correlation, evidence = _with_delay(
+        _Fitter(records, names, bounds, robust), base, start, delay
+    )
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
         other: Structure
@@ -109,7 +114,15 @@ def select(
     chosen, undecided = (structure, False) if structure is not None else _choose(solutions, criterion, decision)
     candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())
     return Selection(
-        chosen, solutions[chosen], solutions, candidates, correlation, undecided, evidence, tuple(fitter.records)
+        chosen,
+        solutions[chosen],
+        solutions,
+        candidates,
+        correlation,
+        undecided,
+        evidence,
+        tuple(fitter.records),
+        tried,
     )
 
 
@@ -156,11 +169,11 @@ class _Fitter:
 
 def _with_delay(
     fitter: _Fitter, base: Structure, start: Array, delay: float | None
-) -> tuple[_Fitter, Solution, float, float]:
+) -> tuple[_Fitter, Solution, Solution | None, float, float]:
     """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
     if delay is not None:
         plain = fitter.without(delay).must_fit(base, np.array([*start[:4], delay]))
-        return fitter.without(delay), plain, correlation_time(plain), 0.0
+        return fitter.without(delay), plain, None, correlation_time(plain), 0.0
     step = float(np.median(np.diff(fitter.records[0].main.t)))
     begin = min(max(float(start[4]), step), fitter.bounds.delay)
     late, plain, lagged = _lagged_fit(fitter, base, start, begin)
@@ -169,10 +182,10 @@ def _with_delay(
         evidence = _bic(plain, correlation) - _bic(lagged, correlation)
         std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
         if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
-            return late, lagged, correlation, evidence
+            return late, lagged, lagged, correlation, evidence
     begin_again = np.array([*plain.theta[:4], 0.0])
     whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
-    return fitter, whole, correlation_time(whole), 0.0 if lagged is None else evidence
+    return fitter, whole, lagged, correlation_time(whole), 0.0 if lagged is None else evidence
 
 
 def _lagged_fit(
