@@ -31,10 +31,14 @@ NOISE_ROUNDS = 4
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the data can resolve at all: largest drag rate ``a`` [1/s] and largest delay [s]."""
+    """What the data can resolve at all.
+
+    Largest drag rate [1/s] (``a``, and ``c`` at the typical *speed* [rad/s or m/s]), largest delay [s].
+    """
 
     rate: float
     delay: float
+    speed: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,8 +171,9 @@ class _Task:
         return theta, initial.reshape(-1, 2)
 
     def limits(self, bounds: Bounds) -> tuple[Array, Array]:
-        low = np.array([-np.inf, -bounds.rate, -np.inf, -np.inf, 0.0])
-        high = np.array([np.inf, bounds.rate, np.inf, np.inf, bounds.delay])
+        steep = bounds.rate / bounds.speed
+        low = np.array([-np.inf, -bounds.rate, -steep, -np.inf, 0.0])
+        high = np.array([np.inf, bounds.rate, steep, np.inf, bounds.delay])
         k = int(self.state.sum())
         return (
             np.concatenate([low[self.free], np.full(k, -np.inf)]),
@@ -297,6 +302,8 @@ def _at_bound(free: NDArray[np.bool_], theta: Array, bounds: Bounds) -> tuple[st
     names = []
     if free[1] and abs(theta[1]) >= 0.999 * bounds.rate:
         names.append("a")
+    if free[2] and abs(theta[2]) * bounds.speed >= 0.999 * bounds.rate:
+        names.append("c")
     if free[4] and (theta[4] <= 0.0 or theta[4] >= 0.999 * bounds.delay):
         names.append("delay")
     return tuple(names)

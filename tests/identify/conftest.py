@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from water import Plant, fly
+from identify_water import Plant, fly
 
 from gcs_autotune.trial import Channel, Trial
 

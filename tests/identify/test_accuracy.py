@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from water import DEG, Relay
+from identify_water import DEG, Relay
 
 from gcs_autotune.identify import cramer_rao, identify
 from gcs_autotune.identify.record import prepare

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from water import DEG, Levels, Relay
+from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
 from gcs_autotune.identify import METHODS, free_run, identify, load_runs, residual_statistics
@@ -295,3 +295,24 @@ def test_a_channel_of_another_length_and_rate_is_used_at_its_own_stamps(record: 
     sparse = Trial("sparse", {"psi": psi, "N": Channel("N", "N m", N.t[jumps], N.values[jumps])})
     full, few = identify(trial, structure="linear"), identify(sparse, structure="linear")
     assert few.parameters["alpha_r"].value == pytest.approx(full.parameters["alpha_r"].value, rel=1e-9)
+
+
+def test_a_delay_that_can_be_neither_proved_nor_excluded_is_a_doubt(record: Record) -> None:
+    trial = record((0.36, 0.2, 0.0, 0.0), Relay(0.1, 0.02), 30.0, delay=0.1, noise=0.02, seed=1)
+    fit = identify(trial, structure="linear")
+    known = identify(trial, structure="linear", delay=0.1)
+    inertia, right = fit.parameters["alpha_r"], known.parameters["alpha_r"]
+    assert abs(inertia.value - 0.36) > 3.0 * inertia.std
+    assert slugs(fit) == {"delay-undecided"}
+    assert abs(right.value - 0.36) <= 4.0 * right.std
+
+
+def test_a_craft_faster_than_its_sampling_is_called_unresolved_and_not_given_a_firm_inertia(
+    record: Record,
+) -> None:
+    trial = record((0.0005, 0.25, 0.0, 0.0), Levels(np.random.default_rng(6), 0.3, 2.0), h=0.0005, noise=0.003)
+    fit = identify(trial, structure="linear")
+    inertia, drag = fit.parameters["alpha_r"], fit.parameters["beta_r"]
+    assert inertia.status == "at_bound" or inertia.std > 0.3 * inertia.value
+    assert slugs(fit) & {"inertia-unresolved", "weakly-excited"}
+    assert drag.value == pytest.approx(0.25, rel=0.02)

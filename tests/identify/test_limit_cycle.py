@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from water import DEG, Levels, Relay
+from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.identify import LimitCycleMonitor, decide, find_cycles
 from gcs_autotune.identify.describing_function import relay, relay_bias
@@ -54,7 +54,8 @@ def test_the_monitor_stops_after_five_alike_periods_and_agrees_with_the_reading_
     live = settled.cycle
     (after,) = find_cycles(trial, "yaw")
     assert live is not None
-    assert (live.C, after.C) == pytest.approx((0.3, 0.3))
+    assert abs(live.C - 0.3) < 1e-9
+    assert abs(after.C - 0.3) < 1e-9
     for name in ("X_m", "omega", "x_a_star", "T_H"):
         assert getattr(live, name) == pytest.approx(getattr(after, name), rel=0.04)
     assert estimate(live).alpha == pytest.approx(estimate(after).alpha, rel=0.05)
