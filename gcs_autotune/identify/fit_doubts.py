@@ -28,9 +28,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
     """Return what is doubtful about the chosen fit."""
     solution, found = chosen.solution, []
     if not solution.converged:
-        found.append(
-            Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay")
-        )
+        found.append(Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay"))
     if chosen.undecided:
         found.append(
             Doubt(

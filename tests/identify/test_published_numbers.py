@@ -140,6 +140,4 @@ def test_examples_7_1_to_7_3_simulated_identified_and_decided(
         assert (got.alpha, got.beta, got.beta_quadratic) == pytest.approx((alpha, beta, quadratic), rel=0.06)
     for margin in MARGINS:
         decision = decide(estimate(cycles[0]), estimate(cycles[1]), margin)
-        assert decision.verdict == verdict or (
-            margin in ("sigma+5", "sigma+10") and decision.verdict == "undecided"
-        )
+        assert decision.verdict == verdict or (margin in ("sigma+5", "sigma+10") and decision.verdict == "undecided")
