@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped
@@ -16,7 +16,8 @@ __all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
 class Envelope:
     """How far a craft may go. SI units and radians; ``inf`` switches a limit off.
 
-    ``heading_excursion`` and ``distance`` count from where the manoeuvre started; ``depth_min`` and
+    ``heading_excursion`` and ``depth_excursion`` count from where the manoeuvre started, ``distance`` from where
+    the whole visit did; ``depth_min`` and
     ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining`` [0..1] are lower
     limits; ``time`` bounds one manoeuvre.
     Defaults are chosen for boats and ROVs of up to a few metres in a few boat lengths of free water.
@@ -79,11 +80,11 @@ GUARDS: tuple[Guard, ...] = (
 
 
 class Watch:
-    """The envelope around one manoeuvre, anchored where it started."""
+    """The envelope around one manoeuvre, anchored where it started; positions count from *home* when given."""
 
-    def __init__(self, envelope: Envelope, anchor: Observation) -> None:
+    def __init__(self, envelope: Envelope, anchor: Observation, home: Observation | None = None) -> None:
         self.envelope = envelope
-        self.anchor = anchor
+        self.anchor = anchor if home is None else replace(anchor, x=home.x, y=home.y)
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and its used share (0..1).

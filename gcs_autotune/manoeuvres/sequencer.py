@@ -7,6 +7,7 @@ mode as found, armed state as found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -42,6 +43,7 @@ class Sequencer:
         self._watcher = watcher
         self._keep = keep
         self._broken = ""
+        self._home: Observation | None = None
 
     def fly(self, manoeuvre: Manoeuvre, stage: str = "", envelope: Envelope | None = None) -> Flown:
         """Fly *manoeuvre* to its end.
@@ -70,7 +72,9 @@ class Sequencer:
         craft, firmware = self._craft, self._craft.firmware
         craft.set_mode(firmware.manual_mode if manoeuvre.in_manual else firmware.hold_mode)
         observation = craft.observe()
-        watch = Watch(envelope, observation)
+        if self._home is None and math.isfinite(observation.x):
+            self._home = observation
+        watch = Watch(envelope, observation, self._home)
         manoeuvre.start(observation)
         while manoeuvre.outcome is None:
             nearest, share = watch.check(observation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,7 +15,7 @@ from gcs_autotune.manoeuvres import Sequencer, visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import come_aboard
-from gcs_autotune.workflow.experiments import relay_for, second_output
+from gcs_autotune.workflow.experiments import relay_for, second_output, turn_for
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
@@ -64,8 +65,11 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
     settings = replace(settings, speed=cruise.speed)
     sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
-    output, trials = settings.relay_output, []
+    output, trials = settings.relay_output, list[Trial]()
     for name in ("relay-1", "relay-2"):
+        turn = turn_for(craft.firmware.kind, cruise.throttle)
+        if trials and turn is not None:
+            sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
         relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name)
         flown = sequencer.fly(relay, name)
         if flown.outcome.ending == "aborted":

@@ -10,12 +10,12 @@ import numpy as np
 
 from gcs_autotune.design import StepMetrics, step_metrics
 from gcs_autotune.firmware import Axis
-from gcs_autotune.manoeuvres import Relay, RelaySettings, Step, StepSettings
+from gcs_autotune.manoeuvres import Relay, RelaySettings, Step, StepSettings, TurnAbout, TurnAboutSettings
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 
-__all__ = ["measure", "relay_for", "second_output", "speed_for", "step_for"]
+__all__ = ["measure", "relay_for", "second_output", "speed_for", "step_for", "turn_for"]
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
@@ -64,6 +64,11 @@ def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, outp
         ),
         name,
     )
+
+
+def turn_for(kind: str, throttle: float) -> TurnAbout | None:
+    """Return what brings a boat back between two manoeuvres; None for a craft that stays where it is."""
+    return TurnAbout(TurnAboutSettings(throttle)) if kind == "boat" else None
 
 
 def second_output(first: float, room: float = 0.9) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import closing
+from dataclasses import replace
 from typing import Literal
 
 from gcs_autotune.craft import Observation
@@ -21,7 +22,7 @@ from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import axis_of, come_aboard
-from gcs_autotune.workflow.experiments import measure, relay_for, second_output, speed_for, step_for
+from gcs_autotune.workflow.experiments import measure, relay_for, second_output, speed_for, step_for, turn_for
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
@@ -97,14 +98,16 @@ class _Tuner:
         elif not self._agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
             tale.end("declined", "the new gains were not wanted; nothing was written")
         else:
-            self._prove(proposal, journal, speed)
+            self._prove(proposal, journal, throttle, speed)
 
     def _identify(self, throttle: float) -> Fit:
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
         relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
+        self._come_about(throttle)
         first = self._fly(relay, "first self-oscillation").trial
         relay = relay_for(s, self._axis.dof, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
+        self._come_about(throttle)
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
         delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
@@ -129,12 +132,13 @@ class _Tuner:
         tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec))
         return tale.proposal
 
-    def _prove(self, proposal: Proposal, journal: Journal, speed: float) -> None:
+    def _prove(self, proposal: Proposal, journal: Journal, throttle: float, speed: float) -> None:
         tale = self._tale
         with ParameterLoan(self._craft.parameters, journal) as loan:
             tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in proposal.new.items()))
             loan.set(proposal.new)
             tale.say("written and read back")
+            self._come_about(throttle)
             after = self._fly(step_for(self._settings, self._axis, speed, "step-after"), "step with new gains")
             assert tale.fit is not None and tale.metrics_before is not None
             tale.metrics_after = measure(after.trial, tale.fit.noise_std)
@@ -152,6 +156,13 @@ class _Tuner:
         if flown.outcome.ending == "aborted":
             raise NotAchieved(f"{stage}: {flown.outcome.reason}")
         return flown
+
+    def _come_about(self, throttle: float) -> None:
+        """Turn a boat round, so that it does not run away in one direction."""
+        turn = turn_for(self._craft.firmware.kind, throttle)
+        if turn is not None:
+            free = replace(self._settings.envelope, heading_excursion=math.inf)
+            self._sequencer.fly(turn, "turning about", free)
 
     def _keep(self, trial: Trial) -> None:
         self._record.keep(trial)
@@ -191,7 +202,9 @@ class _Tuner:
         s, axis, d, firmware = self._settings, self._axis, DEFAULTS[self._axis.dof], self._craft.firmware
         step = s.step if s.step is not None else d.step
         shown = f"{math.degrees(step):.0f} deg" if d.signal == "psi" else f"{step:g} m"
-        under_way = " under way, at cruise throttle" if axis.needs_speed else ""
+        _, speed = speed_for(s, axis, self._tale.parameters_before)
+        room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
+        under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
         gains = ", ".join(g.parameter for g in axis.gains)
         self._tale.announce(
             (

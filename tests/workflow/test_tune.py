@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 
 from gcs_autotune.errors import OperatorStopped, UsageError, WrongVehicle
@@ -65,8 +66,8 @@ def test_everything_is_said_before_it_is_done(tuned):
 def test_the_run_directory_holds_the_whole_record(tuned):
     harbour, story = tuned
     names = {p.name for p in (harbour.directory / "trials").glob("*.csv")}
-    assert {"01-step-before.csv", "02-relay-1.csv", "03-relay-2.csv", "04-step-after.csv"} <= names
-    trial = load_trial(harbour.directory / "trials" / "02-relay-1.csv")
+    assert {"01-step-before.csv", "03-relay-1.csv", "05-relay-2.csv", "07-step-after.csv"} <= names
+    trial = load_trial(harbour.directory / "trials" / "03-relay-1.csv")
     assert trial["psi"].unit == "rad" and trial["N"].unit == "1"
     assert any(m.kind == "switch" for m in trial.marks)
     before = load_params(harbour.directory / "parameters_before.param")
@@ -74,6 +75,14 @@ def test_the_run_directory_holds_the_whole_record(tuned):
     after = json.loads((harbour.directory / "parameters_after.json").read_text())
     assert after["ATC_STR_RAT_P"] == pytest.approx(story.proposal.new["ATC_STR_RAT_P"])
     assert sum(1 for _ in read_tlog(harbour.directory / "telemetry.tlog")) > 10_000
+
+
+def test_a_boat_turns_about_and_stays_within_a_hundred_metres(tuned):
+    harbour, _ = tuned
+    trials = [load_trial(path) for path in sorted((harbour.directory / "trials").glob("*.csv"))]
+    x0, y0 = trials[0]["x"].values[0], trials[0]["y"].values[0]
+    far = max(float(np.hypot(t["x"].values - x0, t["y"].values - y0).max()) for t in trials)
+    assert far < 110.0
 
 
 def test_the_journal_is_settled_in_the_end(tuned):
