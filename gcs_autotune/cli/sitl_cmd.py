@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -15,14 +16,17 @@ __all__ = ["COMMAND", "hand_over"]
 def hand_over(arguments: Sequence[str]) -> int:
     """Run ``python -m sitl`` with *arguments* and return its exit code.
 
-    The simulator is a program of its own, with its own options: the two packages meet only on the wire.
-    Ctrl-C reaches it too (same terminal) and it ends by itself, so ours is only waited out.
+    The simulator is a program of its own, with its own options: the two packages meet only on the wire. Where the
+    system can, it takes this process' place, so that whoever ends one ends the other.
     """
-    process = subprocess.Popen([sys.executable, "-m", "sitl", *arguments])
+    command = [sys.executable, "-m", "sitl", *arguments]
+    if os.name == "posix":
+        os.execv(command[0], command)
+    process = subprocess.Popen(command)
     while True:
         try:
             return process.wait()
-        except KeyboardInterrupt:
+        except KeyboardInterrupt:  # it ends by itself: it is on the same console
             continue
 
 
