@@ -24,6 +24,10 @@ LEVEL_TOLERANCE = 0.05
 """Spread of a relay's level from half period to half period that still counts as the same experiment."""
 
 
+RELAY_SPREAD = 0.2
+"""Largest scatter of a relay's switching positions, as a fraction of the distance between the two."""
+
+
 def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     """Return the limit cycles of a run, one per relay setting in it; empty when the input is no relay.
 
@@ -37,24 +41,43 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     """
     told = trial.meta.get("x_a")
     x_a = float(told) if isinstance(told, (int, float)) else None
+    marked = [m.t for m in trial.marks if m.kind == "switch"]
+    declared = bool(marked) or trial.meta.get("manoeuvre") == "relay"
     found: list[LimitCycle] = []
     for record in prepare(trial, dof):
-        found.extend(cycles_of(record, x_a, [m.t for m in trial.marks if m.kind == "switch"]))
+        found.extend(cycles_of(record, x_a, marked, declared=declared))
     return tuple(found)
 
 
-def cycles_of(record: Record, x_a: float | None = None, marked: Sequence[float] = ()) -> list[LimitCycle]:
-    """Return the limit cycles in one stretch; *marked* switchings serve when the input itself shows none."""
+def cycles_of(
+    record: Record, x_a: float | None = None, marked: Sequence[float] = (), *, declared: bool = False
+) -> list[LimitCycle]:
+    """Return the limit cycles in one stretch.
+
+    Parameters
+    ----------
+    marked : switching times [s] that serve when the input itself shows none.
+    declared : the run is known to be a relay experiment; else only what behaves like a relay is taken.
+    """
     t, x = _position(record)
     halves = _half_periods(t, x, record, _switchings(record))
     if len(halves) < 2 and len(marked) > 2:
         halves = _half_periods(t, x, record, np.asarray(marked, dtype=np.float64))
     found = []
     for group in _groups(halves):
-        best = _settled(group, x_a)
+        best = _settled(group, x_a) if declared or _is_relay(group) else None
         if best is not None:
             found.append(best)
     return found
+
+
+def _is_relay(halves: Sequence[HalfPeriod]) -> bool:
+    """Whether two-level input switches where a relay would: again and again at the same two positions."""
+    if len(halves) < 4:
+        return False
+    one, other = (np.array([h.at_switch for h in halves[i::2]]) for i in (0, 1))
+    apart = abs(float(np.median(one) - np.median(other)))
+    return max(float(np.median(np.abs(s - np.median(s)))) for s in (one, other)) < RELAY_SPREAD * apart
 
 
 def _position(record: Record) -> tuple[Array, Array]:

@@ -93,8 +93,12 @@ def select(
     fitter, first, correlation, evidence = _with_delay(_Fitter(records, names, bounds, robust), base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
+        other: Structure
         for other in ("linear", "nonlinear"):
-            found = fitter.fit(other, _translated(first.theta, other, records), bool(first.free[4]), first)
+            found = fitter.fit(other, first.theta, bool(first.free[4]), first)
+            if found is None or not found.converged or not _damps(found):
+                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), bool(first.free[4]), None)
+                found = _better(found, again)
             if found is not None:
                 solutions[other] = found
     criterion = {s: _bic(f, correlation) for s, f in solutions.items()}
@@ -113,8 +117,9 @@ class _Fitter:
     robust: bool
 
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
+        """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
         free = np.array([*FREE[structure], with_delay])
-        theta = np.where([*FREE[structure], True], theta, 0.0)
+        theta = _translated(theta, structure, self.records)
         initial = None if near is None else near.initial
         noise = None if near is None else near.noise
         return solve(
@@ -122,8 +127,18 @@ class _Fitter:
         )
 
     def must_fit(self, structure: Structure, theta: Array) -> Solution:
-        """Fit with the delay as it stands in *theta*; raise NotInformative when nothing can be simulated."""
-        found = self.fit(structure, theta, False, None)
+        """Fit with the delay as it stands in *theta*; both drags start from the better of one drag alone.
+
+        A fit of both drags started anywhere else may wander off into a pair of opposite signs.
+        """
+        found: Solution | None = None
+        if structure == "affine":
+            one = self.fit("linear", theta, False, None)
+            other = self.fit("nonlinear", theta, False, one)
+            start = _better(one, other)
+            theta = theta if start is None else start.theta
+            found = self.fit(structure, theta, False, start)
+        found = found or self.fit(structure, theta, False, None)
         if found is None:
             raise NotInformative("no model could be simulated on this record: are input and output from the same run?")
         return found
@@ -137,7 +152,6 @@ def _with_delay(
     fitter: _Fitter, base: Structure, start: Array, delay: float | None
 ) -> tuple[_Fitter, Solution, float, float]:
     """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
-    start = _translated(start, base, fitter.records)
     if delay is not None:
         plain = fitter.without(delay).must_fit(base, np.array([*start[:4], delay]))
         return fitter.without(delay), plain, correlation_time(plain), 0.0
@@ -218,8 +232,16 @@ def _choose(
     return best, False
 
 
+def _better(one: Solution | None, other: Solution | None) -> Solution | None:
+    if one is None or other is None:
+        return one or other
+    return one if one.log_likelihood >= other.log_likelihood else other
+
+
 def _damps(solution: Solution) -> bool:
-    return bool(solution.theta[1] >= 0.0 and solution.theta[2] >= 0.0)
+    """Whether no drag is negative beyond two standard errors."""
+    std = np.sqrt(np.diag(solution.covariance))
+    return bool(np.all(solution.theta[1:3] >= -2.0 * std[1:3]))
 
 
 def _both_drags_are_real(solution: Solution) -> bool:
