@@ -127,7 +127,9 @@ def _assembled(
         "std_inflation": float(factors.max()),
         "residual_correlation_time": chosen.correlation,
         "delay_evidence": chosen.delay_evidence,
-        "whiteness_p": min(whiteness(r.error) for r in solution.residuals),
+        "whiteness_p": min(whiteness(s) for s in solution.scores),
+        "sigma": {k: law.sigma for k, law in solution.laws.items()},
+        "quantum": {k: law.quantum for k, law in solution.laws.items()},
     }
     return Fit(
         dof=records[0].dof.name,
@@ -205,7 +207,7 @@ def _own_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str,
                 "ask for a higher message rate",
             )
         )
-    colour = max(float(np.max(np.abs(autocorrelation(r.error, 5)))) for r in solution.residuals)
+    colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
     if colour > COLOUR and not is_white(solution):
         found.append(
             Doubt(
@@ -248,6 +250,7 @@ def _runs_disagree(chosen: Selection, case: Case, bounds: Bounds, names: tuple[s
             bounds,
             initial=common.initial[i : i + 1],
             noise={n: common.noise[n] for n in names if any(s.name == n for s in record.signals)},
+            quanta=common.quanta,
         )
         if alone is None:
             continue

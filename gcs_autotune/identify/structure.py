@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.output_error import Bounds, Solution, solve
 from gcs_autotune.identify.record import Record, after_delay
+from gcs_autotune.identify.residuals import quanta_of
 from gcs_autotune.identify.result import Candidate, Decision, Structure
 from gcs_autotune.identify.uncertainty import correlation_time, inflation
 from gcs_autotune.models import SingleDof
@@ -90,7 +91,8 @@ def select(
         When no candidate can be simulated at all.
     """
     base: Structure = structure or "affine"
-    fitter, first, correlation, evidence = _with_delay(_Fitter(records, names, bounds, robust), base, start, delay)
+    fitter = _Fitter(records, names, bounds, robust, quanta_of(records, names))
+    fitter, first, correlation, evidence = _with_delay(fitter, base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
         other: Structure
@@ -115,6 +117,7 @@ class _Fitter:
     names: Sequence[str]
     bounds: Bounds
     robust: bool
+    quanta: Mapping[str, float]
 
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
         """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
@@ -123,7 +126,15 @@ class _Fitter:
         initial = None if near is None else near.initial
         noise = None if near is None else near.noise
         return solve(
-            self.records, self.names, theta, free, self.bounds, initial=initial, noise=noise, robust=self.robust
+            self.records,
+            self.names,
+            theta,
+            free,
+            self.bounds,
+            initial=initial,
+            noise=noise,
+            quanta=self.quanta,
+            robust=self.robust,
         )
 
     def must_fit(self, structure: Structure, theta: Array) -> Solution:
