@@ -13,7 +13,8 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import iso
 from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.doubts import Findings, collect
-from gcs_autotune.identify.output_error import Bounds, Solution, solve
+from gcs_autotune.identify.objective import DELAY, Bounds
+from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.record import Record
 from gcs_autotune.identify.result import Decision, Doubt, Fit, IsoEstimate, Status, Trace
 from gcs_autotune.identify.signals import first_names, objection, wanted_names
@@ -51,7 +52,7 @@ def fit_by_output_error(case: Case) -> Fit:
     chosen = select(case.records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
     _check_that_input_explains(case.records, chosen)
     solution = chosen.solution
-    estimates = [iso.estimate(c, float(solution.theta[4])) for c in case.cycles]
+    estimates = [iso.estimate(c, float(solution.craft[DELAY])) for c in case.cycles]
     return _assembled(case, chosen, estimates, two_experiment_decision(estimates), names, left_out, bounds)
 
 
@@ -113,8 +114,11 @@ def _assembled(
 ) -> Fit:
     solution, records = chosen.solution, chosen.records
     factors = inflation(solution)
-    covariance = physical_covariance(solution.theta, solution.covariance * np.outer(factors, factors))
-    model = model_of(records[0], solution.theta)
+    raised = solution.covariance * np.outer(factors, factors)
+    if not solution.delay_fitted:
+        raised[DELAY, :] = raised[:, DELAY] = 0.0
+    covariance = physical_covariance(solution.craft, raised)
+    model = model_of(records[0], solution.craft)
     parameters = named_parameters(model, covariance, _status(case, chosen))
     main = solution.residuals[0].signal.name
     rms, fit_percent = solution.rms(main), _fit_percent(solution, main)
@@ -127,6 +131,7 @@ def _assembled(
         "std_inflation": float(factors.max()),
         "residual_correlation_time": chosen.correlation,
         "delay_evidence": chosen.delay_evidence,
+        "time_shift": float(solution.theta[DELAY] - solution.craft[DELAY]),
         "whiteness_p": min(whiteness(s) for s in solution.scores),
         "sigma": {k: law.sigma for k, law in solution.laws.items()},
         "quantum": {k: law.quantum for k, law in solution.laws.items()},
@@ -152,10 +157,10 @@ def _assembled(
 
 
 def _status(case: Case, chosen: Selection) -> list[Status]:
-    free, bound = chosen.solution.free, chosen.solution.at_bound
+    bound = chosen.solution.at_bound
     drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
     inertia: Status = "at_bound" if "a" in bound else "fitted"
-    delay: Status = "fitted" if free[4] else "absent" if case.delay is None else "fixed"
+    delay: Status = "fitted" if chosen.solution.delay_fitted else "absent" if case.delay is None else "fixed"
     return [inertia, *drag, "fitted", delay]
 
 
@@ -190,7 +195,7 @@ def _own_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str,
                 "fly a second relay with a clearly different C",
             )
         )
-    if solution.free[4]:
+    if solution.delay_fitted:
         found.append(
             Doubt(
                 "delay-fitted",

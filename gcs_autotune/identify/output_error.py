@@ -11,23 +11,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Local, Minimum, descend, inverse_of
+from gcs_autotune.identify.least_squares import Minimum, descend, inverse_of
 from gcs_autotune.identify.likelihood import Law, Rounded, gaussian_laws
+from gcs_autotune.identify.objective import DELAY, SHARED, Bounds, Mask, Objective, Timing, information_of
 from gcs_autotune.identify.record import Record
-from gcs_autotune.identify.residuals import Residual, first_levels, first_states, residuals_of, rounding_error
+from gcs_autotune.identify.residuals import Residual, first_levels, first_states, rounding_error
 
-__all__ = ["SHARED", "Bounds", "Solution", "information_of", "solve"]
+__all__ = ["Solution", "solve"]
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-SHARED = ("b", "a", "c", "d", "delay")
-"""The parameters all runs share, in this order."""
 
 NOISE_ROUNDS = 4
 """Rounds of re-estimating the noise levels when two kinds of signal are weighed against each other."""
@@ -39,14 +37,6 @@ SETTLED = 0.01
 """Relative change of every noise level at which the rounds end."""
 
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """What the data can resolve at all: largest drag rate ``a`` [1/s] and largest delay [s]."""
-
-    rate: float
-    delay: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     """A fitted set of parameters.
@@ -56,7 +46,8 @@ class Solution:
     ``laws`` per signal name; ``residuals`` at the solution, ``scores`` their log-likelihood's derivative by the
     simulated value times the noise (for Gaussian noise: error over noise), ``rows`` their Jacobians over the noise
     in all fitted columns (those of theta first) and ``whole`` the covariance of these; ``n`` samples;
-    ``at_bound`` names.
+    ``parameters`` how many were fitted, a time shift not counted; ``at_bound`` names; ``timing`` what was known
+    about the time shift that ``theta[4]`` then is.
     """
 
     theta: Array
@@ -73,6 +64,20 @@ class Solution:
     parameters: int
     converged: bool
     at_bound: tuple[str, ...]
+    timing: Timing | None = None
+
+    @property
+    def delay_fitted(self) -> bool:
+        """Whether a delay of the craft was fitted, rather than a shift of the stamps."""
+        return bool(self.free[DELAY]) and self.timing is None
+
+    @property
+    def craft(self) -> Array:
+        """Theta with the craft's own delay, any shift of the stamps taken off."""
+        theta = self.theta.copy()
+        if self.timing is not None:
+            theta[DELAY] = self.timing.mean
+        return theta
 
     @property
     def noise(self) -> dict[str, float]:
@@ -99,6 +104,7 @@ def solve(
     initial: Array | None = None,
     noise: Mapping[str, float] | None = None,
     quanta: Mapping[str, float] | None = None,
+    timing: Timing | None = None,
     robust: bool = False,
 ) -> Solution | None:
     """Fit the *free* parameters from *theta* on; None when no simulation from there is possible.
@@ -109,17 +115,35 @@ def solve(
     initial : (runs, 2) states to start from; guessed from the first samples otherwise.
     noise : noise levels to start from, one per name.
     quanta : steps of the signals to be taken as rounded, per name; see :func:`residuals.quanta_of`.
+    timing : what is known about the time from input stamp to motion, when the stamps are not exact.
     robust : soft-L1 weights, for records with outliers (signals taken as rounded bear them anyway).
     """
     start = first_states(records, names) if initial is None else initial
     levels = dict(noise) if noise is not None else first_levels(records, names)
-    task = _Task(records, names, theta, free)
+    objective = Objective(records, names, theta, free, timing)
     rounds = NOISE_ROUNDS if len(levels) > 1 or robust else 1
-    fitted = task.alternate(task.pack(theta, start), gaussian_laws(levels, robust=robust), bounds, rounds)
+    fitted = _alternate(objective, objective.pack(theta, start), gaussian_laws(levels, robust=robust), bounds, rounds)
     if fitted is not None and quanta:
         laws = {n: _law(fitted[1][n], quanta.get(n, 0.0), _span(records, n)) for n in fitted[1]}
-        fitted = task.alternate(fitted[0].x, laws, bounds, ROUNDING_ROUNDS)
-    return None if fitted is None else _solution(task, *fitted, bounds)
+        fitted = _alternate(objective, fitted[0].x, laws, bounds, ROUNDING_ROUNDS)
+    return None if fitted is None else _solution(objective, *fitted, bounds)
+
+
+def _alternate(
+    objective: Objective, x: Array, laws: Mapping[str, Law], bounds: Bounds, rounds: int
+) -> tuple[Minimum, dict[str, Law]] | None:
+    """Fit the parameters, then the noise, until the noise settles; None when nothing can be simulated."""
+    found: Minimum | None = None
+    for _ in range(rounds):
+        now = laws
+        found = descend(partial(objective.at, laws=now), x, *objective.limits(bounds))
+        residuals = None if found is None else objective.residuals(found.x)
+        if found is None or residuals is None:
+            return None
+        x, laws = found.x, _likeliest(residuals, now)
+        if all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws):
+            break
+    return None if found is None else (found, dict(laws))
 
 
 def _law(gaussian: Law, quantum: float, span: float) -> Law:
@@ -128,102 +152,6 @@ def _law(gaussian: Law, quantum: float, span: float) -> Law:
 
 def _span(records: Sequence[Record], name: str) -> float:
     return max(float(np.ptp(s.values)) for r in records for s in r.signals if s.name == name)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Task:
-    """The likelihood of one choice of free parameters, as a function of one packed vector."""
-
-    records: Sequence[Record]
-    names: Sequence[str]
-    theta: Array
-    free: Mask
-    state: Mask = field(init=False)
-
-    def __post_init__(self) -> None:
-        has_position = [any(s.name == r.dof.position and s.name in self.names for s in r.signals) for r in self.records]
-        object.__setattr__(self, "state", np.array([[p, True] for p in has_position]).ravel())
-
-    def pack(self, theta: Array, initial: Array) -> Array:
-        return np.concatenate([theta[self.free], initial.ravel()[self.state]])
-
-    def unpack(self, x: Array) -> tuple[Array, Array]:
-        theta, k = self.theta.copy(), int(self.free.sum())
-        theta[self.free] = x[:k]
-        initial = np.zeros(2 * len(self.records))
-        initial[self.state] = x[k:]
-        return theta, initial.reshape(-1, 2)
-
-    def limits(self, bounds: Bounds) -> tuple[Array, Array]:
-        low = np.array([-np.inf, -bounds.rate, -np.inf, -np.inf, 0.0])
-        high = np.array([np.inf, bounds.rate, np.inf, np.inf, bounds.delay])
-        k = int(self.state.sum())
-        return (
-            np.concatenate([low[self.free], np.full(k, -np.inf)]),
-            np.concatenate([high[self.free], np.full(k, np.inf)]),
-        )
-
-    def residuals(self, x: Array) -> list[Residual] | None:
-        return residuals_of(self.records, self.names, *self.unpack(x))
-
-    def alternate(
-        self, x: Array, laws: Mapping[str, Law], bounds: Bounds, rounds: int
-    ) -> tuple[Minimum, dict[str, Law]] | None:
-        """Fit the parameters, then the noise, until the noise settles; None when nothing can be simulated."""
-        found: Minimum | None = None
-        for _ in range(rounds):
-            found = self.minimum(x, laws, bounds)
-            residuals = None if found is None else self.residuals(found.x)
-            if found is None or residuals is None:
-                return None
-            before, x = laws, found.x
-            laws = _likeliest(residuals, before)
-            if all(abs(laws[n].sigma / before[n].sigma - 1.0) < SETTLED for n in laws):
-                break
-        return None if found is None else (found, dict(laws))
-
-    def minimum(self, x: Array, laws: Mapping[str, Law], bounds: Bounds) -> Minimum | None:
-        def local(x: Array) -> Local | None:
-            found = self.residuals(x)
-            return None if found is None else self.local(found, laws)
-
-        return descend(local, x, *self.limits(bounds))
-
-    def local(self, residuals: Sequence[Residual], laws: Mapping[str, Law]) -> Local:
-        columns = int(self.free.sum()) + int(self.state.sum())
-        cost, gradient, curvature = 0.0, np.zeros(columns), np.zeros((columns, columns))
-        for residual in residuals:
-            terms, J = laws[residual.signal.name].terms(residual.error), self.spread(residual)
-            cost += float(terms.deviance.sum())
-            gradient -= J.T @ terms.slope
-            curvature += J.T @ (terms.curvature[:, None] * J)
-        return Local(cost, gradient, curvature)
-
-    def spread(self, residual: Residual) -> Array:
-        """Return a residual's Jacobian in the columns of the packed vector."""
-        states = np.zeros((len(residual.error), 2 * len(self.records)))
-        states[:, 2 * residual.record : 2 * residual.record + 2] = residual.jacobian[:, 5:]
-        return np.hstack([residual.jacobian[:, :5][:, self.free], states[:, self.state]])
-
-
-def information_of(residuals: Sequence[Residual], columns: Sequence[Array], laws: Mapping[str, Law]) -> Array:
-    """Return the expected information (p, p) of parameters whose Jacobians are *columns* (n, p) each.
-
-    The noise levels are unknown too: what they take away, ``I_ps I_ss^-1 I_sp``, is taken off.
-    """
-    p = columns[0].shape[1]
-    total = np.zeros((p, p))
-    for name, law in laws.items():
-        mixed, own = np.zeros(p), 0.0
-        for residual, J in zip(residuals, columns, strict=True):
-            if residual.signal.name == name:
-                by_truth, by_both, by_sigma = law.information(residual.error).T
-                total += J.T @ (by_truth[:, None] * J)
-                mixed += J.T @ by_both
-                own += float(by_sigma.sum())
-        if own > 0.0:
-            total -= np.outer(mixed, mixed) / own
-    return total
 
 
 def _errors(residuals: Sequence[Residual], name: str) -> Array:
@@ -249,23 +177,20 @@ def _levels_of(residuals: Sequence[Residual], spent: float) -> dict[str, float]:
     return levels
 
 
-def _solution(task: _Task, found: Minimum, laws: Mapping[str, Law], bounds: Bounds) -> Solution:
-    theta, initial = task.unpack(found.x)
-    residuals = task.residuals(found.x)
+def _solution(objective: Objective, found: Minimum, laws: Mapping[str, Law], bounds: Bounds) -> Solution:
+    theta, initial = objective.unpack(found.x)
+    residuals = objective.residuals(found.x)
     assert residuals is not None
-    at_bound = _at_bound(task.free, theta, bounds)
     laws = _likeliest(residuals, laws, spent=float(len(found.x)))
-    columns = [task.spread(r) for r in residuals]
-    k = int(task.free.sum())
-    held = np.array([n in at_bound for n in np.array(SHARED)[task.free]] + [False] * (len(found.x) - k))
-    whole = np.zeros((len(held), len(held)))
-    whole[np.ix_(~held, ~held)] = inverse_of(information_of(residuals, [J[:, ~held] for J in columns], laws))
-    covariance = np.zeros((5, 5))
-    covariance[np.ix_(task.free, task.free)] = whole[:k, :k]
     own = [laws[r.signal.name] for r in residuals]
+    columns = [objective.columns(r) for r in residuals]
+    at_bound = _at_bound(objective, theta, bounds)
+    whole = _covariance(objective, residuals, columns, laws, at_bound)
+    covariance, k = np.zeros((5, 5)), objective.shared
+    covariance[np.ix_(objective.free, objective.free)] = whole[:k, :k]
     return Solution(
         theta=theta,
-        free=task.free,
+        free=objective.free,
         initial=initial,
         covariance=covariance,
         laws=laws,
@@ -275,20 +200,39 @@ def _solution(task: _Task, found: Minimum, laws: Mapping[str, Law], bounds: Boun
         whole=whole,
         log_likelihood=_log_likelihood(residuals, _likeliest(residuals, laws)),
         n=sum(len(r.error) for r in residuals),
-        parameters=len(found.x),
+        parameters=len(found.x) - (objective.timing is not None),
         converged=found.converged,
         at_bound=at_bound,
+        timing=objective.timing,
     )
+
+
+def _covariance(
+    objective: Objective,
+    residuals: Sequence[Residual],
+    columns: Sequence[Array],
+    laws: Mapping[str, Law],
+    at_bound: Sequence[str],
+) -> Array:
+    """Return the covariance of the packed vector; what stands at a bound is taken as known."""
+    size = columns[0].shape[1]
+    names = np.array(SHARED)[objective.free].tolist() + [""] * (size - objective.shared)
+    loose = np.array([n not in at_bound for n in names])
+    information = information_of(residuals, columns, laws) + objective.known(size)
+    whole = np.zeros((size, size))
+    whole[np.ix_(loose, loose)] = inverse_of(information[np.ix_(loose, loose)])
+    return whole
 
 
 def _log_likelihood(residuals: Sequence[Residual], laws: Mapping[str, Law]) -> float:
     return sum(law.log_likelihood(_errors(residuals, name)) for name, law in laws.items())
 
 
-def _at_bound(free: Mask, theta: Array, bounds: Bounds) -> tuple[str, ...]:
+def _at_bound(objective: Objective, theta: Array, bounds: Bounds) -> tuple[str, ...]:
     names = []
-    if free[1] and abs(theta[1]) >= 0.999 * bounds.rate:
+    if objective.free[1] and abs(theta[1]) >= 0.999 * bounds.rate:
         names.append("a")
-    if free[4] and (theta[4] <= 0.0 or theta[4] >= 0.999 * bounds.delay):
+    delay_is_free = objective.free[DELAY] and objective.timing is None
+    if delay_is_free and (theta[DELAY] <= 0.0 or theta[DELAY] >= 0.999 * bounds.delay):
         names.append("delay")
     return tuple(names)

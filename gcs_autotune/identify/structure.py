@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.output_error import Bounds, Solution, solve
+from gcs_autotune.identify.objective import Bounds, Timing, timing_of
+from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.record import Record, after_delay
 from gcs_autotune.identify.residuals import quanta_of
 from gcs_autotune.identify.result import Candidate, Decision, Structure
@@ -37,7 +38,6 @@ FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
 UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 10.0
 """Differences of the criterion. A delay costs phase margin in every later design and trades against
 inertia, so it must be very strongly evident, and three standard errors above zero."""
-
 
 FIRST_MARGIN = 0.5
 """Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
@@ -91,15 +91,15 @@ def select(
         When no candidate can be simulated at all.
     """
     base: Structure = structure or "affine"
-    fitter = _Fitter(records, names, bounds, robust, quanta_of(records, names))
+    fitter = _Fitter(records, names, bounds, robust, quanta_of(records, names), timing_of(records, delay or 0.0))
     fitter, first, correlation, evidence = _with_delay(fitter, base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
         other: Structure
         for other in ("linear", "nonlinear"):
-            found = fitter.fit(other, first.theta, bool(first.free[4]), first)
+            found = fitter.fit(other, first.theta, first.delay_fitted, first)
             if found is None or not found.converged or not _damps(found):
-                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), bool(first.free[4]), None)
+                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), first.delay_fitted, None)
                 found = _better(found, again)
             if found is not None:
                 solutions[other] = found
@@ -118,6 +118,7 @@ class _Fitter:
     bounds: Bounds
     robust: bool
     quanta: Mapping[str, float]
+    timing: Timing | None
 
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
         """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
@@ -134,6 +135,7 @@ class _Fitter:
             initial=initial,
             noise=noise,
             quanta=self.quanta,
+            timing=None if with_delay else self.timing,
             robust=self.robust,
         )
 
@@ -264,7 +266,7 @@ def _both_drags_are_real(solution: Solution) -> bool:
 def _candidate(record: Record, structure: Structure, solution: Solution, bic: float) -> Candidate:
     return Candidate(
         structure=structure,
-        model=model_of(record, solution.theta),
+        model=model_of(record, solution.craft),
         rms=solution.rms(solution.residuals[0].signal.name),
         log_likelihood=solution.log_likelihood,
         free_parameters=solution.parameters,

@@ -20,8 +20,10 @@ from scipy.stats import chi2
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.likelihood import Gaussian, Law, Rounded
-from gcs_autotune.identify.output_error import Solution, information_of, solve
+from gcs_autotune.identify.objective import Timing, information_of, timing_of
+from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.record import Record, prepare
+from gcs_autotune.identify.residuals import Residual
 from gcs_autotune.identify.start import bounds_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
@@ -121,7 +123,8 @@ def cramer_rao(
 ) -> dict[str, float]:
     """Return the smallest standard deviation any unbiased estimate of *model* can have from these *trials*.
 
-    White Gaussian noise of unknown level; the initial states of every run are unknown too.
+    White Gaussian noise of unknown level; the initial states of every run are unknown too, and so is a common shift
+    of the input stamps where the records tell that these are not exact (then a van Trees bound).
 
     Parameters
     ----------
@@ -140,27 +143,40 @@ def cramer_rao(
     name = records[0].main.name
     given = noise_std if isinstance(noise_std, Mapping) else {name: noise_std}
     steps = quantum if isinstance(quantum, Mapping) else {name: quantum}
-    found = _with_states_fitted(model, records, given, {n: q for n, q in steps.items() if q > 0.0})
+    timing = timing_of(records, model.delay)
+    found = _with_states_fitted(model, records, given, {n: q for n, q in steps.items() if q > 0.0}, timing)
+    laws = {n: _law(given[n], steps.get(n, 0.0), found, n) for n in found.laws}
     wanted = [n for n in PHYSICAL if n in free]
-    known = np.array([n not in free for n in PHYSICAL])
-    columns = []
-    for r in found.residuals:
-        initial = np.zeros((len(r.error), 2 * len(records)))
-        initial[:, 2 * r.record : 2 * r.record + 2] = r.jacobian[:, 5:]
-        columns.append(np.hstack([(r.jacobian[:, :5] @ _explicit_by_physical(found.theta))[:, ~known], initial]))
+    shift = [] if timing is None or "delay" in wanted else ["delay"]
+    columns = [_physical_columns(r, found, [*wanted, *shift], len(records)) for r in found.residuals]
     used = np.any(np.vstack(columns) != 0.0, axis=0)
     used[: len(wanted)] = True
-    laws = {n: _law(given[n], steps.get(n, 0.0), found, n) for n in found.laws}
-    variance = np.diag(inverse_of(information_of(found.residuals, [c[:, used] for c in columns], laws)))
-    return dict(zip(wanted, np.sqrt(variance[: len(wanted)]).tolist(), strict=True))
+    information = information_of(found.residuals, [c[:, used] for c in columns], laws)
+    if timing is not None:
+        at = [*wanted, *shift].index("delay")
+        information[at, at] += timing.std**-2
+    variance = np.diag(inverse_of(information))[: len(wanted)]
+    return dict(zip(wanted, np.sqrt(variance).tolist(), strict=True))
+
+
+def _physical_columns(residual: Residual, found: Solution, wanted: Sequence[str], runs: int) -> Array:
+    """Return the residual's Jacobian (n, wanted + 2 runs) by the wanted physical parameters and the initial states."""
+    initial = np.zeros((len(residual.error), 2 * runs))
+    initial[:, 2 * residual.record : 2 * residual.record + 2] = residual.jacobian[:, 5:]
+    physical = residual.jacobian[:, :5] @ _explicit_by_physical(found.theta)
+    return np.hstack([physical[:, [PHYSICAL.index(n) for n in wanted]], initial])
 
 
 def _with_states_fitted(
-    model: SingleDof, records: Sequence[Record], noise: Mapping[str, float], quanta: Mapping[str, float]
+    model: SingleDof,
+    records: Sequence[Record],
+    noise: Mapping[str, float],
+    quanta: Mapping[str, float],
+    timing: Timing | None,
 ) -> Solution:
-    """Return the solution of *model* as it is, only the initial states fitted."""
+    """Return the solution of *model* as it is, only the initial states (and the time shift) fitted."""
     theta, fixed = np.array(explicit_parameters(model)), np.zeros(5, dtype=bool)
-    found = solve(records, tuple(noise), theta, fixed, bounds_of(records), noise=noise, quanta=quanta)
+    found = solve(records, tuple(noise), theta, fixed, bounds_of(records), noise=noise, quanta=quanta, timing=timing)
     if found is None:
         raise NotInformative("the model runs away on these inputs: its drag destabilises it, no bound exists")
     return found
@@ -169,7 +185,8 @@ def _with_states_fitted(
 def _law(sigma: float, quantum: float, found: Solution, name: str) -> Law:
     if quantum <= 0.0:
         return Gaussian(sigma)
-    return Rounded(sigma, quantum, max(float(np.ptp(r.signal.values)) for r in found.residuals if r.signal.name == name))
+    span = max(float(np.ptp(r.signal.values)) for r in found.residuals if r.signal.name == name)
+    return Rounded(sigma, quantum, span)
 
 
 def _explicit_by_physical(theta: Array) -> Array:
