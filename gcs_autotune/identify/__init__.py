@@ -13,7 +13,7 @@ output_error        the exact fit; ``least_squares`` under it
 structure           which drag, and is there a delay: candidates weighed by evidence
 uncertainty         covariance, correlated residuals, Cramer-Rao bound
 signals             position, velocity or both
-doubts              reasons not to trust the result, with cause and cure
+doubts, fit_doubts  reasons not to trust the result, with cause and cure
 validation          free run on a record
 by_output_error, by_iso   the methods
 ==================  ===========================================================================
@@ -80,7 +80,7 @@ def identify(
     ----------
     dof : name in ``DOFS``; guessed from what moves when None.
     structure : ``linear``, ``nonlinear`` or ``affine`` drag; decided by evidence when None.
-    delay : between input and motion [s]; ``auto`` fits one and keeps it on very strong evidence only.
+    delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
     method : name in :data:`METHODS`.
     use : ``("position",)``, ``("velocity",)`` or both; chosen when None, see :mod:`gcs_autotune.identify.signals`.
     loss : ``soft_l1`` bears with outliers.

@@ -13,14 +13,15 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import iso
 from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.fit_doubts import fit_doubts
 from gcs_autotune.identify.objective import DELAY, Bounds
-from gcs_autotune.identify.output_error import Solution, solve
+from gcs_autotune.identify.output_error import Solution
 from gcs_autotune.identify.record import Record
-from gcs_autotune.identify.result import Decision, Doubt, Fit, IsoEstimate, Status, Trace
+from gcs_autotune.identify.result import Decision, Fit, IsoEstimate, Status, Trace
 from gcs_autotune.identify.signals import first_names, objection, wanted_names
-from gcs_autotune.identify.start import bounds_of, misfit, start_from_cycles, start_from_scan
+from gcs_autotune.identify.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.structure import FREE, Selection, model_of, select
-from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_white, physical_covariance, whiteness
+from gcs_autotune.identify.uncertainty import inflation, physical_covariance, whiteness
 
 __all__ = ["fit_by_output_error"]
 
@@ -28,12 +29,6 @@ Array = NDArray[np.float64]
 
 GOOD_START = 0.05
 """Share of the motion's variance that an IS-O start may leave before a scan is tried as well."""
-
-COLOUR = 0.2
-"""Autocorrelation within five samples above which coloured residuals are worth a word."""
-
-RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
-"""Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
 
 
 def fit_by_output_error(case: Case) -> Fit:
@@ -64,7 +59,7 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Arra
         variance = sum(float(np.var(r.main.values)) * min(len(r.main.t), 400) for r in case.records)
         if misfit(case.records, begin) <= GOOD_START * variance:
             return begin
-    scanned = start_from_scan(case.records, bounds, case.delay)
+    scanned = start_from_scan(case.records, bounds, DELAYS if case.delay is None else (case.delay,))
     if begin is not None and misfit(case.records, begin) <= misfit(case.records, scanned):
         return begin
     return scanned
@@ -119,11 +114,13 @@ def _assembled(
         raised[DELAY, :] = raised[:, DELAY] = 0.0
     covariance = physical_covariance(solution.craft, raised)
     model = model_of(records[0], solution.craft)
+    if "a" in solution.at_bound or "c" in solution.at_bound:
+        _admit_unresolved_inertia(covariance, model.alpha)
     parameters = named_parameters(model, covariance, _status(case, chosen))
     main = solution.residuals[0].signal.name
     rms, fit_percent = solution.rms(main), _fit_percent(solution, main)
     findings = Findings(case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent)
-    doubts = (*collect(findings), *_own_doubts(chosen, case, bounds, names))
+    doubts = (*collect(findings), *fit_doubts(chosen, case, bounds, names))
     extra: dict[str, Any] = {
         "signals": list(names),
         "signals_left_out": left_out,
@@ -156,10 +153,16 @@ def _assembled(
     )
 
 
+def _admit_unresolved_inertia(covariance: Array, alpha: float) -> None:
+    """Set inertia's standard error to its value: all that is known is that it is no larger."""
+    covariance[0, :] = covariance[:, 0] = 0.0
+    covariance[0, 0] = alpha**2
+
+
 def _status(case: Case, chosen: Selection) -> list[Status]:
     bound = chosen.solution.at_bound
     drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
-    inertia: Status = "at_bound" if "a" in bound else "fitted"
+    inertia: Status = "at_bound" if "a" in bound or "c" in bound else "fitted"
     delay: Status = "fitted" if chosen.solution.delay_fitted else "absent" if case.delay is None else "fixed"
     return [inertia, *drag, "fitted", delay]
 
@@ -181,92 +184,3 @@ def _traces(records: Sequence[Record], solution: Solution, name: str, factor: fl
         band = 1.96 * noise * np.sqrt(1.0 + np.maximum(spread, 0.0))
         traces.append(Trace(records[r.record].run, r.signal.t, r.signal.values, r.signal.values - r.error, band))
     return tuple(traces)
-
-
-def _own_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
-    solution, found = chosen.solution, []
-    if not solution.converged:
-        found.append(Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay"))
-    if chosen.undecided:
-        found.append(
-            Doubt(
-                "structure-undecided",
-                "linear and nonlinear drag explain the record equally well; the linear one was taken",
-                "fly a second relay with a clearly different C",
-            )
-        )
-    if solution.delay_fitted:
-        found.append(
-            Doubt(
-                "delay-fitted",
-                f"a delay of {solution.theta[4]:.3f} s between input and output was fitted "
-                f"(evidence {chosen.delay_evidence:.0f})",
-                "give --delay if you know it; a slow actuator looks like a delay too",
-            )
-        )
-    if "a" in solution.at_bound:
-        found.append(
-            Doubt(
-                "inertia-unresolved",
-                "the craft answers faster than it is sampled: only the ratio of input to steady velocity is known",
-                "ask for a higher message rate",
-            )
-        )
-    colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
-    if colour > COLOUR and not is_white(solution):
-        found.append(
-            Doubt(
-                "residuals-not-white",
-                f"the residuals are correlated ({colour:.2f}): the model misses "
-                "something; standard errors were raised for it",
-                "look at the residuals; wind, waves, a slow actuator or another axis may be at work",
-            )
-        )
-    found += [d for d in (_outliers(solution), _runs_disagree(chosen, case, bounds, names)) if d is not None]
-    return found
-
-
-def _outliers(solution: Solution) -> Doubt | None:
-    share = 0.0
-    for r in solution.residuals:
-        scale = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
-        share = max(share, float(np.mean(np.abs(r.error) > 6.0 * scale)))
-    if share <= 0.005:
-        return None
-    return Doubt(
-        "outliers",
-        f"{100 * share:.1f} % of the samples lie far off the rest",
-        "identify again with loss='soft_l1', or mend the sensor",
-    )
-
-
-def _runs_disagree(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> Doubt | None:
-    """Fit every stretch by itself and compare its inertia with the common one."""
-    if len(chosen.records) < 2:
-        return None
-    common, odd = chosen.solution, []
-    free = np.array([*common.free[:4], False])
-    for i, record in enumerate(chosen.records):
-        alone = solve(
-            [record],
-            names,
-            common.theta,
-            free,
-            bounds,
-            initial=common.initial[i : i + 1],
-            noise={n: common.noise[n] for n in names if any(s.name == n for s in record.signals)},
-            quanta=common.quanta,
-        )
-        if alone is None:
-            continue
-        difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)
-        sigma = math.sqrt(alone.covariance[0, 0]) * float(inflation(alone)[0]) / abs(float(alone.theta[0]))
-        if difference > max(RUN_SPREAD, RUN_SIGMA * sigma):
-            odd.append(f"{record.run} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
-    if not odd:
-        return None
-    return Doubt(
-        "runs-disagree",
-        f"taken alone, these runs give another inertia: {', '.join(odd)}",
-        "did load, speed or battery change between the runs? identify the odd one by itself",
-    )

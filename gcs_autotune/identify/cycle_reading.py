@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.limit_cycle import PERIODS, SCATTER, HalfPeriod, cycle_from
+from gcs_autotune.identify.limit_cycle import PERIODS, HalfPeriod, cycle_from
 from gcs_autotune.identify.record import Record, prepare
 from gcs_autotune.identify.result import LimitCycle
 from gcs_autotune.sname import Dof
@@ -31,8 +31,7 @@ RELAY_SPREAD = 0.2
 def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     """Return the limit cycles of a run, one per relay setting in it; empty when the input is no relay.
 
-    Each is averaged over its last periods: leading ones are left out as long as the scatter exceeds the
-    10 % rule and more than five remain.
+    Each is averaged over its last periods, leaving out leading ones that still belong to the transient.
 
     Raises
     ------
@@ -153,11 +152,13 @@ def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
 
 
 def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> LimitCycle | None:
-    """Return the cycle of the last, settled periods."""
+    """Return the mean of the last periods, as many (five or more) as make it most certain.
+
+    Scatter over the square root of their number: more periods help until the first ones bring in the transient.
+    """
     count = len(halves) // 2
-    cycle: LimitCycle | None = None
-    for periods in range(count, 0, -1):
-        cycle = cycle_from(halves[len(halves) - 2 * periods :], x_a)
-        if (cycle.scatter <= SCATTER and cycle.valid) or periods <= min(PERIODS, count):
-            break
-    return cycle if cycle is None or cycle.X_m > 0.0 else replace(cycle, valid=False)
+    cycles = [cycle_from(halves[-2 * periods :], x_a) for periods in range(min(PERIODS, count), count + 1)]
+    if not cycles:
+        return None
+    best = min(cycles, key=lambda c: c.scatter / math.sqrt(c.periods))
+    return best if best.X_m > 0.0 else replace(best, valid=False)

@@ -39,10 +39,14 @@ WIDEST = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the data can resolve at all: largest drag rate ``a`` [1/s] and largest delay [s]."""
+    """What the data can resolve at all.
+
+    Largest drag rate [1/s] (``a``, and ``c`` at the typical *speed* [rad/s or m/s]), largest delay [s].
+    """
 
     rate: float
     delay: float
+    speed: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +102,9 @@ class Objective:
 
     def limits(self, bounds: Bounds) -> tuple[Array, Array]:
         """Return the smallest and the largest vector allowed."""
-        low = np.array([-np.inf, -bounds.rate, -np.inf, -np.inf, 0.0])
-        high = np.array([np.inf, bounds.rate, np.inf, np.inf, bounds.delay])
+        steep = bounds.rate / bounds.speed
+        low = np.array([-np.inf, -bounds.rate, -steep, -np.inf, 0.0])
+        high = np.array([np.inf, bounds.rate, steep, np.inf, bounds.delay])
         if self.timing is not None:
             reach = WIDEST * self.timing.std
             low[DELAY], high[DELAY] = self.timing.mean - reach, self.timing.mean + reach

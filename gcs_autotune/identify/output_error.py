@@ -232,6 +232,8 @@ def _at_bound(objective: Objective, theta: Array, bounds: Bounds) -> tuple[str, 
     names = []
     if objective.free[1] and abs(theta[1]) >= 0.999 * bounds.rate:
         names.append("a")
+    if objective.free[2] and abs(theta[2]) * bounds.speed >= 0.999 * bounds.rate:
+        names.append("c")
     delay_is_free = objective.free[DELAY] and objective.timing is None
     if delay_is_free and (theta[DELAY] <= 0.0 or theta[DELAY] >= 0.999 * bounds.delay):
         names.append("delay")

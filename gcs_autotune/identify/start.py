@@ -18,7 +18,7 @@ from gcs_autotune.identify.record import Record, Signal
 from gcs_autotune.identify.result import IsoEstimate
 from gcs_autotune.models.simulation import simulate_explicit
 
-__all__ = ["bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
+__all__ = ["DELAYS", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,9 @@ POINTS = 14
 
 SLOWEST = 60.0
 """Longest time constant tried [s]."""
+
+FASTEST = 50.0
+"""Largest rate fitted [1/s]: no hull answers within 20 ms."""
 
 DELAYS = (0.0, 0.3)
 """Delays tried [s]; a long delay that is not looked for can hide the time constant."""
@@ -42,7 +45,17 @@ def bounds_of(records: Sequence[Record]) -> Bounds:
     """Return what the sampling can resolve: time constants down to a fifth of a step, delays within the run."""
     step = min(float(np.median(np.diff(r.main.t))) for r in records)
     length = max(float(r.main.t[-1] - r.main.t[0]) for r in records)
-    return Bounds(rate=5.0 / step, delay=min(LONGEST_DELAY, 0.1 * length))
+    speed = max(float(np.mean([_speed(r) for r in records])), 1e-9)
+    return Bounds(rate=min(5.0 / step, FASTEST), delay=min(LONGEST_DELAY, 0.1 * length), speed=speed)
+
+
+def _speed(record: Record) -> float:
+    """Return a typical velocity amplitude of a stretch."""
+    if record.velocity is not None:
+        return float(np.sqrt(2.0) * np.std(record.velocity.values))
+    t, x = record.main.t, record.main.values
+    reach = max(1, len(t) // 200)
+    return float(np.sqrt(2.0) * np.std((x[reach:] - x[:-reach]) / (t[reach:] - t[:-reach])))
 
 
 def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Array | None:
@@ -58,8 +71,8 @@ def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Array | None:
     return np.array([1.0 / alpha, beta / alpha, 0.0, delta / alpha, delay])
 
 
-def start_from_scan(records: Sequence[Record], bounds: Bounds, delay: float | None) -> Array:
-    """Return ``(b, a, c, d, delay)`` with constant drag from a scan; *delay* None tries :data:`DELAYS`.
+def start_from_scan(records: Sequence[Record], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Array:
+    """Return ``(b, a, c, d, delay)`` with constant drag from a scan over rates and *delays* [s].
 
     Raises
     ------
@@ -68,9 +81,7 @@ def start_from_scan(records: Sequence[Record], bounds: Bounds, delay: float | No
     """
     thinned = [_thinned(r.main) for r in records]
     best: tuple[float, Array] | None = None
-    for lag in DELAYS if delay is None else (delay,):
-        if lag > bounds.delay and delay is None:
-            continue
+    for lag in (d for d in delays if d <= bounds.delay or len(delays) == 1):
         for rate in np.geomspace(1.0 / SLOWEST, min(20.0, bounds.rate), POINTS):
             theta, cost = _linear_fit(records, thinned, float(rate), lag)
             if np.isfinite(cost) and (best is None or cost < best[0]):

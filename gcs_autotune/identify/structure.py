@@ -2,8 +2,8 @@
 
 Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
 ``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
-extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided, 6
-is strong, 10 very strong.
+extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided,
+above 6 the evidence is strong.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.record import Record, after_delay
 from gcs_autotune.identify.residuals import quanta_of
 from gcs_autotune.identify.result import Candidate, Decision, Structure
-from gcs_autotune.identify.uncertainty import correlation_time, inflation
+from gcs_autotune.identify.start import start_from_scan
+from gcs_autotune.identify.uncertainty import correlation_time, inflation, is_white
 from gcs_autotune.models import SingleDof
 
 __all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]
@@ -35,19 +36,24 @@ FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
 }
 """Structure -> which of b, a, c, d are fitted."""
 
-UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 10.0
+UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 6.0
 """Differences of the criterion. A delay costs phase margin in every later design and trades against
-inertia, so it must be very strongly evident, and three standard errors above zero."""
+inertia, so it must be strongly evident and three standard errors above zero. Without a delay that comes
+about by chance once in some thousands of records of a thousand samples."""
 
 FIRST_MARGIN = 0.5
 """Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
+
+SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+"""Delays a second search starts from when the first left coloured residuals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
     """What was chosen and why: the fits per structure, the correlation time, whether it was a close call.
 
-    ``records`` are those fitted: without their first moments when there is a delay.
+    ``records`` are those fitted: without their first moments when there is a delay. ``with_delay`` is the
+    fit with a delay that was tried, kept or not.
     """
 
     structure: Structure
@@ -58,6 +64,7 @@ class Selection:
     undecided: bool
     delay_evidence: float
     records: tuple[Record, ...]
+    with_delay: Solution | None
 
 
 def model_of(record: Record, theta: Array) -> SingleDof:
@@ -82,7 +89,7 @@ def select(
     Parameters
     ----------
     structure : fit only this one; None weighs all three.
-    delay : fixed [s], or None to fit one and keep it on very strong evidence only.
+    delay : fixed [s], or None to fit one and keep it on strong evidence only.
     decision : the two-experiment decision, asked when the evidence is not clear.
 
     Raises
@@ -92,7 +99,7 @@ def select(
     """
     base: Structure = structure or "affine"
     fitter = _Fitter(records, names, bounds, robust, quanta_of(records, names), timing_of(records, delay or 0.0))
-    fitter, first, correlation, evidence = _with_delay(fitter, base, start, delay)
+    fitter, first, tried, correlation, evidence = _with_delay(fitter, base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
         other: Structure
@@ -107,7 +114,15 @@ def select(
     chosen, undecided = (structure, False) if structure is not None else _choose(solutions, criterion, decision)
     candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())
     return Selection(
-        chosen, solutions[chosen], solutions, candidates, correlation, undecided, evidence, tuple(fitter.records)
+        chosen,
+        solutions[chosen],
+        solutions,
+        candidates,
+        correlation,
+        undecided,
+        evidence,
+        tuple(fitter.records),
+        tried,
     )
 
 
@@ -123,7 +138,7 @@ class _Fitter:
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
         """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
         free = np.array([*FREE[structure], with_delay])
-        theta = _translated(theta, structure, self.records)
+        theta = _translated(theta, structure, self.bounds.speed)
         initial = None if near is None else near.initial
         noise = None if near is None else near.noise
         return solve(
@@ -163,11 +178,11 @@ class _Fitter:
 
 def _with_delay(
     fitter: _Fitter, base: Structure, start: Array, delay: float | None
-) -> tuple[_Fitter, Solution, float, float]:
+) -> tuple[_Fitter, Solution, Solution | None, float, float]:
     """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
     if delay is not None:
         plain = fitter.without(delay).must_fit(base, np.array([*start[:4], delay]))
-        return fitter.without(delay), plain, correlation_time(plain), 0.0
+        return fitter.without(delay), plain, None, correlation_time(plain), 0.0
     step = float(np.median(np.diff(fitter.records[0].main.t)))
     begin = min(max(float(start[4]), step), fitter.bounds.delay)
     late, plain, lagged = _lagged_fit(fitter, base, start, begin)
@@ -176,9 +191,10 @@ def _with_delay(
         evidence = _bic(plain, correlation) - _bic(lagged, correlation)
         std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
         if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
-            return late, lagged, correlation, evidence
-    whole = fitter.must_fit(base, np.array([*plain.theta[:4], 0.0]))
-    return fitter, whole, correlation_time(whole), 0.0 if lagged is None else evidence
+            return late, lagged, lagged, correlation, evidence
+    begin_again = np.array([*plain.theta[:4], 0.0])
+    whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
+    return fitter, whole, lagged, correlation_time(whole), 0.0 if lagged is None else evidence
 
 
 def _lagged_fit(
@@ -193,6 +209,8 @@ def _lagged_fit(
         late = fitter.without(margin)
         plain = late.must_fit(base, np.array([*start[:4], 0.0]))
         lagged = late.fit(base, np.array([*plain.theta[:4], begin]), True, plain)
+        if not is_white(lagged or plain):
+            lagged = _better(lagged, _scanned_fit(late, base))
         if lagged is None or "delay" in lagged.at_bound:
             return late, plain, None
         if lagged.theta[4] <= margin:
@@ -200,25 +218,21 @@ def _lagged_fit(
         margin = 1.2 * float(lagged.theta[4])
 
 
-def _translated(theta: Array, structure: Structure, records: Sequence[Record]) -> Array:
+def _scanned_fit(fitter: _Fitter, base: Structure) -> Solution | None:
+    """Fit with a delay started from a scan over delays: far from the truth a delay's fit gets stuck."""
+    theta = start_from_scan(fitter.records, fitter.bounds, SEARCHED_DELAYS)
+    return fitter.fit(base, theta, True, None)
+
+
+def _translated(theta: Array, structure: Structure, speed: float) -> Array:
     """Return *theta* in another structure, with the drag that loses the same first harmonic, thesis (6.43)."""
     b, a, c, d, delay = (float(v) for v in theta)
-    speed = max(float(np.mean([_speed(r) for r in records])), 1e-9)
     share = 8.0 / (3.0 * math.pi) * speed
     if structure == "linear":
         a, c = a + share * c, 0.0
     elif structure == "nonlinear":
         a, c = 0.0, c + a / share
     return np.array([b, a, c, d, delay])
-
-
-def _speed(record: Record) -> float:
-    """Return a typical velocity amplitude of a stretch."""
-    if record.velocity is not None:
-        return float(np.sqrt(2.0) * np.std(record.velocity.values))
-    t, x = record.main.t, record.main.values
-    reach = max(1, len(t) // 200)
-    return float(np.sqrt(2.0) * np.std((x[reach:] - x[:-reach]) / (t[reach:] - t[:-reach])))
 
 
 def _bic(solution: Solution, correlation: float) -> float:

@@ -38,7 +38,7 @@ REACH = 0.2
 RUNAWAY = 1e9
 """Velocity at which a simulation with destabilising drag is given up."""
 
-STEPS_PER_SAMPLE = 4000
+STEPS_PER_SAMPLE = 500
 """Steps allowed per output stamp, on average, before a simulation is given up as hopelessly stiff."""
 
 

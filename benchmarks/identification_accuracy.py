@@ -1,0 +1,94 @@
+"""Accuracy of the identification over noise seeds, against the Cramer-Rao bound; and its speed.
+
+Run from the repository root: ``python benchmarks/identification_accuracy.py [seeds]``. The records are flown in
+the tests' own water (tests/identify/identify_water.py), which shares nothing with the code under test.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
+
+from identify_water import DEG, Relay, fly
+
+from gcs_autotune.identify import cramer_rao, identify
+from gcs_autotune.models import SingleDof
+from gcs_autotune.trial import Channel, Trial
+
+NAMES = ("alpha_r", "beta_r", "beta_rr")
+BOATS = {
+    "boat, affine drag": ((0.36, 0.12, 0.05, 0.02), 0.0, (0.3, 0.6), 8.0, 0.003),
+    "videoray, nonlinear": ((0.0309, 0.0, 0.0689, 0.003), 0.0, (0.04, 0.12), 15.0, 0.01),
+    "videoray, delay 0.2 s": ((0.0309, 0.0, 0.0689, 0.003), 0.2, (0.04, 0.12), 15.0, 0.01),
+    "automarine, nonlinear": ((0.0413, 0.0, 0.0722, 0.0), 0.0, (0.034, 0.0646), 15.0, 0.01),
+    "falcon, affine": ((80.0, 300.0, 10.0, 0.0), 0.0, (150.0, 300.0), 12.0, 0.002),
+}
+"""Name -> (plant, delay [s], relay outputs, x_a [deg], heading noise [rad])."""
+
+
+def flown(boat: str, duration: float = 60.0) -> list[Trial]:
+    plant, delay, outputs, x_a, _ = BOATS[boat]
+    trials = []
+    for C in outputs:
+        t, psi, _, N = fly(plant, Relay(C, x_a * DEG), duration, dt=0.1, delay=delay, h=0.01)
+        trials.append(Trial(f"C = {C}", {"psi": Channel("psi", "rad", t, psi), "N": Channel("N", "N m", t, N)}))
+    return trials
+
+
+def noisy(trial: Trial, std: float, rng: np.random.Generator) -> Trial:
+    psi = trial["psi"]
+    values = psi.values + rng.normal(0.0, std, len(psi))
+    return Trial(trial.name, {"psi": Channel("psi", "rad", psi.t, values), "N": trial["N"]})
+
+
+def assess(boat: str, seeds: int) -> None:
+    plant, delay, _, _, std = BOATS[boat]
+    clean = flown(boat)
+    truth = dict(zip(NAMES, plant, strict=False))
+    free = [n for n, v in zip(("alpha", "beta", "beta_quadratic"), plant, strict=False) if v] + ["delta"]
+    bound = cramer_rao(SingleDof("yaw", "N m", *plant, delay=delay), clean, std, free + ["delay"] * (delay > 0.0))
+    fits = [identify([noisy(t, std, np.random.default_rng(s)) for t in clean]) for s in range(seeds)]
+    structures = ", ".join(sorted({f.structure for f in fits}))
+    print(f"\n{boat}: {seeds} seeds, heading noise {std} rad, chosen: {structures}")
+    print(f"{'':>9} {'truth':>9} {'bias/limit':>10} {'rms/bound':>9} {'in 95 %':>8} {'rms':>8} {'IS-O rms':>9}")
+    for name, key in zip(NAMES, ("alpha", "beta", "beta_quadratic"), strict=True):
+        if key not in free:
+            continue
+        errors = np.array([f.parameters[name].value for f in fits]) - truth[name]
+        stds = np.array([f.parameters[name].std for f in fits])
+        iso = np.array([np.mean([getattr(e, key) for e in f.iso]) for f in fits]) - truth[name]
+        limit = 2.5 * errors.std(ddof=1) / np.sqrt(seeds)
+        rms = np.sqrt(np.mean(errors**2))
+        print(
+            f"{name:>9} {truth[name]:9.4g} {abs(errors.mean()) / limit:10.2f} {rms / bound[key]:9.2f} "
+            f"{100 * np.mean(np.abs(errors) <= 1.96 * stds):7.0f}% {100 * rms / truth[name]:7.2f}% "
+            f"{100 * np.sqrt(np.mean(iso**2)) / truth[name]:8.1f}%"
+        )
+
+
+def time_it() -> None:
+    rng = np.random.default_rng(0)
+    trials = [noisy(t, 0.01, rng) for t in flown("videoray, nonlinear", 150.0)]
+    identify(trials)
+    begin = time.perf_counter()
+    for _ in range(5):
+        identify(trials)
+    print(f"\nfit of 2 runs x {len(trials[0]['psi'])} samples, warm: {(time.perf_counter() - begin) / 5:.3f} s")
+
+
+def main() -> None:
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 50
+    print("bias/limit: |mean error| over 2.5 standard errors of the mean, must stay below 1")
+    print("rms/bound: over the Cramer-Rao bound, must stay below 1.3")
+    for boat in BOATS:
+        assess(boat, seeds)
+    time_it()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""Doubts only an output-error fit can raise: about its residuals, its bounds, its runs among each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.objective import Bounds
+from gcs_autotune.identify.output_error import Solution, solve
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.structure import Selection
+from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_white
+
+__all__ = ["fit_doubts"]
+
+DELAY_CHANGE = 0.03
+"""Change of inertia by an unproved delay that is worth a word, if it also exceeds three standard errors."""
+
+COLOUR = 0.2
+"""Autocorrelation within five samples above which coloured residuals are worth a word."""
+
+RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
+"""Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
+
+
+def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
+    """Return what is doubtful about the chosen fit."""
+    solution, found = chosen.solution, []
+    if not solution.converged:
+        found.append(Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay"))
+    if chosen.undecided:
+        found.append(
+            Doubt(
+                "structure-undecided",
+                "linear and nonlinear drag explain the record equally well; the linear one was taken",
+                "fly a second relay with a clearly different C",
+            )
+        )
+    if solution.delay_fitted:
+        found.append(
+            Doubt(
+                "delay-fitted",
+                f"a delay of {solution.theta[4]:.3f} s between input and output was fitted "
+                f"(evidence {chosen.delay_evidence:.0f})",
+                "give --delay if you know it; a slow actuator looks like a delay too",
+            )
+        )
+    undecided_delay = _delay_undecided(chosen)
+    if undecided_delay is not None:
+        found.append(undecided_delay)
+    if "a" in solution.at_bound or "c" in solution.at_bound:
+        found.append(
+            Doubt(
+                "inertia-unresolved",
+                "the craft answers faster than it is sampled: only the ratio of input to steady velocity is known",
+                "ask for a higher message rate",
+            )
+        )
+    colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
+    if colour > COLOUR and not is_white(solution):
+        found.append(
+            Doubt(
+                "residuals-not-white",
+                f"the residuals are correlated ({colour:.2f}): the model misses "
+                "something; standard errors were raised for it",
+                "look at the residuals; wind, waves, a slow actuator or another axis may be at work",
+            )
+        )
+    found += [d for d in (_outliers(solution), _runs_disagree(chosen, case, bounds, names)) if d is not None]
+    return found
+
+
+def _delay_undecided(chosen: Selection) -> Doubt | None:
+    """A delay that would change the inertia, can be neither proved nor excluded (likelihood ratio at 10 %)."""
+    tried = chosen.with_delay
+    if tried is None or chosen.solution.delay_fitted:
+        return None
+    ratio = chosen.delay_evidence + math.log(tried.n / chosen.correlation)
+    change = float(chosen.solution.theta[0] / tried.theta[0]) - 1.0
+    spread = 3.0 * math.sqrt(chosen.solution.covariance[0, 0]) / abs(float(chosen.solution.theta[0]))
+    if ratio < 2.7 or abs(change) < max(DELAY_CHANGE, spread):
+        return None
+    return Doubt(
+        "delay-undecided",
+        f"a delay of {tried.theta[4]:.2f} s fits as well as none; inertia changes by {100.0 * change:+.0f} %",
+        "give --delay if you know it; fly a second relay with a clearly different x_a, or with larger C",
+    )
+
+
+def _outliers(solution: Solution) -> Doubt | None:
+    share = 0.0
+    for r in solution.residuals:
+        scale = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
+        share = max(share, float(np.mean(np.abs(r.error) > 6.0 * scale)))
+    if share <= 0.005:
+        return None
+    return Doubt(
+        "outliers",
+        f"{100 * share:.1f} % of the samples lie far off the rest",
+        "identify again with loss='soft_l1', or mend the sensor",
+    )
+
+
+def _runs_disagree(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> Doubt | None:
+    """Fit every stretch by itself and compare its inertia with the common one."""
+    if len(chosen.records) < 2:
+        return None
+    common, odd = chosen.solution, []
+    free = np.array([*common.free[:4], False])
+    for i, record in enumerate(chosen.records):
+        alone = solve(
+            [record],
+            names,
+            common.theta,
+            free,
+            bounds,
+            initial=common.initial[i : i + 1],
+            noise={n: common.noise[n] for n in names if any(s.name == n for s in record.signals)},
+            quanta=common.quanta,
+        )
+        if alone is None:
+            continue
+        difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)
+        sigma = math.sqrt(alone.covariance[0, 0]) * float(inflation(alone)[0]) / abs(float(alone.theta[0]))
+        if difference > max(RUN_SPREAD, RUN_SIGMA * sigma):
+            odd.append(f"{record.run} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
+    if not odd:
+        return None
+    return Doubt(
+        "runs-disagree",
+        f"taken alone, these runs give another inertia: {', '.join(odd)}",
+        "did load, speed or battery change between the runs? identify the odd one by itself",
+    )

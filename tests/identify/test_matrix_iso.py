@@ -1,0 +1,51 @@
+"""The general matrix algorithm on processes whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.describing_function import relay
+from gcs_autotune.identify.matrix_iso import experiments_needed, identify_transfer_function
+from gcs_autotune.identify.result import LimitCycle
+
+
+def balanced_cycle(value: complex, omega: float, X_m: float) -> LimitCycle:
+    """A limit cycle whose describing function balances a process' frequency response exactly: (P + jQ) G = -1."""
+    wanted = -1.0 / value
+    ratio = abs(wanted.imag) / abs(wanted)
+    x_a = ratio * X_m
+    C = abs(wanted) * np.pi * X_m / 4.0
+    P, Q = relay(C, X_m, x_a)
+    assert complex(P, Q) == pytest.approx(wanted)
+    half = np.pi / omega
+    return LimitCycle(C, x_a, x_a, X_m, 0.0, omega, half, half, 5, 0.0, True)
+
+
+@pytest.mark.parametrize(("integrators", "delay"), [(1, 0.0), (1, 0.05)])
+def test_poles_and_a_zero_are_recovered_from_exactly_balanced_cycles(integrators: int, delay: float) -> None:
+    b, a = (3.0, 0.4), (1.0, 0.9, 0.2)
+
+    def response(omega: float) -> complex:
+        s = 1j * omega
+        return (b[0] + b[1] * s) / (a[0] + a[1] * s + a[2] * s**2) * np.exp(-s * delay) / s**integrators
+
+    cycles = [balanced_cycle(complex(response(w)), w, X) for w, X in ((1.0, 0.3), (2.0, 0.2))]
+    found = identify_transfer_function(cycles, n=2, m=1, integrators=integrators, delay=delay)
+    assert found.numerator == pytest.approx(b, rel=1e-9)
+    assert found.denominator == pytest.approx(a, rel=1e-9)
+
+
+def test_the_closed_heading_loop_needs_three_cycles_by_the_count_of_unknowns() -> None:
+    assert experiments_needed(3, 1) == 3
+    assert experiments_needed(1, 0) == 1
+    assert experiments_needed(2, 0) == 2
+
+
+def test_too_few_or_equal_cycles_are_refused_with_advice() -> None:
+    cycle = balanced_cycle(complex(-0.5, -0.4), 1.0, 0.3)
+    with pytest.raises(NotInformative, match="need 2 limit cycles"):
+        identify_transfer_function([cycle], n=2, m=0)
+    with pytest.raises(NotInformative, match="too alike"):
+        identify_transfer_function([cycle, cycle], n=2, m=1)
