@@ -13,6 +13,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import iso
 from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.evidence import craft_covariance
 from gcs_autotune.identify.fit_doubts import fit_doubts
 from gcs_autotune.identify.objective import DELAY, Bounds
 from gcs_autotune.identify.output_error import Solution
@@ -21,7 +22,7 @@ from gcs_autotune.identify.result import Decision, Fit, IsoEstimate, Status, Tra
 from gcs_autotune.identify.signals import first_names, objection, wanted_names
 from gcs_autotune.identify.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.structure import FREE, Selection, model_of, select
-from gcs_autotune.identify.uncertainty import inflation, physical_covariance, whiteness
+from gcs_autotune.identify.uncertainty import inflation, whiteness
 
 __all__ = ["fit_by_output_error"]
 
@@ -109,10 +110,7 @@ def _assembled(
 ) -> Fit:
     solution, records = chosen.solution, chosen.records
     factors = inflation(solution)
-    raised = solution.covariance * np.outer(factors, factors)
-    if not solution.delay_fitted:
-        raised[DELAY, :] = raised[:, DELAY] = 0.0
-    covariance = physical_covariance(solution.craft, raised)
+    covariance = craft_covariance(solution, chosen.rival, chosen.correlation)
     model = model_of(records[0], solution.craft)
     if "a" in solution.at_bound or "c" in solution.at_bound:
         _admit_unresolved_inertia(covariance, model.alpha)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.evidence import UNDECIDED
 from gcs_autotune.identify.objective import Bounds
 from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.result import Doubt
@@ -38,6 +39,9 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
                 "fly a second relay with a clearly different C",
             )
         )
+    second_drag = _second_drag(chosen)
+    if second_drag is not None:
+        found.append(second_drag)
     if solution.delay_fitted:
         found.append(
             Doubt(
@@ -70,6 +74,22 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
         )
     found += [d for d in (_outliers(solution), _runs_disagree(chosen, case, bounds, names)) if d is not None]
     return found
+
+
+def _second_drag(chosen: Selection) -> Doubt | None:
+    """A second drag the evidence is undecided about."""
+    bic = {c.structure: c.bic for c in chosen.candidates}
+    if chosen.rival is None or bic["affine"] - bic[chosen.structure] > UNDECIDED:
+        return None
+    i = 1 if chosen.structure == "linear" else 2
+    one, both = chosen.solution.theta, chosen.rival.theta
+    change = float((both[i] / both[0]) / (one[i] / one[0])) - 1.0
+    return Doubt(
+        "second-drag-undecided",
+        f"a second drag beside the {chosen.structure} one is neither proved nor excluded; it would change the "
+        f"{chosen.structure} one by {100.0 * change:+.0f} %; standard errors were raised for it",
+        "fly a relay with a larger or a smaller C: a wider range of speeds tells the two apart",
+    )
 
 
 def _delay_undecided(chosen: Selection) -> Doubt | None:

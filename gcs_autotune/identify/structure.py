@@ -1,10 +1,4 @@
-"""Which drag, and is there a delay? Output-error candidates weighed by evidence.
-
-Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
-``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
-extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided,
-above 6 the evidence is strong.
-"""
+"""Which drag, and is there a delay? Output-error candidates weighed by :mod:`gcs_autotune.identify.evidence`."""
 
 from __future__ import annotations
 
@@ -16,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.evidence import bic, choose, damps, possible_second_drag
 from gcs_autotune.identify.objective import Bounds, Timing, timing_of
 from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.record import Record, after_delay
@@ -36,8 +31,8 @@ FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
 }
 """Structure -> which of b, a, c, d are fitted."""
 
-UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 6.0
-"""Differences of the criterion. A delay costs phase margin in every later design and trades against
+DELAY_EVIDENCE = 6.0
+"""Difference of the criterion. A delay costs phase margin in every later design and trades against
 inertia, so it must be strongly evident and three standard errors above zero. Without a delay that comes
 about by chance once in some thousands of records of a thousand samples."""
 
@@ -53,7 +48,8 @@ class Selection:
     """What was chosen and why: the fits per structure, the correlation time, whether it was a close call.
 
     ``records`` are those fitted: without their first moments when there is a delay. ``with_delay`` is the
-    fit with a delay that was tried, kept or not.
+    fit with a delay that was tried, kept or not. ``rival`` is the fit of both drags when the record does not exclude
+    it.
     """
 
     structure: Structure
@@ -65,6 +61,7 @@ class Selection:
     delay_evidence: float
     records: tuple[Record, ...]
     with_delay: Solution | None
+    rival: Solution | None
 
 
 def model_of(record: Record, theta: Array) -> SingleDof:
@@ -105,13 +102,13 @@ def select(
         other: Structure
         for other in ("linear", "nonlinear"):
             found = fitter.fit(other, first.theta, first.delay_fitted, first)
-            if found is None or not found.converged or not _damps(found):
+            if found is None or not found.converged or not damps(found):
                 again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), first.delay_fitted, None)
                 found = _better(found, again)
             if found is not None:
                 solutions[other] = found
-    criterion = {s: _bic(f, correlation) for s, f in solutions.items()}
-    chosen, undecided = (structure, False) if structure is not None else _choose(solutions, criterion, decision)
+    criterion = {s: bic(f, correlation) for s, f in solutions.items()}
+    chosen, undecided = (structure, False) if structure is not None else choose(solutions, criterion, decision)
     candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())
     return Selection(
         chosen,
@@ -123,6 +120,7 @@ def select(
         evidence,
         tuple(fitter.records),
         tried,
+        possible_second_drag(chosen, solutions, correlation) if structure is None else None,
     )
 
 
@@ -188,7 +186,7 @@ def _with_delay(
     late, plain, lagged = _lagged_fit(fitter, base, start, begin)
     if lagged is not None:
         correlation = correlation_time(lagged)
-        evidence = _bic(plain, correlation) - _bic(lagged, correlation)
+        evidence = bic(plain, correlation) - bic(lagged, correlation)
         std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
         if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
             return late, lagged, lagged, correlation, evidence
@@ -235,46 +233,10 @@ def _translated(theta: Array, structure: Structure, speed: float) -> Array:
     return np.array([b, a, c, d, delay])
 
 
-def _bic(solution: Solution, correlation: float) -> float:
-    n = solution.n / correlation
-    return -2.0 * solution.log_likelihood / correlation + solution.parameters * math.log(n)
-
-
-def _choose(
-    solutions: Mapping[Structure, Solution], criterion: Mapping[Structure, float], decision: Decision | None
-) -> tuple[Structure, bool]:
-    """Return the structure and whether it was too close to call."""
-    single: list[Structure] = [s for s in ("linear", "nonlinear") if s in solutions and _damps(solutions[s])]
-    if not single:
-        single = [s for s in ("linear", "nonlinear") if s in solutions]
-    if not single:
-        return "affine", True
-    best = min(single, key=lambda s: criterion[s])
-    if _both_drags_are_real(solutions["affine"]) and criterion[best] - criterion["affine"] > AFFINE_EVIDENCE:
-        return "affine", False
-    if len(single) == 2 and abs(criterion["linear"] - criterion["nonlinear"]) < UNDECIDED:
-        if decision is not None and decision.verdict != "undecided":
-            return ("linear" if decision.verdict == "linear" else "nonlinear"), False
-        return "linear", True
-    return best, False
-
-
 def _better(one: Solution | None, other: Solution | None) -> Solution | None:
     if one is None or other is None:
         return one or other
     return one if one.log_likelihood >= other.log_likelihood else other
-
-
-def _damps(solution: Solution) -> bool:
-    """Whether no drag is negative beyond two standard errors."""
-    std = np.sqrt(np.diag(solution.covariance))
-    return bool(np.all(solution.theta[1:3] >= -2.0 * std[1:3]))
-
-
-def _both_drags_are_real(solution: Solution) -> bool:
-    """Whether both drags damp and stand two standard errors above zero."""
-    std = np.sqrt(np.diag(solution.covariance)) * inflation(solution)
-    return bool(solution.theta[1] > 2.0 * std[1] > 0.0 and solution.theta[2] > 2.0 * std[2] > 0.0)
 
 
 def _candidate(record: Record, structure: Structure, solution: Solution, bic: float) -> Candidate:

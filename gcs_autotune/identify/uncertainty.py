@@ -36,6 +36,7 @@ __all__ = [
     "inflation",
     "is_white",
     "physical_covariance",
+    "physical_values",
     "whiteness",
 ]
 
@@ -56,6 +57,12 @@ def physical_covariance(theta: Array, covariance: Array) -> Array:
     G = _physical_jacobian(theta)
     transformed: Array = G @ covariance @ G.T
     return transformed
+
+
+def physical_values(theta: Array) -> Array:
+    """Return (alpha, beta, beta_quadratic, delta, delay) of (b, a, c, d, T)."""
+    b, a, c, d, delay = theta
+    return np.array([1.0 / b, a / b, c / b, d / b, delay])
 
 
 def autocorrelation(errors: Array, lags: int) -> Array:
