@@ -13,14 +13,16 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import iso
 from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.evidence import craft_covariance
 from gcs_autotune.identify.fit_doubts import fit_doubts
-from gcs_autotune.identify.output_error import Bounds, Solution
+from gcs_autotune.identify.objective import DELAY, Bounds
+from gcs_autotune.identify.output_error import Solution
 from gcs_autotune.identify.record import Record
 from gcs_autotune.identify.result import Decision, Fit, IsoEstimate, Status, Trace
 from gcs_autotune.identify.signals import first_names, objection, wanted_names
 from gcs_autotune.identify.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.structure import FREE, Selection, model_of, select
-from gcs_autotune.identify.uncertainty import inflation, physical_covariance, whiteness
+from gcs_autotune.identify.uncertainty import inflation, whiteness
 
 __all__ = ["fit_by_output_error"]
 
@@ -46,7 +48,7 @@ def fit_by_output_error(case: Case) -> Fit:
     chosen = select(case.records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
     _check_that_input_explains(case.records, chosen)
     solution = chosen.solution
-    estimates = [iso.estimate(c, float(solution.theta[4])) for c in case.cycles]
+    estimates = [iso.estimate(c, float(solution.craft[DELAY])) for c in case.cycles]
     return _assembled(case, chosen, estimates, two_experiment_decision(estimates), names, left_out, bounds)
 
 
@@ -108,8 +110,8 @@ def _assembled(
 ) -> Fit:
     solution, records = chosen.solution, chosen.records
     factors = inflation(solution)
-    covariance = physical_covariance(solution.theta, solution.covariance * np.outer(factors, factors))
-    model = model_of(records[0], solution.theta)
+    covariance = craft_covariance(solution, chosen.rival, chosen.correlation)
+    model = model_of(records[0], solution.craft)
     if "a" in solution.at_bound or "c" in solution.at_bound:
         _admit_unresolved_inertia(covariance, model.alpha)
     parameters = named_parameters(model, covariance, _status(case, chosen))
@@ -124,7 +126,10 @@ def _assembled(
         "std_inflation": float(factors.max()),
         "residual_correlation_time": chosen.correlation,
         "delay_evidence": chosen.delay_evidence,
-        "whiteness_p": min(whiteness(r.error) for r in solution.residuals),
+        "time_shift": float(solution.theta[DELAY] - solution.craft[DELAY]),
+        "whiteness_p": min(whiteness(s) for s in solution.scores),
+        "sigma": {k: law.sigma for k, law in solution.laws.items()},
+        "quantum": {k: law.quantum for k, law in solution.laws.items()},
     }
     return Fit(
         dof=records[0].dof.name,
@@ -153,10 +158,10 @@ def _admit_unresolved_inertia(covariance: Array, alpha: float) -> None:
 
 
 def _status(case: Case, chosen: Selection) -> list[Status]:
-    free, bound = chosen.solution.free, chosen.solution.at_bound
+    bound = chosen.solution.at_bound
     drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
     inertia: Status = "at_bound" if "a" in bound or "c" in bound else "fitted"
-    delay: Status = "fitted" if free[4] else "absent" if case.delay is None else "fixed"
+    delay: Status = "fitted" if chosen.solution.delay_fitted else "absent" if case.delay is None else "fixed"
     return [inertia, *drag, "fitted", delay]
 
 

@@ -7,7 +7,9 @@ import math
 import numpy as np
 
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.output_error import Bounds, Solution, solve
+from gcs_autotune.identify.evidence import UNDECIDED
+from gcs_autotune.identify.objective import Bounds
+from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.structure import Selection
 from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_white
@@ -37,7 +39,10 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
                 "fly a second relay with a clearly different C",
             )
         )
-    if solution.free[4]:
+    second_drag = _second_drag(chosen)
+    if second_drag is not None:
+        found.append(second_drag)
+    if solution.delay_fitted:
         found.append(
             Doubt(
                 "delay-fitted",
@@ -57,7 +62,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
                 "ask for a higher message rate",
             )
         )
-    colour = max(float(np.max(np.abs(autocorrelation(r.error, 5)))) for r in solution.residuals)
+    colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
     if colour > COLOUR and not is_white(solution):
         found.append(
             Doubt(
@@ -71,10 +76,26 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
     return found
 
 
+def _second_drag(chosen: Selection) -> Doubt | None:
+    """A second drag the evidence is undecided about."""
+    bic = {c.structure: c.bic for c in chosen.candidates}
+    if chosen.rival is None or bic["affine"] - bic[chosen.structure] > UNDECIDED:
+        return None
+    i = 1 if chosen.structure == "linear" else 2
+    one, both = chosen.solution.theta, chosen.rival.theta
+    change = float((both[i] / both[0]) / (one[i] / one[0])) - 1.0
+    return Doubt(
+        "second-drag-undecided",
+        f"a second drag beside the {chosen.structure} one is neither proved nor excluded; it would change the "
+        f"{chosen.structure} one by {100.0 * change:+.0f} %; standard errors were raised for it",
+        "fly a relay with a larger or a smaller C: a wider range of speeds tells the two apart",
+    )
+
+
 def _delay_undecided(chosen: Selection) -> Doubt | None:
     """A delay that would change the inertia, can be neither proved nor excluded (likelihood ratio at 10 %)."""
     tried = chosen.with_delay
-    if tried is None or chosen.solution.free[4]:
+    if tried is None or chosen.solution.delay_fitted:
         return None
     ratio = chosen.delay_evidence + math.log(tried.n / chosen.correlation)
     change = float(chosen.solution.theta[0] / tried.theta[0]) - 1.0
@@ -117,6 +138,7 @@ def _runs_disagree(chosen: Selection, case: Case, bounds: Bounds, names: tuple[s
             bounds,
             initial=common.initial[i : i + 1],
             noise={n: common.noise[n] for n in names if any(s.name == n for s in record.signals)},
+            quanta=common.quanta,
         )
         if alone is None:
             continue

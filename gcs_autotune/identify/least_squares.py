@@ -1,94 +1,93 @@
-"""Gauss-Newton with Levenberg-Marquardt damping for residuals that know their Jacobian."""
+"""Gauss-Newton with Levenberg-Marquardt damping, for any cost that knows its gradient and a curvature >= 0."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Minimum", "covariance_of", "minimise"]
+__all__ = ["Local", "Minimum", "descend", "inverse_of"]
 
 Array = NDArray[np.float64]
-Residuals = Callable[[Array], tuple[Array, Array] | None]
-"""Maps (p,) parameters to weighted residuals (n,) and their Jacobian (n, p); None where it has no value."""
+
+
+class Local(NamedTuple):
+    """A cost near one point: its value, half its gradient (p,) and half its (approximate) Hessian (p, p)."""
+
+    cost: float
+    gradient: Array
+    curvature: Array
+
 
 ITERATIONS = 60
 """Most trials before giving up. Chosen: from a usable start five to ten suffice."""
 
 TOLERANCE = 1e-9
-"""Relative decrease of the sum of squares below which the search ends: far below any statistical meaning."""
+"""Relative decrease of the cost below which the search ends: far below any statistical meaning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """Where a search ended: parameters (p,), residuals (n,), Jacobian (n, p), trials, whether it converged."""
+    """Where a search ended: parameters (p,), cost, trials, whether it converged."""
 
     x: Array
-    residuals: Array
-    jacobian: Array
+    cost: float
     iterations: int
     converged: bool
 
-    @property
-    def cost(self) -> float:
-        """Sum of squared residuals."""
-        return float(self.residuals @ self.residuals)
 
+def descend(local: Callable[[Array], Local | None], start: Array, low: Array, high: Array) -> Minimum | None:
+    """Minimise a cost within ``low <= x <= high``; None when *start* itself has no value.
 
-def minimise(residuals: Residuals, start: Array, low: Array, high: Array) -> Minimum | None:
-    """Minimise the sum of squares within ``low <= x <= high``; None when *start* itself has no value.
-
-    A parameter on its bound whose gradient points outwards is held for that step.
+    A parameter on its bound whose gradient points outwards is held for that step. *local* gives None where the
+    cost has no value.
     """
     x = np.clip(start, low, high)
-    first = residuals(x)
-    if first is None:
+    here = local(x)
+    if here is None:
         return None
-    r, J = first
     damping, converged, trial = 1e-6, False, 0
     while trial < ITERATIONS:
         trial += 1
-        step, expected = _step(r, J, x, low, high, damping)
+        step, expected = _step(here, x, low, high, damping)
         moved = np.clip(x + step, low, high)
-        cost = float(r @ r)
-        after = residuals(moved)
-        better = after is not None and float(after[0] @ after[0]) <= cost
-        if after is not None and better:
-            gain = cost - float(after[0] @ after[0])
-            x, (r, J) = moved, after
+        after = local(moved)
+        if after is not None and after.cost <= here.cost:
+            gain, cost = here.cost - after.cost, here.cost
+            x, here = moved, after
             damping = max(1e-12, damping * 0.1)
             if gain <= TOLERANCE * cost and expected <= 1e-6 * cost + 1e-300:
                 converged = True
                 break
         else:
-            if expected <= TOLERANCE * cost:
+            if expected <= TOLERANCE * here.cost:
                 converged = True
                 break
             damping = max(1e-6, damping * 10.0)
             if damping > 1e12:
                 break
-    return Minimum(x, r, J, trial, converged)
+    return Minimum(x, here.cost, trial, converged)
 
 
-def _step(r: Array, J: Array, x: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
+def _step(here: Local, x: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
     """Return the damped Gauss-Newton step and the decrease it promises."""
-    gradient = J.T @ r
+    gradient = here.gradient
     free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
-    scale = np.sqrt(np.maximum(np.einsum("ij,ij->j", J, J), 1e-300))
-    A = (J[:, free] / scale[free]).T @ (J[:, free] / scale[free])
-    g = gradient[free] / scale[free]
+    scale = np.sqrt(np.maximum(np.diag(here.curvature), 1e-300))[free]
+    A = here.curvature[np.ix_(free, free)] / np.outer(scale, scale)
+    g = gradient[free] / scale
     s = -np.linalg.solve(A + damping * np.diag(np.diag(A)) + 1e-14 * np.eye(len(g)), g)
     step = np.zeros_like(x)
-    step[free] = s / scale[free]
+    step[free] = s / scale
     return step, float(-2.0 * g @ s - s @ A @ s)
 
 
-def covariance_of(J: Array) -> Array:
-    """Return the inverse of ``J'J``, scaled against bad units; what is not informed about gets a huge variance."""
-    scale = np.sqrt(np.maximum(np.einsum("ij,ij->j", J, J), 1e-300))
-    A = (J / scale).T @ (J / scale)
-    values, vectors = np.linalg.eigh(A)
+def inverse_of(information: Array) -> Array:
+    """Return the inverse of an information matrix, scaled against bad units; directions without any get 1e13."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     inverse: Array = (vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(scale, scale)
     return inverse

@@ -2,53 +2,39 @@
 
 Maximum likelihood for measurement noise on position and velocity: the parameters ``(b, a, c, d, delay)`` of
 :mod:`gcs_autotune.models.simulation` are shared, every stretch has its own initial state, each kind of signal
-its own noise level, estimated from the residuals (not below a coarse sensor's rounding, ``step/sqrt(12)``).
+its own noise level, estimated with them. A coarse sensor's rounding enters the likelihood exactly when its step is
+given (:mod:`gcs_autotune.identify.likelihood`), started from the Gaussian fit; otherwise the noise level is not
+taken below ``step/sqrt(12)``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Minimum, covariance_of, minimise
-from gcs_autotune.identify.record import Record, Signal
-from gcs_autotune.models.simulation import simulate_explicit
+from gcs_autotune.identify.least_squares import Minimum, descend, inverse_of
+from gcs_autotune.identify.likelihood import Law, Rounded, gaussian_laws
+from gcs_autotune.identify.objective import DELAY, SHARED, Bounds, Mask, Objective, Timing, information_of
+from gcs_autotune.identify.record import Record
+from gcs_autotune.identify.residuals import Residual, first_levels, first_states, rounding_error
 
-__all__ = ["SHARED", "Bounds", "Residual", "Solution", "first_states", "noise_floor", "residuals_of", "solve"]
+__all__ = ["Solution", "solve"]
 
 Array = NDArray[np.float64]
-
-SHARED = ("b", "a", "c", "d", "delay")
-"""The parameters all runs share, in this order."""
 
 NOISE_ROUNDS = 4
 """Rounds of re-estimating the noise levels when two kinds of signal are weighed against each other."""
 
+ROUNDING_ROUNDS = 20
+"""Rounds of parameters, then noise, for a rounding sensor; the noise comes down from the Gaussian fit's residuals."""
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """What the data can resolve at all.
-
-    Largest drag rate [1/s] (``a``, and ``c`` at the typical *speed* [rad/s or m/s]), largest delay [s].
-    """
-
-    rate: float
-    delay: float
-    speed: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Residual:
-    """One signal of one stretch: measured minus simulated, and the Jacobian of the simulation (n, 7)."""
-
-    record: int
-    signal: Signal
-    error: Array
-    jacobian: Array
+SETTLED = 0.01
+"""Relative change of every noise level at which the rounds end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,17 +42,21 @@ class Solution:
     """A fitted set of parameters.
 
     ``theta`` (5,) as :data:`SHARED`; ``free`` (5,) which were fitted; ``initial`` (runs, 2) states;
-    ``covariance`` (5, 5) of theta from the Fisher information (zero for what was not free);
-    ``noise`` per signal name; ``residuals`` at the solution, ``rows`` their weighted Jacobians in all fitted
-    columns (those of theta first) and ``whole`` the covariance of these; ``n`` samples; ``at_bound`` names.
+    ``covariance`` (5, 5) of theta from the expected information (zero for what was not free);
+    ``laws`` per signal name; ``residuals`` at the solution, ``scores`` their log-likelihood's derivative by the
+    simulated value times the noise (for Gaussian noise: error over noise), ``rows`` their Jacobians over the noise
+    in all fitted columns (those of theta first) and ``whole`` the covariance of these; ``n`` samples;
+    ``parameters`` how many were fitted, a time shift not counted; ``at_bound`` names; ``timing`` what was known
+    about the time shift that ``theta[4]`` then is.
     """
 
     theta: Array
-    free: NDArray[np.bool_]
+    free: Mask
     initial: Array
     covariance: Array
-    noise: dict[str, float]
+    laws: Mapping[str, Law]
     residuals: tuple[Residual, ...]
+    scores: tuple[Array, ...]
     rows: tuple[Array, ...]
     whole: Array
     log_likelihood: float
@@ -74,41 +64,47 @@ class Solution:
     parameters: int
     converged: bool
     at_bound: tuple[str, ...]
+    timing: Timing | None = None
+
+    @property
+    def delay_fitted(self) -> bool:
+        """Whether a delay of the craft was fitted, rather than a shift of the stamps."""
+        return bool(self.free[DELAY]) and self.timing is None
+
+    @property
+    def craft(self) -> Array:
+        """Theta with the craft's own delay, any shift of the stamps taken off."""
+        theta = self.theta.copy()
+        if self.timing is not None:
+            theta[DELAY] = self.timing.mean
+        return theta
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Standard deviation of measured minus true per signal name, rounding included."""
+        return {name: law.std for name, law in self.laws.items()}
+
+    @property
+    def quanta(self) -> dict[str, float]:
+        """Steps of the signals whose rounding entered the likelihood."""
+        return {name: law.quantum for name, law in self.laws.items() if law.quantum > 0.0}
 
     def rms(self, name: str) -> float:
         """Return the root mean square residual of all signals called *name*."""
-        errors = np.concatenate([r.error for r in self.residuals if r.signal.name == name])
-        return float(np.sqrt(np.mean(errors**2)))
-
-
-def residuals_of(
-    records: Sequence[Record], names: Sequence[str], theta: Array, initial: Array
-) -> list[Residual] | None:
-    """Simulate every record and compare the signals called *names*; None when a simulation runs away."""
-    found = []
-    for i, record in enumerate(records):
-        signals = [s for s in record.signals if s.name in names]
-        stamps = signals[0].t if len(signals) == 1 else np.union1d(signals[0].t, signals[1].t)
-        motion = simulate_explicit(np.concatenate([theta, initial[i]]), record.t_in, record.tau, stamps)
-        if not motion.finite:
-            return None
-        for signal in signals:
-            at = np.searchsorted(stamps, signal.t)
-            is_position = signal.name == record.dof.position
-            value, slope = (motion.eta, motion.eta_by) if is_position else (motion.nu, motion.nu_by)
-            found.append(Residual(i, signal, signal.values - value[at], slope[at]))
-    return found
+        return float(np.sqrt(np.mean(_errors(self.residuals, name) ** 2)))
 
 
 def solve(
     records: Sequence[Record],
     names: Sequence[str],
     theta: Array,
-    free: NDArray[np.bool_],
+    free: Mask,
     bounds: Bounds,
     *,
     initial: Array | None = None,
-    noise: dict[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
+    quanta: Mapping[str, float] | None = None,
+    timing: Timing | None = None,
     robust: bool = False,
 ) -> Solution | None:
     """Fit the *free* parameters from *theta* on; None when no simulation from there is possible.
@@ -118,192 +114,127 @@ def solve(
     names : signals to fit, e.g. ``("psi",)`` or ``("psi", "r")``; every record must have one of them.
     initial : (runs, 2) states to start from; guessed from the first samples otherwise.
     noise : noise levels to start from, one per name.
-    robust : soft-L1 weights, for records with outliers.
+    quanta : steps of the signals to be taken as rounded, per name; see :func:`residuals.quanta_of`.
+    timing : what is known about the time from input stamp to motion, when the stamps are not exact.
+    robust : soft-L1 weights, for records with outliers (signals taken as rounded bear them anyway).
     """
     start = first_states(records, names) if initial is None else initial
-    levels = dict(noise) if noise is not None else _first_levels(records, names)
+    levels = dict(noise) if noise is not None else first_levels(records, names)
+    objective = Objective(records, names, theta, free, timing)
+    rounds = NOISE_ROUNDS if len(levels) > 1 or robust else 1
+    fitted = _alternate(objective, objective.pack(theta, start), gaussian_laws(levels, robust=robust), bounds, rounds)
+    if fitted is not None and quanta:
+        laws = {n: _law(fitted[1][n], quanta.get(n, 0.0), _span(records, n)) for n in fitted[1]}
+        fitted = _alternate(objective, fitted[0].x, laws, bounds, ROUNDING_ROUNDS)
+    return None if fitted is None else _solution(objective, *fitted, bounds)
+
+
+def _alternate(
+    objective: Objective, x: Array, laws: Mapping[str, Law], bounds: Bounds, rounds: int
+) -> tuple[Minimum, dict[str, Law]] | None:
+    """Fit the parameters, then the noise, until the noise settles; None when nothing can be simulated."""
     found: Minimum | None = None
-    for _ in range(NOISE_ROUNDS if len(levels) > 1 or robust else 1):
-        task = _Task(records, names, theta, free, levels, robust)
-        low, high = task.limits(bounds)
-        found = minimise(task.weighted, task.pack(theta, start), low, high)
-        if found is None:
+    for _ in range(rounds):
+        now = laws
+        found = descend(partial(objective.at, laws=now), x, *objective.limits(bounds))
+        residuals = None if found is None else objective.residuals(found.x)
+        if found is None or residuals is None:
             return None
-        theta, start = task.unpack(found.x)
-        again = _levels(records, names, theta, start)
-        settled = all(abs(again[n] / levels[n] - 1.0) < 0.01 for n in levels)
-        levels = again
-        if settled:
+        x, laws = found.x, _likeliest(residuals, now)
+        if all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws):
             break
-    return (
-        None
-        if found is None
-        else _solution(_Task(records, names, theta, free, levels, robust), theta, start, found, bounds)
-    )
+    return None if found is None else (found, dict(laws))
 
 
-class _Task:
-    """The weighted residuals of one choice of free parameters, as a function of one vector."""
-
-    def __init__(
-        self,
-        records: Sequence[Record],
-        names: Sequence[str],
-        theta: Array,
-        free: NDArray[np.bool_],
-        levels: dict[str, float],
-        robust: bool,
-    ) -> None:
-        self.records, self.names, self.theta, self.free = records, names, theta, free
-        self.levels, self.robust = levels, robust
-        velocity_only = [all(s.name != r.dof.position or s.name not in names for s in r.signals) for r in records]
-        state = np.array([[not v, True] for v in velocity_only])
-        self.state = state.ravel()
-
-    def pack(self, theta: Array, initial: Array) -> Array:
-        return np.concatenate([theta[self.free], initial.ravel()[self.state]])
-
-    def unpack(self, x: Array) -> tuple[Array, Array]:
-        theta, k = self.theta.copy(), int(self.free.sum())
-        theta[self.free] = x[:k]
-        initial = np.zeros(2 * len(self.records))
-        initial[self.state] = x[k:]
-        return theta, initial.reshape(-1, 2)
-
-    def limits(self, bounds: Bounds) -> tuple[Array, Array]:
-        steep = bounds.rate / bounds.speed
-        low = np.array([-np.inf, -bounds.rate, -steep, -np.inf, 0.0])
-        high = np.array([np.inf, bounds.rate, steep, np.inf, bounds.delay])
-        k = int(self.state.sum())
-        return (
-            np.concatenate([low[self.free], np.full(k, -np.inf)]),
-            np.concatenate([high[self.free], np.full(k, np.inf)]),
-        )
-
-    def weighted(self, x: Array) -> tuple[Array, Array] | None:
-        found = residuals_of(self.records, self.names, *self.unpack(x))
-        if found is None:
-            return None
-        rows, errors = [], []
-        for residual in found:
-            scale = 1.0 / self.levels[residual.signal.name]
-            weight = np.full(len(residual.error), scale)
-            if self.robust:
-                weight /= (1.0 + (residual.error * scale / 2.0) ** 2) ** 0.25
-            errors.append(-weight * residual.error)
-            rows.append(weight[:, None] * self.spread(residual))
-        return np.concatenate(errors), np.concatenate(rows)
-
-    def spread(self, residual: Residual) -> Array:
-        """Return a residual's Jacobian in the columns of the packed vector."""
-        states = np.zeros((len(residual.error), 2 * len(self.records)))
-        states[:, 2 * residual.record : 2 * residual.record + 2] = residual.jacobian[:, 5:]
-        return np.hstack([residual.jacobian[:, :5][:, self.free], states[:, self.state]])
+def _law(gaussian: Law, quantum: float, span: float) -> Law:
+    return Rounded(gaussian.sigma, quantum, span) if quantum > 0.0 else gaussian
 
 
-def first_states(records: Sequence[Record], names: Sequence[str]) -> Array:
-    """Return initial states read off the first samples."""
-    states = np.zeros((len(records), 2))
-    for i, record in enumerate(records):
-        for signal in record.signals:
-            if signal.name == record.dof.position:
-                states[i, 0] = signal.values[0]
-                states[i, 1] = np.polyfit(signal.t[:5] - signal.t[0], signal.values[:5], 1)[0]
-        if record.velocity is not None and record.velocity.name in names:
-            states[i, 1] = record.velocity.values[0]
-    return states
+def _span(records: Sequence[Record], name: str) -> float:
+    return max(float(np.ptp(s.values)) for r in records for s in r.signals if s.name == name)
 
 
-def _first_levels(records: Sequence[Record], names: Sequence[str]) -> dict[str, float]:
-    """Return noise levels to begin with: the scatter about a parabola through five neighbours."""
-    levels = {}
-    for name in names:
-        rough = [_roughness(s) for r in records for s in r.signals if s.name == name]
-        if rough:
-            levels[name] = max(float(np.mean(rough)), 1e-9)
-    return levels
+def _errors(residuals: Sequence[Residual], name: str) -> Array:
+    return np.concatenate([r.error for r in residuals if r.signal.name == name])
 
 
-def _roughness(signal: Signal) -> float:
-    third = np.diff(signal.values, n=3)
-    return max(
-        float(np.sqrt(np.mean(third**2) / 20.0)),
-        signal.step / math.sqrt(12.0),
-        1e-6 * float(np.ptp(signal.values)),
-    )
+def _likeliest(residuals: Sequence[Residual], laws: Mapping[str, Law], spent: float = 0.0) -> dict[str, Law]:
+    """Return the laws with their noise re-estimated, *spent* degrees of freedom shared out by sample counts."""
+    levels = _levels_of(residuals, spent)
+    return {name: law.likeliest(_errors(residuals, name), levels[name]) for name, law in laws.items()}
 
 
-def noise_floor(residuals: Sequence[Residual], name: str) -> float:
-    """Return the rounding error of the coarsest sensor called *name*: ``step/sqrt(12)``."""
-    return max((r.signal.step for r in residuals if r.signal.name == name), default=0.0) / math.sqrt(12.0)
-
-
-def _levels(records: Sequence[Record], names: Sequence[str], theta: Array, initial: Array) -> dict[str, float]:
-    found = residuals_of(records, names, theta, initial)
-    assert found is not None
-    return _levels_of(found)
-
-
-def _levels_of(residuals: Sequence[Residual], spent: float = 0.0) -> dict[str, float]:
+def _levels_of(residuals: Sequence[Residual], spent: float) -> dict[str, float]:
     """Return the noise level per signal, *spent* degrees of freedom shared out by sample counts."""
     total = sum(len(r.error) for r in residuals)
     levels = {}
     for name in dict.fromkeys(r.signal.name for r in residuals):
-        errors = np.concatenate([r.error for r in residuals if r.signal.name == name])
+        errors = _errors(residuals, name)
         left = max(len(errors) * (1.0 - spent / total), 1.0)
         swing = max(float(np.ptp(r.signal.values)) for r in residuals if r.signal.name == name)
         rms = math.sqrt(float(errors @ errors) / left)
-        levels[name] = max(rms, noise_floor(residuals, name), 1e-12 * swing, 1e-300)
+        levels[name] = max(rms, rounding_error(residuals, name), 1e-12 * swing, 1e-300)
     return levels
 
 
-def _solution(task: _Task, theta: Array, initial: Array, found: Minimum, bounds: Bounds) -> Solution:
-    residuals = residuals_of(task.records, task.names, theta, initial)
+def _solution(objective: Objective, found: Minimum, laws: Mapping[str, Law], bounds: Bounds) -> Solution:
+    theta, initial = objective.unpack(found.x)
+    residuals = objective.residuals(found.x)
     assert residuals is not None
-    at_bound = _at_bound(task.free, theta, bounds)
-    noise = _levels_of(residuals, spent=float(len(found.x)))
-    rows = tuple(task.spread(r) / noise[r.signal.name] for r in residuals)
-    k = int(task.free.sum())
-    held = np.array([n in at_bound for n in np.array(SHARED)[task.free]] + [False] * (len(found.x) - k))
-    whole = np.zeros((len(held), len(held)))
-    whole[np.ix_(~held, ~held)] = covariance_of(np.vstack(rows)[:, ~held])
-    covariance = np.zeros((5, 5))
-    covariance[np.ix_(task.free, task.free)] = whole[:k, :k]
-    n = sum(len(r.error) for r in residuals)
+    laws = _likeliest(residuals, laws, spent=float(len(found.x)))
+    own = [laws[r.signal.name] for r in residuals]
+    columns = [objective.columns(r) for r in residuals]
+    at_bound = _at_bound(objective, theta, bounds)
+    whole = _covariance(objective, residuals, columns, laws, at_bound)
+    covariance, k = np.zeros((5, 5)), objective.shared
+    covariance[np.ix_(objective.free, objective.free)] = whole[:k, :k]
     return Solution(
         theta=theta,
-        free=task.free,
+        free=objective.free,
         initial=initial,
         covariance=covariance,
-        noise=noise,
+        laws=laws,
         residuals=tuple(residuals),
-        rows=rows,
+        scores=tuple(law.std * law.terms(r.error).slope for r, law in zip(residuals, own, strict=True)),
+        rows=tuple(J / law.std for J, law in zip(columns, own, strict=True)),
         whole=whole,
-        log_likelihood=_log_likelihood(residuals),
-        n=n,
-        parameters=len(found.x),
+        log_likelihood=_log_likelihood(residuals, _likeliest(residuals, laws)),
+        n=sum(len(r.error) for r in residuals),
+        parameters=len(found.x) - (objective.timing is not None),
         converged=found.converged,
         at_bound=at_bound,
+        timing=objective.timing,
     )
 
 
-def _log_likelihood(residuals: Sequence[Residual]) -> float:
-    """Return the Gaussian log-likelihood at the noise levels that maximise it."""
-    levels = _levels_of(residuals)
-    total = 0.0
-    for r in residuals:
-        level = levels[r.signal.name]
-        total -= len(r.error) * (math.log(level) + 0.5 * math.log(2.0 * math.pi))
-        total -= 0.5 * float(r.error @ r.error) / level**2
-    return total
+def _covariance(
+    objective: Objective,
+    residuals: Sequence[Residual],
+    columns: Sequence[Array],
+    laws: Mapping[str, Law],
+    at_bound: Sequence[str],
+) -> Array:
+    """Return the covariance of the packed vector; what stands at a bound is taken as known."""
+    size = columns[0].shape[1]
+    names = np.array(SHARED)[objective.free].tolist() + [""] * (size - objective.shared)
+    loose = np.array([n not in at_bound for n in names])
+    information = information_of(residuals, columns, laws) + objective.known(size)
+    whole = np.zeros((size, size))
+    whole[np.ix_(loose, loose)] = inverse_of(information[np.ix_(loose, loose)])
+    return whole
 
 
-def _at_bound(free: NDArray[np.bool_], theta: Array, bounds: Bounds) -> tuple[str, ...]:
+def _log_likelihood(residuals: Sequence[Residual], laws: Mapping[str, Law]) -> float:
+    return sum(law.log_likelihood(_errors(residuals, name)) for name, law in laws.items())
+
+
+def _at_bound(objective: Objective, theta: Array, bounds: Bounds) -> tuple[str, ...]:
     names = []
-    if free[1] and abs(theta[1]) >= 0.999 * bounds.rate:
+    if objective.free[1] and abs(theta[1]) >= 0.999 * bounds.rate:
         names.append("a")
-    if free[2] and abs(theta[2]) * bounds.speed >= 0.999 * bounds.rate:
+    if objective.free[2] and abs(theta[2]) * bounds.speed >= 0.999 * bounds.rate:
         names.append("c")
-    if free[4] and (theta[4] <= 0.0 or theta[4] >= 0.999 * bounds.delay):
+    delay_is_free = objective.free[DELAY] and objective.timing is None
+    if delay_is_free and (theta[DELAY] <= 0.0 or theta[DELAY] >= 0.999 * bounds.delay):
         names.append("delay")
     return tuple(names)

@@ -53,7 +53,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """One uninterrupted stretch of a run. ``t_in``, ``tau``: the input at its jumps, zero-order hold."""
+    """One uninterrupted stretch of a run. ``t_in``, ``tau``: the input at its jumps, zero-order hold.
+
+    ``dating`` [s]: how far a jump may lie from its stamp, 0 when the stamps are exact.
+    """
 
     run: str
     dof: Dof
@@ -64,6 +67,7 @@ class Record:
     position: Signal | None
     velocity: Signal | None
     doubts: tuple[Doubt, ...] = ()
+    dating: float = 0.0
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -172,6 +176,7 @@ def _stretches(
     trial: Trial, axis: Dof, drive: Channel, position: Channel | None, rate: Channel | None, notes: list[Doubt]
 ) -> tuple[Record, ...]:
     changes = np.concatenate([[True], np.diff(drive.values) != 0.0])
+    dating = _dating(drive, changes) if trial.meta.get("outputs_dated") == "midway" else 0.0
     main = position if position is not None and len(position) >= MIN_SAMPLES else rate
     assert main is not None
     edges = _edges(main.t)
@@ -200,11 +205,23 @@ def _stretches(
                 signals[0],
                 signals[1],
                 tuple(notes) if not parts else (),
+                dating,
             )
         )
     if not parts:
         raise NotInformative(f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples")
     return tuple(parts)
+
+
+def _dating(drive: Channel, changes: NDArray[np.bool_]) -> float:
+    """Return how far a jump may lie from its stamp when that is midway between two messages.
+
+    The last message without it is as far before the stamp as the first with it comes after. An autopilot changes
+    its outputs at its own loop only and a relay switches in step with the telemetry, so the error is the same at
+    every jump: it does not average out.
+    """
+    jumps = np.flatnonzero(changes)[1:]
+    return float(np.median(drive.t[jumps] - drive.t[jumps - 1])) if len(jumps) else 0.0
 
 
 def _edges(t: Array) -> Array:

@@ -1,10 +1,4 @@
-"""Which drag, and is there a delay? Output-error candidates weighed by evidence.
-
-Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
-``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
-extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided,
-above 6 the evidence is strong.
-"""
+"""Which drag, and is there a delay? Output-error candidates weighed by :mod:`gcs_autotune.identify.evidence`."""
 
 from __future__ import annotations
 
@@ -16,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.output_error import Bounds, Solution, solve
+from gcs_autotune.identify.evidence import bic, choose, damps, possible_second_drag
+from gcs_autotune.identify.objective import Bounds, Timing, timing_of
+from gcs_autotune.identify.output_error import Solution, solve
 from gcs_autotune.identify.record import Record, after_delay
+from gcs_autotune.identify.residuals import quanta_of
 from gcs_autotune.identify.result import Candidate, Decision, Structure
 from gcs_autotune.identify.start import start_from_scan
 from gcs_autotune.identify.uncertainty import correlation_time, inflation, is_white
@@ -34,11 +31,10 @@ FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
 }
 """Structure -> which of b, a, c, d are fitted."""
 
-UNDECIDED, AFFINE_EVIDENCE, DELAY_EVIDENCE = 2.0, 6.0, 6.0
-"""Differences of the criterion. A delay costs phase margin in every later design and trades against
+DELAY_EVIDENCE = 6.0
+"""Difference of the criterion. A delay costs phase margin in every later design and trades against
 inertia, so it must be strongly evident and three standard errors above zero. Without a delay that comes
 about by chance once in some thousands of records of a thousand samples."""
-
 
 FIRST_MARGIN = 0.5
 """Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
@@ -52,7 +48,8 @@ class Selection:
     """What was chosen and why: the fits per structure, the correlation time, whether it was a close call.
 
     ``records`` are those fitted: without their first moments when there is a delay. ``with_delay`` is the
-    fit with a delay that was tried, kept or not.
+    fit with a delay that was tried, kept or not. ``rival`` is the fit of both drags when the record does not exclude
+    it.
     """
 
     structure: Structure
@@ -64,6 +61,7 @@ class Selection:
     delay_evidence: float
     records: tuple[Record, ...]
     with_delay: Solution | None
+    rival: Solution | None
 
 
 def model_of(record: Record, theta: Array) -> SingleDof:
@@ -97,21 +95,20 @@ def select(
         When no candidate can be simulated at all.
     """
     base: Structure = structure or "affine"
-    fitter, first, tried, correlation, evidence = _with_delay(
-        _Fitter(records, names, bounds, robust), base, start, delay
-    )
+    fitter = _Fitter(records, names, bounds, robust, quanta_of(records, names), timing_of(records, delay or 0.0))
+    fitter, first, tried, correlation, evidence = _with_delay(fitter, base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
         other: Structure
         for other in ("linear", "nonlinear"):
-            found = fitter.fit(other, first.theta, bool(first.free[4]), first)
-            if found is None or not found.converged or not _damps(found):
-                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), bool(first.free[4]), None)
+            found = fitter.fit(other, first.theta, first.delay_fitted, first)
+            if found is None or not found.converged or not damps(found):
+                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), first.delay_fitted, None)
                 found = _better(found, again)
             if found is not None:
                 solutions[other] = found
-    criterion = {s: _bic(f, correlation) for s, f in solutions.items()}
-    chosen, undecided = (structure, False) if structure is not None else _choose(solutions, criterion, decision)
+    criterion = {s: bic(f, correlation) for s, f in solutions.items()}
+    chosen, undecided = (structure, False) if structure is not None else choose(solutions, criterion, decision)
     candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())
     return Selection(
         chosen,
@@ -123,6 +120,7 @@ def select(
         evidence,
         tuple(fitter.records),
         tried,
+        possible_second_drag(chosen, solutions, correlation) if structure is None else None,
     )
 
 
@@ -132,6 +130,8 @@ class _Fitter:
     names: Sequence[str]
     bounds: Bounds
     robust: bool
+    quanta: Mapping[str, float]
+    timing: Timing | None
 
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
         """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
@@ -140,7 +140,16 @@ class _Fitter:
         initial = None if near is None else near.initial
         noise = None if near is None else near.noise
         return solve(
-            self.records, self.names, theta, free, self.bounds, initial=initial, noise=noise, robust=self.robust
+            self.records,
+            self.names,
+            theta,
+            free,
+            self.bounds,
+            initial=initial,
+            noise=noise,
+            quanta=self.quanta,
+            timing=None if with_delay else self.timing,
+            robust=self.robust,
         )
 
     def must_fit(self, structure: Structure, theta: Array) -> Solution:
@@ -177,7 +186,7 @@ def _with_delay(
     late, plain, lagged = _lagged_fit(fitter, base, start, begin)
     if lagged is not None:
         correlation = correlation_time(lagged)
-        evidence = _bic(plain, correlation) - _bic(lagged, correlation)
+        evidence = bic(plain, correlation) - bic(lagged, correlation)
         std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
         if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
             return late, lagged, lagged, correlation, evidence
@@ -224,52 +233,16 @@ def _translated(theta: Array, structure: Structure, speed: float) -> Array:
     return np.array([b, a, c, d, delay])
 
 
-def _bic(solution: Solution, correlation: float) -> float:
-    n = solution.n / correlation
-    return -2.0 * solution.log_likelihood / correlation + solution.parameters * math.log(n)
-
-
-def _choose(
-    solutions: Mapping[Structure, Solution], criterion: Mapping[Structure, float], decision: Decision | None
-) -> tuple[Structure, bool]:
-    """Return the structure and whether it was too close to call."""
-    single: list[Structure] = [s for s in ("linear", "nonlinear") if s in solutions and _damps(solutions[s])]
-    if not single:
-        single = [s for s in ("linear", "nonlinear") if s in solutions]
-    if not single:
-        return "affine", True
-    best = min(single, key=lambda s: criterion[s])
-    if _both_drags_are_real(solutions["affine"]) and criterion[best] - criterion["affine"] > AFFINE_EVIDENCE:
-        return "affine", False
-    if len(single) == 2 and abs(criterion["linear"] - criterion["nonlinear"]) < UNDECIDED:
-        if decision is not None and decision.verdict != "undecided":
-            return ("linear" if decision.verdict == "linear" else "nonlinear"), False
-        return "linear", True
-    return best, False
-
-
 def _better(one: Solution | None, other: Solution | None) -> Solution | None:
     if one is None or other is None:
         return one or other
     return one if one.log_likelihood >= other.log_likelihood else other
 
 
-def _damps(solution: Solution) -> bool:
-    """Whether no drag is negative beyond two standard errors."""
-    std = np.sqrt(np.diag(solution.covariance))
-    return bool(np.all(solution.theta[1:3] >= -2.0 * std[1:3]))
-
-
-def _both_drags_are_real(solution: Solution) -> bool:
-    """Whether both drags damp and stand two standard errors above zero."""
-    std = np.sqrt(np.diag(solution.covariance)) * inflation(solution)
-    return bool(solution.theta[1] > 2.0 * std[1] > 0.0 and solution.theta[2] > 2.0 * std[2] > 0.0)
-
-
 def _candidate(record: Record, structure: Structure, solution: Solution, bic: float) -> Candidate:
     return Candidate(
         structure=structure,
-        model=model_of(record, solution.theta),
+        model=model_of(record, solution.craft),
         rms=solution.rms(solution.residuals[0].signal.name),
         log_likelihood=solution.log_likelihood,
         free_parameters=solution.parameters,

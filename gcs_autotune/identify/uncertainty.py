@@ -4,6 +4,8 @@ Standard errors come from the Fisher information with the estimated noise. When 
 the information is overstated: each standard error is then raised to that of the sandwich estimator
 ``C (sum_k w_k Gamma_k) C`` (Newey and West 1987), whose ``Gamma_k`` are the autocovariances of the scores up to
 ``2*sqrt(n)`` samples with Bartlett weights. Correlations between parameters stay those of the Fisher information.
+"Residual" here is the standardised score: for Gaussian noise error over noise; for a rounding sensor the errors
+themselves repeat with the limit cycle, their scores are white when the model is right.
 """
 
 from __future__ import annotations
@@ -16,9 +18,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.least_squares import covariance_of
-from gcs_autotune.identify.output_error import Solution, first_states, residuals_of
-from gcs_autotune.identify.record import prepare
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.likelihood import Gaussian, Law, Rounded
+from gcs_autotune.identify.objective import Timing, information_of, timing_of
+from gcs_autotune.identify.output_error import Solution, solve
+from gcs_autotune.identify.record import Record, prepare
+from gcs_autotune.identify.residuals import Residual
+from gcs_autotune.identify.start import bounds_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.trial import Trial
@@ -30,6 +36,7 @@ __all__ = [
     "inflation",
     "is_white",
     "physical_covariance",
+    "physical_values",
     "whiteness",
 ]
 
@@ -41,12 +48,21 @@ LAGS = 10
 SIGNIFICANCE = 0.01
 """Chance of calling white residuals coloured."""
 
+PHYSICAL = ("alpha", "beta", "beta_quadratic", "delta", "delay")
+"""The physical parameters, in the order of every covariance."""
+
 
 def physical_covariance(theta: Array, covariance: Array) -> Array:
     """Return the covariance of (alpha, beta, beta_quadratic, delta, delay) from that of (b, a, c, d, T)."""
     G = _physical_jacobian(theta)
     transformed: Array = G @ covariance @ G.T
     return transformed
+
+
+def physical_values(theta: Array) -> Array:
+    """Return (alpha, beta, beta_quadratic, delta, delay) of (b, a, c, d, T)."""
+    b, a, c, d, delay = theta
+    return np.array([1.0 / b, a / b, c / b, d / b, delay])
 
 
 def autocorrelation(errors: Array, lags: int) -> Array:
@@ -68,7 +84,7 @@ def whiteness(errors: Array) -> float:
 
 def is_white(solution: Solution) -> bool:
     """Return whether no signal of any stretch is coloured (Bonferroni over the stretches)."""
-    return all(whiteness(r.error) > SIGNIFICANCE / len(solution.residuals) for r in solution.residuals)
+    return all(whiteness(s) > SIGNIFICANCE / len(solution.scores) for s in solution.scores)
 
 
 def correlation_time(solution: Solution) -> float:
@@ -76,8 +92,8 @@ def correlation_time(solution: Solution) -> float:
     if is_white(solution):
         return 1.0
     times = []
-    for r in solution.residuals:
-        rho = autocorrelation(r.error, len(r.error) // 4)
+    for scores in solution.scores:
+        rho = autocorrelation(scores, len(scores) // 4)
         below = np.flatnonzero(rho < 0.05)
         times.append(1.0 + 2.0 * float(rho[: int(below[0]) if len(below) else len(rho)].sum()))
     return float(np.clip(np.median(times), 1.0, solution.n / 20.0))
@@ -90,8 +106,8 @@ def inflation(solution: Solution) -> Array:
         return factors
     p = solution.whole.shape[0]
     S = np.zeros((p, p))
-    for r, rows in zip(solution.residuals, solution.rows, strict=True):
-        scores = rows * (r.error / solution.noise[r.signal.name])[:, None]
+    for own, rows in zip(solution.scores, solution.rows, strict=True):
+        scores = rows * own[:, None]
         reach = min(math.ceil(2.0 * math.sqrt(len(scores))), len(scores) - 1)
         S += scores.T @ scores
         for k in range(1, reach + 1):
@@ -110,15 +126,19 @@ def cramer_rao(
     trials: Trial | Sequence[Trial],
     noise_std: float | Mapping[str, float],
     free: Sequence[str] = ("alpha", "beta", "beta_quadratic", "delta"),
+    quantum: float | Mapping[str, float] = 0.0,
 ) -> dict[str, float]:
     """Return the smallest standard deviation any unbiased estimate of *model* can have from these *trials*.
 
-    White Gaussian noise; the initial states of every run are unknown.
+    White Gaussian noise of unknown level; the initial states of every run are unknown too, and so is a common shift
+    of the input stamps where the records tell that these are not exact (then a van Trees bound).
 
     Parameters
     ----------
-    noise_std : of the position [rad or m]; or per signal name, e.g. ``{"psi": 0.01, "r": 0.02}``.
+    noise_std : of the position [rad or m], before rounding; or per signal name, e.g. ``{"psi": 0.01, "r": 0.02}``.
     free : which of ``alpha beta beta_quadratic delta delay`` are unknown.
+    quantum : step [rad or m] to which a coarse sensor rounds, 0 for none; or per signal name. The measured
+        values tell where the cells lie, so they must be those of the coarse sensor.
 
     Raises
     ------
@@ -127,27 +147,53 @@ def cramer_rao(
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, model.dof)]
-    given = noise_std if isinstance(noise_std, Mapping) else {records[0].main.name: noise_std}
-    theta = np.array(explicit_parameters(model))
-    found = residuals_of(records, tuple(given), theta, first_states(records, tuple(given)))
+    name = records[0].main.name
+    given = noise_std if isinstance(noise_std, Mapping) else {name: noise_std}
+    steps = quantum if isinstance(quantum, Mapping) else {name: quantum}
+    timing = timing_of(records, model.delay)
+    found = _with_states_fitted(model, records, given, {n: q for n, q in steps.items() if q > 0.0}, timing)
+    laws = {n: _law(given[n], steps.get(n, 0.0), found, n) for n in found.laws}
+    wanted = [n for n in PHYSICAL if n in free]
+    shift = [] if timing is None or "delay" in wanted else ["delay"]
+    columns = [_physical_columns(r, found, [*wanted, *shift], len(records)) for r in found.residuals]
+    used = np.any(np.vstack(columns) != 0.0, axis=0)
+    used[: len(wanted)] = True
+    information = information_of(found.residuals, [c[:, used] for c in columns], laws)
+    if timing is not None:
+        at = [*wanted, *shift].index("delay")
+        information[at, at] += timing.std**-2
+    variance = np.diag(inverse_of(information))[: len(wanted)]
+    return dict(zip(wanted, np.sqrt(variance).tolist(), strict=True))
+
+
+def _physical_columns(residual: Residual, found: Solution, wanted: Sequence[str], runs: int) -> Array:
+    """Return the residual's Jacobian (n, wanted + 2 runs) by the wanted physical parameters and the initial states."""
+    initial = np.zeros((len(residual.error), 2 * runs))
+    initial[:, 2 * residual.record : 2 * residual.record + 2] = residual.jacobian[:, 5:]
+    physical = residual.jacobian[:, :5] @ _explicit_by_physical(found.theta)
+    return np.hstack([physical[:, [PHYSICAL.index(n) for n in wanted]], initial])
+
+
+def _with_states_fitted(
+    model: SingleDof,
+    records: Sequence[Record],
+    noise: Mapping[str, float],
+    quanta: Mapping[str, float],
+    timing: Timing | None,
+) -> Solution:
+    """Return the solution of *model* as it is, only the initial states (and the time shift) fitted."""
+    theta, fixed = np.array(explicit_parameters(model)), np.zeros(5, dtype=bool)
+    found = solve(records, tuple(noise), theta, fixed, bounds_of(records), noise=noise, quanta=quanta, timing=timing)
     if found is None:
         raise NotInformative("the model runs away on these inputs: its drag destabilises it, no bound exists")
-    known = np.array([n not in free for n in ("alpha", "beta", "beta_quadratic", "delta", "delay")])
-    rows = []
-    for r in found:
-        initial = np.zeros((len(r.error), 2 * len(records)))
-        initial[:, 2 * r.record : 2 * r.record + 2] = r.jacobian[:, 5:]
-        rows.append(np.hstack([r.jacobian[:, :5] @ _explicit_by_physical(theta), initial]) / given[r.signal.name])
-    table = np.vstack(rows)
-    used = np.concatenate([~known, np.any(table[:, 5:] != 0.0, axis=0)])
-    variance = np.diag(covariance_of(table[:, used]))[: int((~known).sum())]
-    return dict(
-        zip(
-            np.array(["alpha", "beta", "beta_quadratic", "delta", "delay"])[~known].tolist(),
-            np.sqrt(variance).tolist(),
-            strict=True,
-        )
-    )
+    return found
+
+
+def _law(sigma: float, quantum: float, found: Solution, name: str) -> Law:
+    if quantum <= 0.0:
+        return Gaussian(sigma)
+    span = max(float(np.ptp(r.signal.values)) for r in found.residuals if r.signal.name == name)
+    return Rounded(sigma, quantum, span)
 
 
 def _explicit_by_physical(theta: Array) -> Array:

@@ -323,5 +323,6 @@ class MavlinkCraft:
             "vehicle": vehicle.to_dict(),
             "link": self.session.transport.description,
             "firmware": self._firmware.name,
+            "outputs_dated": "midway",
         }
         return self._recorder.stop(ending, reason, meta)
