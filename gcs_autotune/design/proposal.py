@@ -66,7 +66,7 @@ def design(
     model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
     problem = _problem(law, axis, sample_region(model, covariance), present, spec)
     chosen = choose(problem)
-    span = _span(chosen)
+    span = _span(spec, chosen)
     after = judge(problem, chosen.wanted, chosen.settings, span)
     before = judge(problem, chosen.wanted, dict(present), span)
     verdict = is_better(before.prediction.metrics, after.prediction.metrics)
@@ -110,8 +110,10 @@ def _problem(law: Law, axis: Axis, region: Region, present: Mapping[str, float],
     return replace(problem, present_overshoot=_present_overshoot(problem))
 
 
-def _span(chosen: Candidate) -> float:
-    """Return how long to show the steps [s]: three times what the new one needs to settle."""
+def _span(spec: Spec, chosen: Candidate) -> float:
+    """Return how long to show the steps [s]: as flown, else three times what the new one needs to settle."""
+    if spec.step_duration is not None:
+        return spec.step_duration
     metrics = chosen.prediction.metrics
     wish = settling_time(chosen.wanted.kind, chosen.wanted.omega_0)
     settled = metrics.settling if math.isfinite(metrics.settling) else float(chosen.prediction.t[-1])
@@ -120,8 +122,8 @@ def _span(chosen: Candidate) -> float:
 
 def _present_overshoot(problem: Problem) -> float:
     """Fly the present gains for as long as the craft's slowest motion takes to show."""
-    model, step = problem.model, problem.step
-    span = LEAST_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
+    model, step, span = problem.model, problem.step, problem.spec.step_duration
+    span = span or LEAST_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
     return predict(problem, model, model_function("bessel", 1.0), problem.settings, span).metrics.overshoot
 
 
