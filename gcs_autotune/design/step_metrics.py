@@ -35,8 +35,8 @@ def combine(found: Sequence[StepMetrics]) -> StepMetrics:
     """Join steps of both directions: error, travel and times are averaged; what has a limit counts as the worst."""
     if not found:
         return StepMetrics(*[math.nan] * 7)
-    mean = {name: float(np.mean([getattr(m, name) for m in found])) for name in ("itae", "rise", "settling", "travel")}
-    worst = {name: max(getattr(m, name) for m in found) for name in ("overshoot", "steady_error", "oscillation")}
+    mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
+    worst = {n: max(getattr(m, n) for m in found) for n in ("overshoot", "steady_error", "oscillation")}
     return StepMetrics(**mean, **worst)
 
 
@@ -49,7 +49,8 @@ def step_metrics(
     [fraction of full], held until the next sample. Samples before the target moves are the state at rest; a
     target that never moves is a step from the first position. ``noise_std`` and ``quantum`` (the sensor's smallest
     step) [rad or m]: errors within :func:`noise_floor` count as none, and the settling band is never narrower than
-    that. Single wild samples are replaced by their neighbours' mean. Compare only steps recorded over equally long windows: ITAE grows with the window.
+    that. Single wild samples are replaced by their neighbours' mean. Compare only steps recorded over equally long
+    windows: ITAE grows with the window.
 
     Raises
     ------
