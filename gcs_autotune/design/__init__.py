@@ -11,7 +11,7 @@ from gcs_autotune.design.model_function import MODEL_FUNCTIONS, model_function, 
 from gcs_autotune.design.proposal import design
 from gcs_autotune.design.result import Change, Margins, ModelFunction, Prediction, Proposal, StepMetrics
 from gcs_autotune.design.spec import Spec
-from gcs_autotune.design.step_metrics import step_metrics
+from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.verdict import Verdict, is_better
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "StepMetrics",
     "Uncertainty",
     "Verdict",
+    "combine",
     "design",
     "design_ipd",
     "is_better",

@@ -24,7 +24,16 @@ from gcs_autotune.design.spec import Spec
 from gcs_autotune.firmware import Gain
 from gcs_autotune.models import SingleDof
 
-__all__ = ["NOISE_LIMIT", "Problem", "linearisations", "match", "output_noise", "peak_demand", "round_gain"]
+__all__ = [
+    "NOISE_LIMIT",
+    "Problem",
+    "integral_shortfall",
+    "linearisations",
+    "match",
+    "output_noise",
+    "peak_demand",
+    "round_gain",
+]
 
 Array = NDArray[np.float64]
 
@@ -98,6 +107,21 @@ class Problem:
             found.append(worst([margins_of(loop) for loop in loops]))
         return found
 
+    def hardest(self, settings: Settings, wanted: ModelFunction, count: int) -> list[SingleDof]:
+        """Return the *count* samples of the 95 % region that have the least margins with *settings*."""
+        samples, spec = self.region.samples, self.spec
+        found = self.margins(settings, wanted, samples)
+        ease = [min(m.phase / spec.phase_margin, m.gain / spec.gain_margin) for m in found]
+        return [samples[i] for i in np.argsort(ease, kind="stable")[:count]]
+
+
+def integral_shortfall(problem: Problem, settings: Settings, wanted: ModelFunction) -> float:
+    """Return how much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
+    law, speed = problem.law, problem.speed
+    high = next(g.high for g in problem.gains if g.parameter == law.integral)
+    rate = min(INTEGRAL / wanted.a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed))
+    return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(rate, 1e-12))
+
 
 def peak_demand(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, float]:
     """Return (largest output [fraction], largest velocity) of following *wanted* exactly over *step*.
@@ -166,7 +190,6 @@ class _Residuals:
     def __init__(self, problem: Problem, wanted: ModelFunction) -> None:
         self._problem = problem
         self._wish = wanted
-        self._a1 = wanted.a1
         self._watched = [problem.model]
         span = 3.0 * settling_time(wanted.kind, wanted.omega_0)
         step = problem.step
@@ -181,12 +204,7 @@ class _Residuals:
 
     def watch(self, settings: Settings) -> None:
         """Hold the margins of the samples that are hardest with *settings*, besides those of the model itself."""
-        problem, spec = self._problem, self._problem.spec
-        samples = problem.region.samples
-        found = problem.margins(settings, self._wish, samples)
-        ease = [min(m.phase / spec.phase_margin, m.gain / spec.gain_margin) for m in found]
-        hardest = [samples[i] for i in np.argsort(ease, kind="stable")[:HARDEST]]
-        self._watched = [problem.model, *hardest]
+        self._watched = [self._problem.model, *self._problem.hardest(settings, self._wish, HARDEST)]
 
     def __call__(self, x: Array, anchor: Array) -> Array:
         problem = self._problem
@@ -216,14 +234,7 @@ class _Residuals:
         for m in problem.margins(settings, self._wish, self._watched):
             lacks.append(max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin)))
             lacks.append(max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin)))
-        lacks.append(self._integral_shortfall(settings))
+        lacks.append(integral_shortfall(problem, settings, self._wish))
         noise = output_noise(problem, settings) / NOISE_LIMIT
         lacks.append(min(max(0.0, RESERVE * noise - 1.0), WORST_RESIDUAL))
         return MARGIN_WEIGHT * np.array(lacks)
-
-    def _integral_shortfall(self, settings: Settings) -> float:
-        """How much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
-        law, speed = self._problem.law, self._problem.speed
-        high = next(g.high for g in self._problem.gains if g.parameter == law.integral)
-        wanted = min(INTEGRAL / self._a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed))
-        return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(wanted, 1e-12))

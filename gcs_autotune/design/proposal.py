@@ -15,6 +15,7 @@ from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
 from gcs_autotune.design.notes import notes_on
 from gcs_autotune.design.plant import Region, in_fractions, sample_region
+from gcs_autotune.design.polishing import polish
 from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.result import Change, Proposal
 from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
@@ -66,12 +67,15 @@ def design(
     model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
     problem = _problem(law, axis, sample_region(model, covariance), present, spec)
     chosen = choose(problem)
-    span = _span(chosen)
+    span = _span(spec, chosen)
     after = judge(problem, chosen.wanted, chosen.settings, span)
+    if spec.is_automatic:
+        after = polish(problem, after, span)
+    is_polished = after.settings != chosen.settings
     before = judge(problem, chosen.wanted, dict(present), span)
     verdict = is_better(before.prediction.metrics, after.prediction.metrics)
     keep = spec.is_automatic and not verdict.better and is_tolerable(before)
-    changes = () if keep else _changes(law, axis, before, after)
+    changes = () if keep else _changes(law, axis, before, after, is_polished)
     shown = after if changes else before
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
@@ -110,8 +114,10 @@ def _problem(law: Law, axis: Axis, region: Region, present: Mapping[str, float],
     return replace(problem, present_overshoot=_present_overshoot(problem))
 
 
-def _span(chosen: Candidate) -> float:
-    """Return how long to show the steps [s]: three times what the new one needs to settle."""
+def _span(spec: Spec, chosen: Candidate) -> float:
+    """Return how long to show the steps [s]: as flown, else three times what the new one needs to settle."""
+    if spec.step_duration is not None:
+        return spec.step_duration
     metrics = chosen.prediction.metrics
     wish = settling_time(chosen.wanted.kind, chosen.wanted.omega_0)
     settled = metrics.settling if math.isfinite(metrics.settling) else float(chosen.prediction.t[-1])
@@ -120,27 +126,31 @@ def _span(chosen: Candidate) -> float:
 
 def _present_overshoot(problem: Problem) -> float:
     """Fly the present gains for as long as the craft's slowest motion takes to show."""
-    model, step = problem.model, problem.step
-    span = LEAST_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
+    model, step, span = problem.model, problem.step, problem.spec.step_duration
+    span = span or LEAST_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
     return predict(problem, model, model_function("bessel", 1.0), problem.settings, span).metrics.overshoot
 
 
-def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate) -> tuple[Change, ...]:
+def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_polished: bool) -> tuple[Change, ...]:
     found = []
     for gain in axis.gains:
         old, new = float(before.settings[gain.parameter]), float(after.settings[gain.parameter])
         if not math.isclose(old, new, rel_tol=SAME, abs_tol=1e-6):
-            reason = _reason(law, gain, after)
+            reason = _reason(law, gain, after, is_polished)
             found.append(Change(gain.parameter, old, new, gain.low, gain.high, reason))
     return tuple(found)
 
 
-def _reason(law: Law, gain: Gain, after: Candidate) -> str:
+def _reason(law: Law, gain: Gain, after: Candidate, is_polished: bool) -> str:
     if gain.parameter in law.fixed:
         return f"{gain.meaning}: the identified model has no lag that would need it"
     wanted, new = after.wanted, after.settings[gain.parameter]
     settled = settling_time(wanted.kind, wanted.omega_0)
-    reason = f"{gain.meaning}: matched to a {wanted.kind} step settling in {settled:.1f} s"
+    reason = f"{gain.meaning}: " + (
+        "chosen for the least predicted error over time of the step"
+        if is_polished
+        else f"matched to a {wanted.kind} step settling in {settled:.1f} s"
+    )
     if new in (gain.low, gain.high):
         reason += f", stopped at the documented {'least' if new == gain.low else 'most'} of {new:g}"
     return reason

@@ -20,7 +20,7 @@ from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.result import Margins, ModelFunction, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec
 
-__all__ = ["Candidate", "choose", "is_tolerable", "judge", "objections"]
+__all__ = ["OVERSHOOT", "Candidate", "choose", "is_tolerable", "judge", "objections"]
 
 OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
 """Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);
@@ -63,7 +63,8 @@ def choose(problem: Problem) -> Candidate:
     best: Candidate | None = None
     patience = PATIENCE
     for wanted in _wishes(problem):
-        span = SPANS * settling_time(wanted.kind, (tried[0].wanted if tried else wanted).omega_0)
+        fastest = (tried[0].wanted if tried else wanted).omega_0
+        span = problem.spec.step_duration or SPANS * settling_time(wanted.kind, fastest)
         gains = match(problem, wanted, tried[-1].settings if tried else None)
         settings = {**problem.settings, **problem.law.fixed, **gains}
         tried.append(judge(problem, wanted, settings, span))

@@ -24,8 +24,11 @@ class Spec:
     settling_time : to 5 % [s], instead of ``omega_0``.
     speed : speed over ground [m/s] at which the model was identified; axes with ``needs_speed`` need it.
     full_scale : model input at full actuator output; None for models identified in fractions (unit ``1``).
+    step_duration : how long each flown step is recorded [s]; predictions then start and last as the flown ones do.
+        None: steps of a loop that has long settled, as long as they take.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
     noise_bandwidth : half the rate at which that noise was measured [Hz].
+    quantum : smallest step of the position's sensor [rad or m]; errors within it count as none.
     link_delay : part of the identified delay [s] that lies in the telemetry link, not in the autopilot's loop.
     loop_delay : extra delay [s] of autopilot and actuator, beyond the identified one; None = 1.5 loop periods.
     gain_margin, phase_margin : least acceptable over the 95 % region, ratio and [rad].
@@ -38,8 +41,10 @@ class Spec:
     settling_time: float | None = None
     speed: float | None = None
     full_scale: float | None = None
+    step_duration: float | None = None
     noise_std: float = 0.0
     noise_bandwidth: float = 5.0
+    quantum: float = 0.0
     link_delay: float = 0.0
     loop_delay: float | None = None
     gain_margin: float = 2.5
@@ -50,12 +55,21 @@ class Spec:
         lookup(MODEL_FUNCTIONS, self.kind, "model function")
         if self.omega_0 is not None and self.settling_time is not None:
             raise UsageError("give either a characteristic frequency or a settling time, not both")
-        positive = ("step", "omega_0", "settling_time", "speed", "gain_margin", "phase_margin", "actuator_use")
+        positive = (
+            "step",
+            "omega_0",
+            "settling_time",
+            "speed",
+            "step_duration",
+            "gain_margin",
+            "phase_margin",
+            "actuator_use",
+        )
         for name in positive:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be a positive number, not {value}")
-        for name in ("noise_std", "link_delay", "loop_delay"):
+        for name in ("noise_std", "quantum", "link_delay", "loop_delay"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be zero or more, not {value}")

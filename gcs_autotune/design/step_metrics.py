@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,24 +12,45 @@ from gcs_autotune.design.model_function import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
 
-__all__ = ["step_metrics"]
+__all__ = ["combine", "noise_floor", "step_metrics"]
 
 Array = NDArray[np.float64]
 LEAST_SAMPLES = 8
 SPIKE = 0.25
 """Chosen: a lone sample this far from its neighbours, as a fraction of the step, is no motion."""
+NOISE_STDS = 2.0
+"""Errors within so many standard deviations of the noise count as none."""
+QUANTUM = 1.01
+"""A reading one quantum off the target is as near as the sensor can tell; the hundredth is for float32 rounding."""
 LAST_PART = 1.0 / 3.0
 """Share of the record that tells about the steady state."""
 
 
-def step_metrics(t: Array, target: Array, position: Array, output: Array, *, noise_std: float = 0.0) -> StepMetrics:
+def noise_floor(noise_std: float, quantum: float) -> float:
+    """Return the error [rad or m] that counts as none: two of *noise_std* or one *quantum*, whichever is larger."""
+    return max(NOISE_STDS * noise_std, QUANTUM * quantum)
+
+
+def combine(found: Sequence[StepMetrics]) -> StepMetrics:
+    """Join steps of both directions: error, travel and times are averaged; what has a limit counts as the worst."""
+    if not found:
+        return StepMetrics(*[math.nan] * 7)
+    mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
+    worst = {n: max(getattr(m, n) for m in found) for n in ("overshoot", "steady_error", "oscillation")}
+    return StepMetrics(**mean, **worst)
+
+
+def step_metrics(
+    t: Array, target: Array, position: Array, output: Array, *, noise_std: float = 0.0, quantum: float = 0.0
+) -> StepMetrics:
     """Measure one step.
 
     t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
     [fraction of full], held until the next sample. Samples before the target moves are the state at rest; a
-    target that never moves is a step from the first position. ``noise_std`` [rad or m]: errors within two of it
-    count as none, and the settling band is never narrower than that. Single wild samples are replaced by their
-    neighbours' mean. Compare only steps recorded over equally long windows: ITAE grows with the window.
+    target that never moves is a step from the first position. ``noise_std`` and ``quantum`` (the sensor's smallest
+    step) [rad or m]: errors within :func:`noise_floor` count as none, and the settling band is never narrower than
+    that. Single wild samples are replaced by their neighbours' mean. Compare only steps recorded over equally long
+    windows: ITAE grows with the window.
 
     Raises
     ------
@@ -38,14 +60,15 @@ def step_metrics(t: Array, target: Array, position: Array, output: Array, *, noi
     t, target, position, output = _checked(t, target, position, output)
     begin, start = _find_step(target, position)
     size = float(target[-1] - start)
-    if abs(size) <= 4.0 * noise_std or size == 0.0:
+    floor = noise_floor(noise_std, quantum)
+    if abs(size) <= 2.0 * floor:
         raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
+    floor /= abs(size)
     if len(t) - begin < LEAST_SAMPLES:
         raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
     smooth = _without_spikes(position, size)[begin:]
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
-    floor = 2.0 * noise_std / abs(size)
     error = np.sign(1.0 - share) * np.maximum(np.abs(1.0 - share) - floor, 0.0)
     last = seconds >= seconds[-1] * (1.0 - LAST_PART)
     swing = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)

@@ -28,6 +28,7 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.by_iso import fit_by_iso
 from gcs_autotune.identify.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.cleaning import quantum
 from gcs_autotune.identify.cycle_reading import find_cycles
 from gcs_autotune.identify.decision import decide
 from gcs_autotune.identify.files import load_runs
@@ -54,6 +55,7 @@ __all__ = [
     "free_run",
     "identify",
     "load_runs",
+    "quantum",
     "residual_statistics",
 ]
 

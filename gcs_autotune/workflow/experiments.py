@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_autotune.design import StepMetrics, step_metrics
+from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.firmware import Axis
+from gcs_autotune.identify import quantum
 from gcs_autotune.manoeuvres import Relay, RelaySettings, Step, StepSettings, TurnAbout, TurnAboutSettings
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 
-__all__ = ["measure", "relay_for", "second_output", "speed_for", "step_for", "turn_for"]
+__all__ = ["measure", "relay_for", "resolution", "second_output", "speed_for", "step_for", "turn_for"]
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
@@ -76,12 +76,17 @@ def second_output(first: float, room: float = 0.9) -> float:
     return min(2.0 * first, room) if first <= room / 1.5 else 0.5 * first
 
 
-def measure(trial: Trial, noise_std: float = 0.0) -> StepMetrics:
+def resolution(trial: Trial) -> float:
+    """Return the smallest step [rad or m] of the sensor that a step trial was recorded with; 0 when it is fine."""
+    return quantum(trial[str(trial.meta["signal"])].values)
+
+
+def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
     A step that was stopped because the loop ran away counts as if its last error had lasted to the end; when it
     ran away before the target even moved there is nothing to measure, and all numbers are NaN. Errors within twice
-    *noise_std* [rad or m] count as none: a compass of two degrees cannot tell half a degree.
+    *noise_std* or within the sensor's *resolution* [rad or m] count as none: a compass of two degrees cannot tell one.
     """
     signal = str(trial.meta["signal"])
     force = "N" if signal == "psi" else "Z"
@@ -89,12 +94,12 @@ def measure(trial: Trial, noise_std: float = 0.0) -> StepMetrics:
     found = []
     for before, after in itertools.pairwise(targets):
         values = float(before.detail["value"]), float(after.detail["value"])
-        found.append(_one_step(trial, signal, force, *values, after.t, noise_std))
-    return _combined(found)
+        found.append(_one_step(trial, signal, force, *values, after.t, noise_std, resolution))
+    return combine(found)
 
 
 def _one_step(
-    trial: Trial, signal: str, force: str, before: float, after: float, start: float, noise_std: float
+    trial: Trial, signal: str, force: str, before: float, after: float, start: float, noise_std: float, quantum: float
 ) -> StepMetrics:
     end = start + float(trial.meta["duration"])
     position = trial[signal].between(start - 1.0, end)
@@ -102,13 +107,4 @@ def _one_step(
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
     output = np.array([trial[force].held_at(moment) for moment in t])
-    return step_metrics(t - start, np.where(t < start, before, after), x, output, noise_std=noise_std)
-
-
-def _combined(found: list[StepMetrics]) -> StepMetrics:
-    """Error over time, travel and times are averaged; what must not be exceeded counts as worse of the two."""
-    if not found:
-        return StepMetrics(*[math.nan] * 7)
-    mean = {name: float(np.mean([getattr(m, name) for m in found])) for name in ("itae", "rise", "settling", "travel")}
-    worst = {name: max(getattr(m, name) for m in found) for name in ("overshoot", "steady_error", "oscillation")}
-    return StepMetrics(**mean, **worst)
+    return step_metrics(t - start, np.where(t < start, before, after), x, output, noise_std=noise_std, quantum=quantum)

@@ -22,7 +22,15 @@ from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import axis_of, come_aboard
-from gcs_autotune.workflow.experiments import measure, relay_for, second_output, speed_for, step_for, turn_for
+from gcs_autotune.workflow.experiments import (
+    measure,
+    relay_for,
+    resolution,
+    second_output,
+    speed_for,
+    step_for,
+    turn_for,
+)
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
@@ -87,10 +95,11 @@ class _Tuner:
         tale = self._tale
         throttle, speed = speed_for(self._settings, self._axis, present)
         before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
-        tale.metrics_before = measure(before.trial)
+        grain = resolution(before.trial)
+        tale.metrics_before = measure(before.trial, resolution=grain)
         fit = self._identify(throttle)
-        tale.metrics_before = measure(before.trial, fit.noise_std)
-        proposal = self._design(fit, present)
+        tale.metrics_before = measure(before.trial, fit.noise_std, grain)
+        proposal = self._design(fit, present, grain)
         if not proposal.changes:
             tale.end("unchanged", "the present gains are already as good as any this tool can offer")
         elif self._settings.dry_run:
@@ -98,7 +107,7 @@ class _Tuner:
         elif not self._agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
             tale.end("declined", "the new gains were not wanted; nothing was written")
         else:
-            self._prove(proposal, journal, throttle, speed)
+            self._prove(proposal, journal, throttle, speed, grain)
 
     def _identify(self, throttle: float) -> Fit:
         s, tale = self._settings, self._tale
@@ -116,7 +125,7 @@ class _Tuner:
         )
         return tale.fit
 
-    def _design(self, fit: Fit, present: Mapping[str, float]) -> Proposal:
+    def _design(self, fit: Fit, present: Mapping[str, float], grain: float) -> Proposal:
         s, tale = self._settings, self._tale
         tale.say("designing")
         speed = tale.relay_speed()
@@ -126,13 +135,15 @@ class _Tuner:
             settling_time=s.settling_time,
             step=abs(s.step) if s.step is not None else DEFAULTS[self._axis.dof].step,
             speed=speed if self._axis.needs_speed and speed > 0.0 else None,
+            step_duration=s.step_duration or DEFAULTS[self._axis.dof].step_duration,
             noise_std=fit.noise_std,
+            quantum=grain,
             noise_bandwidth=0.5 * s.control_rate,
         )
         tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec))
         return tale.proposal
 
-    def _prove(self, proposal: Proposal, journal: Journal, throttle: float, speed: float) -> None:
+    def _prove(self, proposal: Proposal, journal: Journal, throttle: float, speed: float, grain: float) -> None:
         tale = self._tale
         with ParameterLoan(self._craft.parameters, journal) as loan:
             tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in proposal.new.items()))
@@ -141,7 +152,7 @@ class _Tuner:
             self._come_about(throttle)
             after = self._fly(step_for(self._settings, self._axis, speed, "step-after"), "step with new gains")
             assert tale.fit is not None and tale.metrics_before is not None
-            tale.metrics_after = measure(after.trial, tale.fit.noise_std)
+            tale.metrics_after = measure(after.trial, tale.fit.noise_std, grain)
             verdict = is_better(tale.metrics_before, tale.metrics_after)
             tale.verdict = (verdict.better, verdict.reasons)
             if verdict.better:

@@ -91,7 +91,8 @@ advance = compiled(_advance)
 def plant_vector(model: SingleDof, scenario: Scenario, dt: float, delay: float) -> NDArray[np.float64]:
     """Return what the kernels need of craft and scenario.
 
-    ``(alpha, beta, beta_quadratic, delta, dt, substeps, delay in loops, step, push, loop at which it starts)``
+    ``(alpha, beta, beta_quadratic, delta, dt, substeps, delay in loops, step, push, loop at which it starts, loop at
+    which the step comes, constant force already worked off)``
     """
     fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
     rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
@@ -109,6 +110,8 @@ def plant_vector(model: SingleDof, scenario: Scenario, dt: float, delay: float) 
             scenario.step,
             scenario.push,
             push_at,
+            round(scenario.lead / dt),
+            model.delta if scenario.lead == 0.0 else 0.0,
         ]
     )
 

@@ -22,12 +22,17 @@ Settings = Mapping[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A step of *step* [rad or m] at t = 0, and a constant force *push* [fraction] from ``push_at`` [s] on."""
+    """A step of *step* [rad or m], and a constant force *push* [fraction] from ``push_at`` [s] on.
+
+    Without ``lead`` the step comes at t = 0 to a loop that has long worked off the craft's own constant force. With
+    it the loop takes over a craft at rest, its integral empty, and the step comes ``lead`` [s] later.
+    """
 
     step: float
     duration: float
     push: float = 0.0
     push_at: float = math.inf
+    lead: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

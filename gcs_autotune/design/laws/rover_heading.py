@@ -61,19 +61,21 @@ def _fly(
         limits[5] > 0.0,
     )
     dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
+    step_at, rest = plant[10], plant[11]
     f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
     r = slope = x1 = x2 = y1 = y2 = 0.0
-    integral = clip(-plant[3] / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
-    demand = -(plant[3] / scale + integral) / max(kff + kp, 1e-9)
+    integral = clip(-rest / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
+    demand = -(rest / scale + integral) / max(kff + kp, 1e-9)
     demand = target = error = clip(demand, -rate_max, rate_max)
     psi = clip(-demand / ang, -STANDING_MOST, STANDING_MOST)
     trim = scale * (integral + (kff + kp) * demand)
     limited = not grows
     for k in range(len(position)):
         position[k] = psi
+        aim = step if k >= step_at else 0.0
         measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
         x2, x1, y2, y1 = x1, r, y1, measured
-        e = wrap(step - psi)
+        e = wrap(aim - psi)
         wish = ang * e
         if stop_acc > 0.0:
             most = math.sqrt(2.0 * abs(e) * stop_acc)

@@ -52,18 +52,20 @@ def _fly(
     pos, vel, vel_i, acc, acc_i, acc_ff = gains[0], gains[1], gains[2], gains[3], gains[4], gains[5]
     v_max, a_max, vel_imax, imax, hover = limits[0], limits[1], limits[2], limits[3], limits[4]
     dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
+    step_at, rest = plant[10], plant[11]
     f_v, f_t, f_e = smoothing(limits[5], dt), smoothing(limits[6], dt), smoothing(limits[7], dt)
     f_u = smoothing(THROTTLE_CUTOFF, dt)
     w = a = v_integral = 0.0
-    integral = clip(-plant[3] + hover, -imax, imax) if acc_i > 0.0 else 0.0
-    a_target = a_error = -(plant[3] - hover + integral) / max(OUTPUT * (acc + acc_ff), 1e-9)
+    integral = clip(-rest + hover, -imax, imax) if acc_i > 0.0 else 0.0
+    a_target = a_error = -(rest - hover + integral) / max(OUTPUT * (acc + acc_ff), 1e-9)
     v_error = a_target / max(vel, 1e-9)
     z = clip(-v_error / max(pos, 1e-9), -STANDING_MOST, STANDING_MOST)
     thrust = trim = clip(OUTPUT * (acc + acc_ff) * a_target + integral - hover, -1.0, 1.0)
     limited = False
     for k in range(len(position)):
         position[k] = z
-        wish = clip(sqrt_control(step - z, pos, a_max), -v_max, v_max)
+        aim = step if k >= step_at else 0.0
+        wish = clip(sqrt_control(aim - z, pos, a_max), -v_max, v_max)
         v_error += f_v * (wish - w - v_error)
         if not limited or v_integral * v_error < 0.0:
             v_integral = clip(v_integral + vel_i * v_error * dt, -vel_imax, vel_imax)

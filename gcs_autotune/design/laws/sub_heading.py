@@ -56,18 +56,20 @@ def _fly(
         limits[6],
     )
     dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
+    step_at, rest = plant[10], plant[11]
     f_t, f_e, f_d = smoothing(limits[7], dt), smoothing(limits[8], dt), smoothing(limits[9], dt)
     r = lead = lead_rate = slope = x1 = x2 = y1 = y2 = 0.0
-    integral = clip(-plant[3], -imax, imax) if ki > 0.0 else 0.0
-    target = error = clip(-(plant[3] + integral) / max(kp, 1e-9), -rate_max, rate_max)
+    integral = clip(-rest, -imax, imax) if ki > 0.0 else 0.0
+    target = error = clip(-(rest + integral) / max(kp, 1e-9), -rate_max, rate_max)
     psi = clip(-target / max(ang, 1e-9), -STANDING_MOST, STANDING_MOST)
     trim = integral + kp * target
     limited = False
     for k in range(len(position)):
         position[k] = psi
+        aim = step if k >= step_at else 0.0
         measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
         x2, x1, y2, y1 = x1, r, y1, measured
-        ahead = wrap(step - lead)
+        ahead = wrap(aim - lead)
         if shaped:
             wish = clip(sqrt_control(ahead, 1.0 / tc, shape_acc), -slew, slew)
             lead_rate = clip(wish, lead_rate - shape_acc * dt, lead_rate + shape_acc * dt)

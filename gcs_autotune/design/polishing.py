@@ -1,0 +1,131 @@
+"""The last stage of an automatic design: among gains inside the documented ranges, the least predicted error over time.
+
+Matching follows model functions no faster than a share of the actuator, so that nothing saturates, and stops there.
+A loop that does saturate may still be the better one. Here gains are judged as the step on the water will be:
+simulated with every limit in place, both ways, over the same window, blind to errors the sensor cannot show. Bounded
+Nelder-Mead (Nelder and Mead 1965), because what saturates and what is counted as no error has kinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from gcs_autotune.design.laws import Settings
+from gcs_autotune.design.matching import NOISE_LIMIT, Problem, integral_shortfall, output_noise, round_gain
+from gcs_autotune.design.prediction import predict_metrics
+from gcs_autotune.design.result import ModelFunction, StepMetrics
+from gcs_autotune.design.selection import OVERSHOOT, Candidate, is_tolerable, judge
+from gcs_autotune.design.step_metrics import noise_floor
+
+__all__ = ["polish"]
+
+Array = NDArray[np.float64]
+
+PARTS = (1.0, 1.0 / 3.0)
+"""Shares of the wanted step the gains must be good at: the whole one, and one small enough not to saturate."""
+GOOD_OVERSHOOT, DISLIKE = 0.05, 4.0
+"""Chosen: overshoot beyond 5 % must pay for itself: each further 1 % counts like 4 % more error over time."""
+PRICE = 20.0
+"""Chosen: falling short of a margin or limit by 1 % counts like 20 % more error over time."""
+RESERVE = 1.05
+"""Margins and noise are held this much above what is asked for: the gains are rounded afterwards."""
+LEAST_ERROR = 1e-3
+"""Stands in for an error over time of nothing [s^2], so that the prices still count."""
+HARDEST = 3
+"""How many samples of the 95 % region, the hardest so far, hold their margins during a descent."""
+NOTICEABLE = 0.97
+"""Gains must cost less than this share of the matched ones to be preferred to them."""
+EVALUATIONS = 100
+ROUNDS = 2
+"""Each further descent starts where the last one ended, watching the samples that are hardest there."""
+SPREAD = 0.15
+"""Size of the first simplex, in square roots of fractions of the ranges: low gains are as finely told apart."""
+
+
+def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
+    """Return the candidate with the least cost over *duration* [s]: a polished one, or *chosen* itself.
+
+    The descent begins at *chosen* or at the present gains, whichever is predicted better. What it finds must not
+    have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*.
+    """
+    cost = _Cost(problem, chosen.wanted, duration, chosen.settings)
+    starts = [problem.as_fractions(s) for s in (chosen.settings, problem.settings)]
+    x = min((np.sqrt(s) for s in starts), key=cost)
+    best, least = chosen, NOTICEABLE * cost.of(chosen.settings)
+    for _ in range(ROUNDS):
+        x = _descend(cost, x)
+        settings = _rounded(problem, cost.settings(x))
+        found = judge(problem, chosen.wanted, settings, duration)
+        if _is_acceptable(found, chosen) and cost.of(settings) < least:
+            best, least = found, cost.of(settings)
+        cost = _Cost(problem, chosen.wanted, duration, settings)
+    return best
+
+
+def _is_acceptable(found: Candidate, chosen: Candidate) -> bool:
+    return is_tolerable(found) and len(found.objections) <= len(chosen.objections)
+
+
+def _rounded(problem: Problem, settings: Settings) -> dict[str, float]:
+    return {**settings, **{g.parameter: round_gain(settings[g.parameter], g) for g in problem.gains}}
+
+
+class _Cost:
+    """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks."""
+
+    def __init__(self, problem: Problem, wanted: ModelFunction, duration: float, near: Settings) -> None:
+        self._problem = problem
+        self._wanted = wanted
+        self._duration = duration
+        least = 2.0 * noise_floor(problem.spec.noise_std, problem.spec.quantum)
+        self._steps = [part * problem.step for part in PARTS if part == 1.0 or part * problem.step > least]
+        self._watched = [problem.model, *problem.hardest(near, wanted, HARDEST)]
+
+    def settings(self, x: Array) -> dict[str, float]:
+        """Return the parameters at *x* (n,), square roots of fractions of the ranges."""
+        return self._problem.with_gains(np.square(np.clip(x, 0.0, 1.0)))
+
+    def __call__(self, x: Array) -> float:
+        """Return the cost at *x* (n,)."""
+        return self.of(self.settings(x))
+
+    def of(self, settings: Settings) -> float:
+        """Return the cost of *settings*."""
+        steps = [predict_metrics(self._problem, settings, step, self._duration) for step in self._steps]
+        error = float(np.mean([m.itae for m in steps]))
+        dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT)
+        return max(error, LEAST_ERROR) * (1.0 + dislike + PRICE * self._shortfall(settings, steps[0]))
+
+    def _shortfall(self, settings: Settings, step: StepMetrics) -> float:
+        """Return by how much limits are missed, as a sum of fractions of them."""
+        problem, spec = self._problem, self._problem.spec
+        reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
+        missed = integral_shortfall(problem, settings, self._wanted)
+        missed += max(0.0, step.overshoot - OVERSHOOT)
+        missed += max(0.0, RESERVE * output_noise(problem, settings) / NOISE_LIMIT - 1.0)
+        for m in problem.margins(settings, self._wanted, self._watched):
+            missed += max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))
+            missed += max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin))
+            missed += max(0.0, 1.0 - m.delay / (RESERVE * reserve))
+        return missed
+
+
+def _descend(cost: Callable[[Array], float], start: Array) -> Array:
+    """Return the lowest point a bounded Nelder-Mead finds from *start* (n,) in so many evaluations."""
+    n = len(start)
+    simplex = np.tile(np.clip(start, 0.0, 1.0), (n + 1, 1))
+    for i in range(n):
+        simplex[i + 1, i] += SPREAD if simplex[i + 1, i] < 0.5 else -SPREAD
+    found = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        bounds=[(0.0, 1.0)] * n,
+        options={"initial_simplex": simplex, "maxfev": EVALUATIONS + n, "xatol": 1e-3, "fatol": 1e-4},
+    )
+    lowest: Array = np.clip(np.asarray(found.x, dtype=np.float64), 0.0, 1.0)
+    return lowest
