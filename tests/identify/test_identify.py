@@ -230,9 +230,7 @@ CASES = ("too short", "constant input", "all zeros", "no motion", "only noise", 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("dof", [None, "yaw"])
-def test_a_hopeless_record_gives_an_error_that_says_what_to_try(
-    case: str, dof: str | None, record: Record
-) -> None:
+def test_a_hopeless_record_gives_an_error_that_says_what_to_try(case: str, dof: str | None, record: Record) -> None:
     trial, error = hopeless(record)[case]
     with pytest.raises(error) as raised:
         identify(trial, dof=dof)

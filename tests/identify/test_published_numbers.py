@@ -103,16 +103,12 @@ def test_example_6_3_the_switching_correction_brings_the_errors_from_35_and_75_t
     (cycle,) = find_cycles(run, "heave")
     assert cycle.x_a == 16.0
     assert cycle.x_a_star == pytest.approx(20.28, rel=0.02)
-    uncorrected = LimitCycle(
-        cycle.C, 16.0, 16.0, cycle.X_m, cycle.x_0, cycle.omega, cycle.T_H, cycle.T_L, 5, 0.0, True
-    )
+    uncorrected = LimitCycle(cycle.C, 16.0, 16.0, cycle.X_m, cycle.x_0, cycle.omega, cycle.T_H, cycle.T_L, 5, 0.0, True)
     assert gain_and_lag(uncorrected) == pytest.approx((67.43, 0.526), rel=0.02)
     assert gain_and_lag(cycle) == pytest.approx((53.2, 0.311), rel=0.03)
 
 
-def cycles_of_table(
-    record: Record, plant: tuple[float, ...], rows: list[list[float]], dof: str
-) -> list[LimitCycle]:
+def cycles_of_table(record: Record, plant: tuple[float, ...], rows: list[list[float]], dof: str) -> list[LimitCycle]:
     scale = DEG if dof == "yaw" else 1.0
     found = []
     for x_a, C, *_ in rows:
@@ -144,6 +140,4 @@ def test_examples_7_1_to_7_3_simulated_identified_and_decided(
         assert (got.alpha, got.beta, got.beta_quadratic) == pytest.approx((alpha, beta, quadratic), rel=0.06)
     for margin in MARGINS:
         decision = decide(estimate(cycles[0]), estimate(cycles[1]), margin)
-        assert decision.verdict == verdict or (
-            margin in ("sigma+5", "sigma+10") and decision.verdict == "undecided"
-        )
+        assert decision.verdict == verdict or (margin in ("sigma+5", "sigma+10") and decision.verdict == "undecided")
