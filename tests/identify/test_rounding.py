@@ -141,6 +141,7 @@ def test_samples_three_steps_off_do_not_bend_the_fit(clean: list[Trial]) -> None
     for name in NAMES:
         parameter = good.parameters[name]
         assert abs(bent.parameters[name].value - parameter.value) < 1.5 * parameter.std, name
+    assert {d.slug for d in bent.doubts} - {d.slug for d in good.doubts} == {"outliers"}
 
 
 def test_a_heading_through_south_is_the_same_as_through_north(record: Callable[..., Trial]) -> None:
