@@ -189,15 +189,19 @@ def report(title: str, results: list[Result]) -> None:
 
 def _print_row(name: str, rows: list[Row]) -> None:
     truth = np.array([r.truth for r in rows])
-    scale, unit = (float(abs(truth.mean())), "%") if truth.any() else (100.0, "abs")
+    scale = float(abs(truth.mean()))
+
+    def shown(rms: float) -> str:
+        return f"{100 * rms / scale:7.3f} %" if scale > 0.0 else f"{rms:9.2g}"
+
     bound = _rms([r.bound for r in rows])
     given, decided = (_judged(np.array([getattr(r, kind) for r in rows]), truth) for kind in ("given", "decided"))
     iso = _rms([r.iso - r.truth for r in rows])
     gauss, exact = (100.0 * _rms([getattr(r, kind) for r in rows]) / bound for kind in ("gauss", "exact"))
     print(
         f"  {name:9s} {truth.mean():10.5g} | {given[0]:11.2f} {given[1] / bound:11.2f} {given[2]:5.0f} % "
-        f"{100 * given[1] / scale:7.3f} {unit:3s} | {decided[0]:13.2f} {decided[2]:5.0f} % "
-        f"{100 * decided[1] / scale:7.3f} {unit:3s} | {100 * iso / scale:6.2f} {unit:3s}| {gauss:5.0f} % {exact:5.0f} %"
+        f"{shown(given[1])} | {decided[0]:13.2f} {decided[2]:5.0f} % "
+        f"{shown(decided[1])} | {shown(iso)} | {gauss:5.0f} % {exact:5.0f} %"
     )
 
 
