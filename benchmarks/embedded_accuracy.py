@@ -1,22 +1,30 @@
 """How accurate: relay experiments flown over MAVLink on the embedded vehicles, against their hidden truth.
 
-Run: ``python3 -m benchmarks.embedded_accuracy [--seeds 50] [--workers 2]``. For every vehicle and noise seed two
-relay experiments are flown and identified just as ``tune`` does it. Printed per parameter: the refined fit's mean
-error (in units of its standard error over the seeds), its RMS error over the Cramer-Rao bound (goal 1.3), the
-share of 95 % intervals that cover the truth, and plain IS-O's RMS error beside it.
+Run: ``python3 -m benchmarks.embedded_accuracy [--seeds 50] [--first 1] [--workers 2] [--only videoray]``. For every
+vehicle and noise seed two relay experiments are flown and identified just as ``tune`` does it: once with the true
+drag structure given ("given"), where the fit must be unbiased and reach the bound, once with the structure decided.
+
+Printed per parameter: mean error in its own standard error over the seeds, RMS error over the Cramer-Rao bound (goal
+1.3; between the lines: what chance alone makes of 1.0), the share of 95 % intervals that cover the truth, and plain
+IS-O's RMS error. The bound is that of the signals used, of the sensor's rounding and of the input stamps' unknown
+shift; beside it, in percent of it, stand the bound with the rounding taken for noise of q**2/12 (Gauss) and the bound
+if the input stamps were exact (which they are not).
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import Fit, cramer_rao, identify
+from gcs_autotune.identify import Fit, Structure, cramer_rao, identify
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Sequencer
 from gcs_autotune.models import SingleDof
@@ -26,6 +34,8 @@ from gcs_autotune.workflow.aboard import telemetry_rates
 from gcs_autotune.workflow.experiments import relay_for, second_output, speed_for
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 from sitl import load_vehicle, open_vehicle
+
+Array = NDArray[np.float64]
 
 CASES = (
     ("charlie", "heading"),
@@ -37,16 +47,50 @@ CASES = (
 )
 
 
+WIRE = {"w": 0.01}
+"""Step [m/s] in which GLOBAL_POSITION_INT carries a velocity."""
+
+FIELDS = ("alpha", "beta", "beta_quadratic", "delta")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Per signal: standard deviation before rounding, and the step."""
+
+    sigma: dict[str, float]
+    quantum: dict[str, float]
+
+    @property
+    def as_gaussian(self) -> dict[str, float]:
+        """Rounding taken for noise."""
+        return {n: math.hypot(s, self.quantum[n] / math.sqrt(12.0)) for n, s in self.sigma.items()}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter of one seed; ``given`` and ``decided`` are (value, standard error)."""
+
+    truth: float
+    given: tuple[float, float]
+    decided: tuple[float, float]
+    bound: float
+    gauss: float
+    exact: float
+    iso: float
+
+
 @dataclass(frozen=True)
 class Result:
-    """One seed: name -> (truth, refined, its standard error, bound, plain IS-O)."""
+    """One seed: name -> row, what was decided, which signals were used, the time shift found [s]."""
 
-    rows: dict[str, tuple[float, float, float, float, float]]
+    rows: dict[str, Row]
     structure: str
+    signals: tuple[str, ...]
+    shift: float
 
 
-def truth_of(vehicle: str, dof: str, trials: list[Trial]) -> tuple[SingleDof, float]:
-    """Return the hidden model in fractions of full output, and the standard deviation of its position noise."""
+def truth_of(vehicle: str, dof: str, trials: list[Trial]) -> tuple[SingleDof, Noise]:
+    """Return the hidden model in fractions of full output, and the noise of every signal."""
     data = load_vehicle(vehicle)
     table = {k: v["value"] for k, v in data.tables[dof].items()}
     sensors = data.sensors
@@ -58,9 +102,13 @@ def truth_of(vehicle: str, dof: str, trials: list[Trial]) -> tuple[SingleDof, fl
     else:
         alpha, beta, quadratic, full = table["alpha"], table["beta"], table["beta2"], table["authority"]
     model = SingleDof(dof, "1", alpha / full, beta / full, quadratic / full, table["bias"] / full)
-    if dof == "heave":
-        return model, sensors.depth_noise
-    return model, math.hypot(sensors.heading_noise, sensors.heading_quantum / math.sqrt(12.0))
+    sigma = {
+        "psi": sensors.heading_noise,
+        "r": sensors.gyro_noise,
+        "z": sensors.depth_noise,
+        "w": sensors.climb_noise,
+    }
+    return model, Noise(sigma, {"psi": sensors.heading_quantum, "r": 0.0, "z": 0.0, **WIRE})
 
 
 def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
@@ -86,49 +134,104 @@ def one(case: tuple[str, str, int]) -> Result:
     vehicle, axis_name, seed = case
     axis, trials = fly(vehicle, axis_name, seed)
     truth, noise = truth_of(vehicle, axis.dof, trials)
-    fit: Fit = identify(trials, dof=axis.dof)
-    free = ["alpha", "delta"] + [n for n in ("beta", "beta_quadratic") if getattr(truth, n) != 0.0]
-    bound = cramer_rao(truth, trials, noise, free)
-    names = dict(zip(("alpha", "beta", "beta_quadratic", "delta"), truth.axis.parameter_names(), strict=True))
-    rows = {}
-    for field in free:
-        parameter = fit.parameters[names[field]]
-        iso = float(np.mean([getattr(e, field) for e in fit.iso])) if fit.iso else math.nan
-        rows[names[field]] = (getattr(truth, field), parameter.value, parameter.std, bound[field], iso)
-    return Result(rows, fit.structure)
+    decided = identify(trials, dof=axis.dof)
+    given = identify(trials, dof=axis.dof, structure=structure_of(truth))
+    free = [n for n in FIELDS if n in ("alpha", "delta") or getattr(truth, n) != 0.0]
+    signals = tuple(given.extra["signals"])
+    sigma, quantum = {n: noise.sigma[n] for n in signals}, {n: noise.quantum[n] for n in signals}
+    bound = cramer_rao(truth, trials, sigma, free, quantum)
+    gauss = cramer_rao(truth, trials, {n: noise.as_gaussian[n] for n in signals}, free)
+    stamped = [replace(t, meta={}) for t in trials]
+    exact = cramer_rao(truth, stamped, sigma, free, quantum)
+    names = dict(zip(FIELDS, truth.axis.parameter_names(), strict=True))
+    rows = {
+        names[f]: Row(
+            getattr(truth, f),
+            _estimate(given, names[f]),
+            _estimate(decided, names[f]),
+            bound[f],
+            gauss[f],
+            exact[f],
+            float(np.mean([getattr(e, f) for e in given.iso])) if given.iso else math.nan,
+        )
+        for f in free
+    }
+    return Result(rows, decided.structure, signals, given.extra["time_shift"])
+
+
+def structure_of(truth: SingleDof) -> Structure:
+    """Return the drag structure of the hidden model."""
+    if truth.beta_quadratic == 0.0:
+        return "linear"
+    return "nonlinear" if truth.beta == 0.0 else "affine"
+
+
+def _estimate(fit: Fit, name: str) -> tuple[float, float]:
+    return fit.parameters[name].value, fit.parameters[name].std
 
 
 def report(title: str, results: list[Result]) -> None:
     """Print one vehicle's lines."""
-    structures = sorted({r.structure for r in results})
-    shown = ", ".join(f"{s} {sum(r.structure == s for r in results)}" for s in structures)
-    print(f"\n{title}: {len(results)} seeds; structure decided: {shown}")
-    print("  parameter      truth    mean error [s.e.]   RMS/bound   95 % cover   RMS refined   RMS IS-O")
+    structures, signals = Counter(r.structure for r in results), Counter("+".join(r.signals) for r in results)
+    low, high = (math.sqrt(chi2.ppf(p, len(results)) / len(results)) for p in (0.025, 0.975))
+    shifts = 1e3 * np.array([r.shift for r in results])
+    print(
+        f"\n{title}: {len(results)} seeds; decided {_shown(structures)}; signals {_shown(signals)}; "
+        f"stamps off by {shifts.mean():.1f} +- {shifts.std():.1f} ms; chance range of RMS/bound {low:.2f}..{high:.2f}"
+    )
+    print(
+        "  parameter      truth | given: bias   RMS/bound  cover  RMS     | decided: bias  cover  RMS     "
+        "| IS-O RMS | Gauss, exact stamps"
+    )
     for name in results[0].rows:
-        truth, value, std, bound, iso = np.array([r.rows[name] for r in results]).T
-        error = value - truth
-        rms = float(np.sqrt(np.mean(error**2)))
-        bias = float(error.mean() / (error.std(ddof=1) / math.sqrt(len(error))))
-        cover = float(np.mean(np.abs(error) < 1.96 * np.where(std > 0, std, np.inf)))
-        scale = abs(float(truth.mean()))
-        iso_rms = float(np.sqrt(np.mean((iso - truth) ** 2)))
-        print(
-            f"  {name:9s} {truth.mean():10.5g} {bias:15.2f} {rms / float(np.sqrt(np.mean(bound**2))):16.2f} "
-            f"{100 * cover:10.0f} % {100 * rms / scale:10.3f} % {100 * iso_rms / scale:9.2f} %"
-        )
+        _print_row(name, [r.rows[name] for r in results])
+
+
+def _print_row(name: str, rows: list[Row]) -> None:
+    truth = np.array([r.truth for r in rows])
+    scale = float(abs(truth.mean()))
+
+    def shown(rms: float) -> str:
+        return f"{100 * rms / scale:7.3f} %" if scale > 0.0 else f"{rms:9.2g}"
+
+    bound = _rms([r.bound for r in rows])
+    given, decided = (_judged(np.array([getattr(r, kind) for r in rows]), truth) for kind in ("given", "decided"))
+    iso = _rms([r.iso - r.truth for r in rows])
+    gauss, exact = (100.0 * _rms([getattr(r, kind) for r in rows]) / bound for kind in ("gauss", "exact"))
+    print(
+        f"  {name:9s} {truth.mean():10.5g} | {given[0]:11.2f} {given[1] / bound:11.2f} {given[2]:5.0f} % "
+        f"{shown(given[1])} | {decided[0]:13.2f} {decided[2]:5.0f} % "
+        f"{shown(decided[1])} | {shown(iso)} | {gauss:5.0f} % {exact:5.0f} %"
+    )
+
+
+def _judged(estimates: Array, truth: Array) -> tuple[float, float, float]:
+    """Return bias in standard errors of the mean, RMS error, percentage of 95 % intervals that cover."""
+    error, std = estimates[:, 0] - truth, estimates[:, 1]
+    bias = float(error.mean() / max(error.std(ddof=1) / math.sqrt(len(error)), 1e-300))
+    return bias, _rms(error), 100.0 * float(np.mean(np.abs(error) <= 1.96 * std))
+
+
+def _rms(values: Array | list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _shown(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.most_common())
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", help="one vehicle")
     args = parser.parse_args()
     with ProcessPoolExecutor(args.workers) as pool:
         for vehicle, axis in CASES:
             if args.only in (None, vehicle):
-                cases = [(vehicle, axis, seed) for seed in range(1, args.seeds + 1)]
+                cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
                 report(f"{vehicle} {axis}", list(pool.map(one, cases, chunksize=4)))
 
 

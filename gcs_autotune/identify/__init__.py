@@ -9,8 +9,9 @@ cycle_reading       limit cycles read off a record
 iso, matrix_iso     first-harmonic identification (IS-O), for one degree of freedom and for any linear process
 decision            linear or nonlinear drag from two limit cycles
 start               where the exact fit starts
-output_error        the exact fit; ``least_squares`` under it
-structure           which drag, and is there a delay: candidates weighed by evidence
+output_error        the exact fit: ``objective`` what it minimises, ``likelihood`` of noise and rounding,
+                    ``residuals`` measured minus simulated, ``least_squares`` the descent
+structure           which drag, and is there a delay: candidates weighed by ``evidence``
 uncertainty         covariance, correlated residuals, Cramer-Rao bound
 signals             position, velocity or both
 doubts, fit_doubts  reasons not to trust the result, with cause and cure

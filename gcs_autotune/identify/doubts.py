@@ -160,7 +160,7 @@ def _quantised(f: Findings) -> Doubt | None:
     return Doubt(
         "quantised",
         f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} "
-        f"{f.case.records[0].dof.position_unit}: the errors are not quite Gaussian noise",
+        f"{f.case.records[0].dof.position_unit}, coarser than its noise",
         "use a finer sensor or message; larger oscillations lessen it",
     )
 

@@ -112,8 +112,10 @@ def _delay_undecided(chosen: Selection) -> Doubt | None:
 def _outliers(solution: Solution) -> Doubt | None:
     share = 0.0
     for r in solution.residuals:
-        scale = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
-        share = max(share, float(np.mean(np.abs(r.error) > 6.0 * scale)))
+        law = solution.laws[r.signal.name]
+        rough = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
+        reach = 0.5 * law.quantum + 6.0 * law.sigma if law.quantum > 0.0 else 6.0 * rough
+        share = max(share, float(np.mean(np.abs(r.error) > reach)))
     if share <= 0.005:
         return None
     return Doubt(
