@@ -1,6 +1,7 @@
 """Choosing gains so that the simulated loop steps like the model function, never outside the documented ranges.
 
-Algebra gives the start; bounded least squares on the simulated response does the rest: a step, a smaller one the
+The desired response comes first; :mod:`gcs_autotune.design.polishing` goes on from here when the user left the wish
+to us. Algebra gives the start; bounded least squares on the simulated response does the rest: a step, a smaller one the
 other way, and a constant push halfway (so that integral action is worth something), with margins and noise held by
 residuals that are zero while there is room, and a light pull towards the start where the response does not care.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,6 +137,7 @@ def peak_demand(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[f
     return float(np.max(np.abs(ahead)) + abs(model.delta)), float(np.max(np.abs(velocity)))
 
 
+@lru_cache(maxsize=1024)
 def linearisations(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, ...]:
     """Return the constant drags to judge stability with: at rest, and at half the wanted step's peak velocity."""
     moving = model.equivalent_drag(0.5 * peak_demand(model, wanted, step)[1])

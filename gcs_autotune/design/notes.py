@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gcs_autotune.design.matching import Problem, peak_demand
+from gcs_autotune.design.model_function import settling_time
 from gcs_autotune.design.selection import Candidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
@@ -22,13 +23,15 @@ ROUNDING = 1e-6
 """A vehicle keeps its parameters in float32; so far outside a range (relative to it) is still on its limit."""
 
 
-def notes_on(problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
+def notes_on(
+    problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool, is_polished: bool
+) -> Iterator[str]:
     """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
     yield from _on_the_present(problem, axis)
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)
-    yield from _on_the_wish(problem, shown)
+    yield from _on_the_wish(problem, shown, is_polished and changed)
 
 
 def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:
@@ -61,9 +64,17 @@ def _on_the_model(problem: Problem) -> Iterator[str]:
         yield "the model came without uncertainty, so the worst margins are those of the model itself"
 
 
-def _on_the_wish(problem: Problem, shown: Candidate) -> Iterator[str]:
+def _on_the_wish(problem: Problem, shown: Candidate, is_polished: bool) -> Iterator[str]:
     for objection in shown.objections:
         yield f"less than wished for, but the best the documented ranges allow: {objection}"
+    if is_polished:
+        settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
+        yield (
+            f"the gains began at those matched to a {shown.wanted.kind} step settling in {settled:.1f} s, or at the "
+            "present ones, and were then chosen for the least predicted error over time, letting the actuator "
+            "saturate; give a settling time to have the matched ones"
+        )
+        return
     use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
     if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
         yield (

@@ -39,7 +39,7 @@ HARDEST = 3
 """How many samples of the 95 % region, the hardest so far, hold their margins during a descent."""
 NOTICEABLE = 0.97
 """Gains must cost less than this share of the matched ones to be preferred to them."""
-EVALUATIONS = 100
+EVALUATIONS = 70
 ROUNDS = 2
 """Each further descent starts where the last one ended, watching the samples that are hardest there."""
 SPREAD = 0.15

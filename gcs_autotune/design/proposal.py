@@ -88,7 +88,7 @@ def design(
         bound=stability_bound(model, chosen.wanted, uncertainty_of(model, covariance), velocity),
         before=before.prediction,
         after=shown.prediction,
-        notes=tuple(notes_on(problem, axis, before, shown, bool(changes))),
+        notes=tuple(notes_on(problem, axis, before, shown, bool(changes), is_polished)),
     )
 
 

@@ -50,6 +50,19 @@ def test_a_step_is_followed_both_ways_alike(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
+def test_a_loop_that_takes_over_is_pushed_off_by_a_constant_force_until_its_integral_has_grown(name: str) -> None:
+    law, gains = LAWS[name], {**DEFAULTS[name], "PSC_ACCZ_I": 1.0}
+    craft = heave(0.4, 0.7, 0.0, 0.05) if name == "sub-depth" else yaw(1.0, 2.0, 0.0, 0.02)
+    late = law.simulate(craft, gains, Scenario(0.3, 60.0, lead=5.0), 2.0, 0.0)
+    before = late.position[late.t < 5.0]
+    assert before[0] == 0.0
+    assert 0.001 < np.max(before) < 0.1
+    settled = law.simulate(craft, gains, Scenario(0.3, 60.0), 2.0, 0.0)
+    assert late.position[-1] == pytest.approx(settled.position[-1], abs=0.01)
+    assert settled.position[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
 def test_the_output_stays_within_full_and_the_same_call_gives_the_same_bits(name: str) -> None:
     law = LAWS[name]
     craft = heave(0.4, 0.7, 0.0, 0.05) if name == "sub-depth" else yaw(1.0, 0.75, 0.1, 0.05)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gcs_autotune.design import StepMetrics, is_better, step_metrics
+from gcs_autotune.design import StepMetrics, combine, is_better, step_metrics
 from gcs_autotune.errors import NotInformative
 
 Array = NDArray[np.float64]
@@ -100,6 +100,46 @@ def test_noise_and_quantisation_move_the_verdict_little() -> None:
     assert found.itae == pytest.approx(clean.itae, rel=0.1)
     assert math.isfinite(found.settling)
     assert found.oscillation < 0.03
+
+
+def test_an_error_of_one_quantum_is_none_and_of_two_is_one() -> None:
+    t = np.linspace(-1.0, 20.0, 1051)
+    quantum = math.radians(2.0)
+    one, two = (np.where(t < 0.0, 0.0, 1.0 + n * quantum / 0.5) for n in (1, 2))
+    near, far = (measure(t, share, quantum=quantum) for share in (one, two))
+    assert near.itae == near.overshoot == near.settling == 0.0
+    assert far.itae > 10.0
+    assert far.overshoot == pytest.approx(quantum / 0.5, rel=0.02)
+    assert math.isnan(far.settling)
+
+
+def test_a_coarse_compass_says_the_same_as_a_fine_one_within_its_quantum() -> None:
+    t = np.linspace(-1.0, 20.0, 1051)
+    quantum = math.radians(2.0)
+    true = wave(t, 0.3)
+    read = np.round(0.5 * true / quantum) * quantum / 0.5
+    fine, coarse = measure(t, true, noise_std=0.505 * quantum), measure(t, read, quantum=quantum)
+    assert coarse.itae == pytest.approx(fine.itae, rel=0.3)
+    assert coarse.overshoot == pytest.approx(fine.overshoot, abs=quantum / 0.5)
+
+
+def test_a_fine_sensor_is_measured_as_finely_as_ever() -> None:
+    t = np.linspace(-1.0, 20.0, 1051)
+    assert measure(t, wave(t, 0.3), noise_std=0.002, quantum=0.001) == measure(t, wave(t, 0.3), noise_std=0.002)
+
+
+def test_a_step_of_two_quanta_is_refused_as_too_small_to_measure() -> None:
+    t = np.linspace(-1.0, 20.0, 1051)
+    with pytest.raises(NotInformative, match="larger step"):
+        measure(t, lag(t), step=0.07, quantum=math.radians(2.0))
+
+
+def test_both_directions_are_averaged_and_limits_count_as_the_worse() -> None:
+    found = combine([GOOD, replace(GOOD, itae=4.0, overshoot=0.2, settling=math.nan)])
+    assert found.itae == 3.0
+    assert found.overshoot == 0.2
+    assert math.isnan(found.settling)
+    assert math.isnan(combine([]).itae)
 
 
 def test_one_wild_sample_is_not_an_overshoot() -> None:

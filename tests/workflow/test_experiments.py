@@ -1,0 +1,56 @@
+"""Reading a flown step off its record."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.trial import Channel, Mark, Trial
+from gcs_autotune.workflow.experiments import measure, resolution
+
+QUANTUM = math.radians(2.0)
+STEP = math.radians(30.0)
+
+
+def flown(quantum: float, standing_error: float = 0.0) -> Trial:
+    """A hold, a step and a step back, first-order lags of one second, read at 10 Hz."""
+    t = np.arange(0.0, 63.0, 0.1)
+    there = np.where(t < 3.0, 0.0, STEP * (1.0 - np.exp(-np.maximum(t - 3.0, 0.0))))
+    true = np.where(t < 33.0, there, STEP * np.exp(-np.maximum(t - 33.0, 0.0))) + standing_error
+    noise = 0.002 * np.sin(37.0 * t)
+    read = np.round(true / quantum) * quantum if quantum else true + noise
+    targets = [Mark(0.0, "target", {"value": 0.0}), Mark(3.0, "target", {"value": STEP})]
+    return Trial(
+        "step",
+        {"psi": Channel("psi", "rad", t, read), "N": Channel("N", "1", t, np.zeros_like(t))},
+        (*targets, Mark(33.0, "target", {"value": 0.0})),
+        "completed",
+        meta={"signal": "psi", "duration": 29.0},
+    )
+
+
+def test_the_quantum_of_a_coarse_compass_is_seen_and_a_fine_one_has_none() -> None:
+    assert resolution(flown(QUANTUM)) == pytest.approx(QUANTUM, rel=1e-6)
+    assert resolution(flown(0.0)) == 0.0
+
+
+def test_a_standing_error_below_the_quantum_is_not_blamed_on_the_gains() -> None:
+    trial = flown(QUANTUM, standing_error=0.6 * QUANTUM)
+    honest, blind = measure(trial, resolution=resolution(trial)), measure(trial)
+    assert blind.itae > 10.0
+    assert honest.itae < 1.0
+    assert math.isfinite(honest.settling)
+    assert honest.overshoot == 0.0
+
+
+def test_a_fine_sensor_still_shows_a_small_standing_error() -> None:
+    trial = flown(0.0, standing_error=0.6 * QUANTUM)
+    assert measure(trial, 0.0, resolution(trial)).itae > 10.0
+
+
+def test_a_step_that_never_began_measures_as_nothing() -> None:
+    trial = flown(QUANTUM)
+    held = Trial(trial.name, trial.channels, trial.marks[:1], "stopped", meta=trial.meta)
+    assert math.isnan(measure(held).itae)
