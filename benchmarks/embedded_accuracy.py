@@ -17,7 +17,8 @@ import argparse
 import math
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,7 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
     with link, Session(link) as session:
         craft = open_craft(session, wanted_rates=telemetry_rates(10.0))
         axis = craft.firmware.axes[axis_name]
-        settings = TuneSettings(axis_name, Connection("memory"), None)  # type: ignore[arg-type]
+        settings = TuneSettings(axis_name, Connection("memory"), Path())
         throttle, _ = speed_for(settings, axis, craft.parameters.read_existing(axis.context))
         craft.arm()
         sequencer = Sequencer(craft, Envelope(), SilentWatcher(), kept.append)
