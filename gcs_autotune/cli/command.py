@@ -38,16 +38,19 @@ class Command:
     run: Callable[[argparse.Namespace], int]
 
 
-def add_connection(parser: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Add ``--connect`` and its companions."""
+def add_connection(
+    parser: argparse.ArgumentParser, default: str | None = None, otherwise: str = "", required: bool = False
+) -> None:
+    """Add ``--connect`` and its companions; *otherwise* says in words what stands in for a missing default."""
     group = parser.add_argument_group("connection")
+    fallback = "" if required else f" (default {default or otherwise})"
     group.add_argument(
         "--connect",
         metavar="URI",
         default=default,
-        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, "
-        "or sitl:NAME for a simulated vehicle started for you"
-        + (f" (default {default})" if default else " (default sitl:charlie for heading, sitl:videoray for depth)"),
+        required=required,
+        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, or sitl:NAME for "
+        f"a simulated vehicle started for you{fallback}",
     )
     group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
     group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")

@@ -16,20 +16,20 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     save = actions.add_parser("save", help="write the vehicle's whole parameter list to a file")
     save.add_argument("file", type=Path, metavar="FILE", help="NAME,VALUE lines, or JSON when it ends in .json")
-    add_connection(save, default="sitl:charlie")
+    add_connection(save, required=True)
     restore = actions.add_parser("restore", help="put a file's parameters back and verify each by reading it")
     restore.add_argument("file", type=Path, metavar="FILE", help="as written by `params save` or by `tune`")
     restore.add_argument("--yes", action="store_true", help="do not ask before writing")
-    add_connection(restore, default="sitl:charlie")
+    add_connection(restore, otherwise="the link of the run the file belongs to")
 
 
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher
-    from gcs_autotune.workflow import restore_parameters, save_parameters
+    from gcs_autotune.workflow import link_of, restore_parameters, save_parameters
 
-    connection = connection_of(args, args.connect)
+    connection = connection_of(args, args.connect or link_of(args.file))
     operator = ConsoleOperator(yes=args.action == "save" or args.yes)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         if args.action == "save":

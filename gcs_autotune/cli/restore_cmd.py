@@ -21,21 +21,22 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run directory (or its journal.jsonl); default: the newest below runs/ with something left to restore",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask before writing")
-    add_connection(parser, default="sitl:charlie")
+    add_connection(parser, otherwise="the link of the run")
 
 
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher
-    from gcs_autotune.workflow import restore_run
+    from gcs_autotune.workflow import debts_of, link_of, restore_run
 
+    if not debts_of(args.run):
+        sys.stdout.write("nothing to restore: the journal is settled\n")
+        return 0
     operator = ConsoleOperator(yes=args.yes)
-    connection = connection_of(args, args.connect)
+    connection = connection_of(args, args.connect or link_of(args.run))
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         restored = restore_run(connection, args.run, operator, watcher)
-    if not restored:
-        sys.stdout.write("nothing to restore: the journal is settled\n")
     for name, (found, old) in restored.items():
         sys.stdout.write(f"{name}: {found:g} -> {old:g}, verified by reading it back\n")
     return 0

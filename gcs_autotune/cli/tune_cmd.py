@@ -29,7 +29,7 @@ RESTORED = 8
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=sorted(DEFAULT_CONNECTIONS), help="the loop to tune")
-    add_connection(parser)
+    add_connection(parser, otherwise="sitl:charlie for heading, sitl:videoray for depth")
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")

@@ -10,7 +10,10 @@ from pathlib import Path
 from gcs_autotune.errors import UsageError
 from gcs_autotune.trial import Trial, save_trial
 
-__all__ = ["RunDirectory"]
+__all__ = ["JOURNAL", "RunDirectory"]
+
+JOURNAL = "journal.jsonl"
+"""The journal's name in a run directory."""
 
 
 class RunDirectory:
@@ -40,7 +43,7 @@ class RunDirectory:
     @property
     def journal(self) -> Path:
         """What is borrowed from the vehicle and not yet given back."""
-        return self.path / "journal.jsonl"
+        return self.path / JOURNAL
 
     def keep(self, trial: Trial) -> None:
         """Write a trial; one with a lead-in is also written whole, beside the manoeuvre proper."""

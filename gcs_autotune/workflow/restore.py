@@ -5,14 +5,43 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from gcs_autotune.errors import AutotuneError, NotAsFound, OperatorStopped, UsageError
-from gcs_autotune.link import Journal, Parameters, Session, load_params, same_float32, save_params
+from gcs_autotune.errors import AutotuneError, NotAsFound, OperatorStopped, UsageError, WrongVehicle
+from gcs_autotune.link import Journal, JournalState, Parameters, Session, load_params, same_float32, save_params
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import connect
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["restore_parameters", "restore_run", "save_parameters"]
+__all__ = ["debts_of", "link_of", "restore_parameters", "restore_run", "save_parameters"]
+
+
+def link_of(run: Path | None) -> str:
+    """Return the connection string that the journal of *run* (directory, a file in one, None: newest) was made on.
+
+    Raises
+    ------
+    UsageError
+        There is no journal to tell.
+    """
+    folder = run if run is None or run.is_dir() or run.name == JOURNAL else run.parent
+    path = _journal_of(folder) if folder is None or folder.name == JOURNAL or (folder / JOURNAL).exists() else None
+    link = Journal.read(path).link if path is not None else ""
+    if not link:
+        raise UsageError("no journal tells which vehicle this belongs to: say with --connect URI")
+    return link
+
+
+def debts_of(run: Path | None) -> dict[str, float]:
+    """Return what *run* (directory or journal; None: the newest unfinished) still owes its vehicle: name -> old value.
+
+    Raises
+    ------
+    UsageError
+        *run* has no journal.
+    """
+    path = _journal_of(run)
+    return Journal.open_debts(path) if path is not None else {}
 
 
 def save_parameters(connection: Connection, path: Path, operator: Operator, watcher: Watcher) -> int:
@@ -53,6 +82,8 @@ def restore_run(
     ------
     UsageError
         No journal there.
+    WrongVehicle
+        The vehicle on this link is not the one of the journal; nothing is written.
     NotAsFound
         Some parameter could not be put back; the journal stays open for another try.
     """
@@ -63,12 +94,25 @@ def restore_run(
     state = Journal.read(path)
     watcher.say(f"journal {path}: {', '.join(debts)} still to be put back on {state.vehicle.get('firmware', '?')}")
     with connect(connection, operator, watcher) as session:
+        _check_identity(session, state)
         changes = _put_back(session, debts, operator)
         journal = Journal(path)
         for name, value in debts.items():
             journal.record("returned", name=name, value=value)
         journal.close()
     return changes
+
+
+def _check_identity(session: Session, state: JournalState) -> None:
+    vehicle = session.vehicle
+    assert vehicle is not None
+    known = {key: state.vehicle.get(key) for key in ("system", "autopilot", "vehicle_type")}
+    found = {key: vehicle.to_dict()[key] for key in known}
+    if known != found:
+        raise WrongVehicle(
+            f"the journal is of another vehicle ({known}) than the one on this link ({found}); nothing was written. "
+            "Give the right --connect"
+        )
 
 
 def _put_back(session: Session, wanted: Mapping[str, float], operator: Operator) -> dict[str, tuple[float, float]]:
@@ -93,9 +137,9 @@ def _put_back(session: Session, wanted: Mapping[str, float], operator: Operator)
 
 def _journal_of(run: Path | None) -> Path | None:
     if run is None:
-        journals = sorted(Path("runs").glob("*/journal.jsonl"), key=lambda p: p.stat().st_mtime, reverse=True)
+        journals = sorted(Path("runs").glob(f"*/{JOURNAL}"), key=lambda p: p.stat().st_mtime, reverse=True)
         return next((p for p in journals if Journal.open_debts(p)), None)
-    path = run / "journal.jsonl" if run.is_dir() else run
+    path = run / JOURNAL if run.is_dir() else run
     if not path.exists():
         raise UsageError(f"{path} does not exist; name a run directory made by `gcs-autotune tune`")
     return path

@@ -15,6 +15,7 @@ import pytest
 
 from gcs_autotune.cli import COMMANDS, main
 from gcs_autotune.errors import EXIT_CODES
+from gcs_autotune.link import Journal
 
 
 def run(capsys, *arguments):
@@ -211,12 +212,12 @@ def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
 
 def test_params_are_saved_and_restored_through_files(capsys, tmp_path):
     path = tmp_path / "all.param"
-    assert run(capsys, "params", "save", path)[0] == 0
+    assert run(capsys, "params", "save", path, "--connect", "sitl:charlie")[0] == 0
     text = path.read_text()
     assert "ATC_STR_RAT_P,0.2" in text
     wanted = tmp_path / "some.param"
     wanted.write_text("# mine\nATC_STR_RAT_P,0.35\nATC_STR_ANG_P 2\n")
-    code, out, err = run(capsys, "params", "restore", wanted, "--yes")
+    code, out, err = run(capsys, "params", "restore", wanted, "--yes", "--connect", "sitl:charlie")
     assert code == 0, err
     assert "ATC_STR_RAT_P: 0.2 -> 0.35" in out
     assert "1 parameters changed" in out
@@ -224,9 +225,39 @@ def test_params_are_saved_and_restored_through_files(capsys, tmp_path):
 
 def test_a_parameter_file_that_is_none_writes_nothing(capsys, tmp_path):
     (tmp_path / "bad.param").write_text("ATC_STR_RAT_P=0.3\n")
-    code, _, err = run(capsys, "params", "restore", tmp_path / "bad.param", "--yes")
+    code, _, err = run(capsys, "params", "restore", tmp_path / "bad.param", "--yes", "--connect", "sitl:charlie")
     assert code == 6
     assert "line 1" in err
+
+
+def test_restoring_never_guesses_a_vehicle(capsys, tmp_path):
+    (tmp_path / "some.param").write_text("ATC_STR_RAT_P,0.35\n")
+    code, _, err = run(capsys, "params", "restore", tmp_path / "some.param", "--yes")
+    assert code == 2
+    assert "--connect" in err
+
+
+def test_the_undo_line_of_the_report_finds_the_vehicle_in_the_journal(capsys, tmp_path):
+    out = tmp_path / "run"
+    assert main(["tune", "heading", "--connect", "sitl:automarine", "--dry-run", "--out", str(out)]) == 0
+    capsys.readouterr()
+    code, text, err = run(capsys, "params", "restore", out / "parameters_before.param", "--yes")
+    assert code == 0, err
+    assert "link: sitl:automarine" in err
+    assert "0 parameters changed" in text
+
+
+def test_restore_refuses_another_vehicle(capsys, tmp_path):
+    journal = [
+        {"event": "opened", "vehicle": {"system": 7, "autopilot": 3, "vehicle_type": 11}, "link": "sitl:charlie"},
+        {"event": "lent", "name": "ATC_STR_RAT_P", "value": 0.1},
+        {"event": "writing", "name": "ATC_STR_RAT_P", "value": 0.4},
+    ]
+    (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in journal))
+    code, _, err = run(capsys, "restore", tmp_path, "--yes")
+    assert code == 4
+    assert "another vehicle" in err
+    assert Journal.open_debts(tmp_path / "journal.jsonl") == {"ATC_STR_RAT_P": 0.1}
 
 
 def test_restore_without_anything_open_says_so(capsys, tmp_path, monkeypatch):
