@@ -68,7 +68,7 @@ def _pieces(p: Progress) -> list[tuple[int, str]]:
     if math.isfinite(p.scatter):
         pieces.append((7, f"scatter {format_share(p.scatter)}"))
     if p.guard:
-        pieces.append((4, f"{p.guard} {format_share(p.guard_share)}"))
+        pieces.append((4, f"{p.guard} limit {format_share(p.guard_share)} used"))
     if p.age > STALE:
         pieces.insert(1, (1, f"NOTHING HEARD FOR {format_seconds(p.age)}"))
     return pieces

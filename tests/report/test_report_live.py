@@ -44,7 +44,7 @@ def _watcher(*, terminal: bool, width: int = 80) -> tuple[TerminalWatcher, io.St
 def test_the_line_tells_everything_when_there_is_room():
     assert describe_progress(SWINGING) == (
         "relay 42.3 s  heading 023.4° (wanted 000.0°)  output -30 %  swing 24.1°  periods 3/5  scatter 7 %  "
-        "heading excursion 45 %"
+        "heading excursion limit 45 % used"
     )
 
 
