@@ -100,6 +100,8 @@ class _Tuner:
         fit = self._identify(throttle)
         tale.metrics_before = measure(before.trial, fit.noise_std, grain)
         proposal = self._design(fit, present, grain)
+        if proposal.changes:
+            tale.say(_promise(proposal))
         if not proposal.changes:
             tale.end("unchanged", "the present gains are already as good as any this tool can offer")
         elif self._settings.dry_run:
@@ -239,3 +241,13 @@ class _Tuner:
 
 def _shown(proposal: Proposal) -> str:
     return ", ".join(f"{c.parameter} {c.old:g} -> {c.new:g}" for c in proposal.changes)
+
+
+def _promise(proposal: Proposal) -> str:
+    """Say what the new gains promise on the identified model, before anybody is asked about them."""
+    old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
+    return (
+        f"predicted: error over time {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
+        f"{new.overshoot:.0%}; margins at worst {min(low.gain, 100.0):.1f} in gain, {math.degrees(low.phase):.0f} deg "
+        "in phase"
+    )
