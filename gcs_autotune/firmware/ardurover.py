@@ -67,7 +67,6 @@ FIRMWARE = Firmware(
     hold_mode="GUIDED",
     channels={"N": 1, "X": 3},
     channel_signs={"N": 1.0, "X": 1.0},
-    override_span=500.0,
     neutral_pwm=1500,
     axes={"heading": _HEADING},
     servo_functions={26: "N", 70: "X"},

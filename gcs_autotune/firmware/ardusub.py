@@ -107,7 +107,6 @@ FIRMWARE = Firmware(
     hold_mode="ALT_HOLD",
     channels={"Z": 3, "N": 4, "X": 5, "Y": 6},
     channel_signs={"Z": -1.0, "N": 1.0, "X": 1.0, "Y": 1.0},
-    override_span=400.0,
     neutral_pwm=1500,
     axes={"heading": _HEADING, "depth": _DEPTH},
     frame_parameter="FRAME_CONFIG",

@@ -44,7 +44,7 @@ class Firmware:
     """One autopilot firmware as the tuner must know it.
 
     ``channels`` maps a force name to the RC channel (1-based) that RC_CHANNELS_OVERRIDE drives in
-    ``manual_mode``; ``override_span`` is the PWM deflection of full output on it. ``mixing`` maps a frame
+    ``manual_mode``; how far is read from the vehicle's own RCn parameters. ``mixing`` maps a frame
     (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
     ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
@@ -60,7 +60,6 @@ class Firmware:
     hold_mode: str
     channels: Mapping[str, int]
     channel_signs: Mapping[str, float]
-    override_span: float
     neutral_pwm: int
     axes: Mapping[str, Axis]
     gcs_id_parameters: Sequence[str] = ("MAV_GCS_SYSID", "SYSID_MYGCS")

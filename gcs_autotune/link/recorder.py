@@ -31,11 +31,6 @@ class Recorder:
         self._marks: list[Mark] = []
         self.late = 0
 
-    @property
-    def is_running(self) -> bool:
-        """Whether a trial is being recorded."""
-        return self._name is not None
-
     def start(self, name: str) -> None:
         """Begin a new trial; what an unfinished one held is dropped."""
         self._name = name
