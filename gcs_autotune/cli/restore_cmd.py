@@ -28,9 +28,9 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher
-    from gcs_autotune.workflow import debts_of, link_of, restore_run
+    from gcs_autotune.workflow import is_settled, link_of, restore_run
 
-    if not debts_of(args.run):
+    if is_settled(args.run):
         sys.stdout.write("nothing to restore: the journal is settled\n")
         return 0
     operator = ConsoleOperator(yes=args.yes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.operator import Operator, Unattended
-from gcs_autotune.workflow.restore import debts_of, link_of, restore_parameters, restore_run, save_parameters
+from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.settings import EXPERIMENTS, Connection, TuneSettings
 from gcs_autotune.workflow.tune import tune
 
@@ -14,8 +14,8 @@ __all__ = [
     "Operator",
     "TuneSettings",
     "Unattended",
-    "debts_of",
     "experiment",
+    "is_settled",
     "link_of",
     "restore_parameters",
     "restore_run",

@@ -6,14 +6,24 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, NotAsFound, OperatorStopped, UsageError, WrongVehicle
-from gcs_autotune.link import Journal, JournalState, Parameters, Session, load_params, same_float32, save_params
+from gcs_autotune.firmware import firmware_for
+from gcs_autotune.link import (
+    Commands,
+    Journal,
+    JournalState,
+    Parameters,
+    Session,
+    load_params,
+    same_float32,
+    save_params,
+)
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import connect
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["debts_of", "link_of", "restore_parameters", "restore_run", "save_parameters"]
+__all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_parameters"]
 
 
 def link_of(run: Path | None) -> str:
@@ -32,8 +42,8 @@ def link_of(run: Path | None) -> str:
     return link
 
 
-def debts_of(run: Path | None) -> dict[str, float]:
-    """Return what *run* (directory or journal; None: the newest unfinished) still owes its vehicle: name -> old value.
+def is_settled(run: Path | None) -> bool:
+    """Return whether *run* (directory or journal; None: the newest unfinished) left its vehicle as found.
 
     Raises
     ------
@@ -41,7 +51,12 @@ def debts_of(run: Path | None) -> dict[str, float]:
         *run* has no journal.
     """
     path = _journal_of(run)
-    return Journal.open_debts(path) if path is not None else {}
+    return path is None or _is_finished(path)
+
+
+def _is_finished(path: Path) -> bool:
+    state = Journal.read(path)
+    return state.closed and not state.debts
 
 
 def save_parameters(connection: Connection, path: Path, operator: Operator, watcher: Watcher) -> int:
@@ -76,7 +91,8 @@ def restore_run(
 ) -> Mapping[str, tuple[float, float]]:
     """Finish the clean-up that *run* (directory or journal; None: the newest unfinished) left open.
 
-    Writes each borrowed parameter's old value, reads it back, and settles the journal.
+    Writes each borrowed parameter's old value and reads it back, disarms what was found disarmed, restores the mode,
+    and settles the journal.
 
     Raises
     ------
@@ -88,16 +104,17 @@ def restore_run(
         Some parameter could not be put back; the journal stays open for another try.
     """
     path = _journal_of(run)
-    debts = Journal.open_debts(path) if path is not None else {}
-    if path is None or not debts:
+    if path is None or _is_finished(path):
         return {}
     state = Journal.read(path)
-    watcher.say(f"journal {path}: {', '.join(debts)} still to be put back on {state.vehicle.get('firmware', '?')}")
+    owed = ", ".join(state.debts) or "no parameter"
+    watcher.say(f"journal {path}: {owed} still to be put back on {state.vehicle.get('firmware', '?')}")
     with connect(connection, operator, watcher) as session:
         _check_identity(session, state)
-        changes = _put_back(session, debts, operator)
+        changes = _put_back(session, state.debts, operator)
+        _put_state_back(session, state, operator, watcher)
         journal = Journal(path)
-        for name, value in debts.items():
+        for name, value in state.debts.items():
             journal.record("returned", name=name, value=value)
         journal.close()
     return changes
@@ -113,6 +130,28 @@ def _check_identity(session: Session, state: JournalState) -> None:
             f"the journal is of another vehicle ({known}) than the one on this link ({found}); nothing was written. "
             "Give the right --connect"
         )
+
+
+def _put_state_back(session: Session, state: JournalState, operator: Operator, watcher: Watcher) -> None:
+    """Disarm if it was found disarmed, and go back to the mode it was found in."""
+    vehicle = session.vehicle
+    assert vehicle is not None
+    firmware = firmware_for(vehicle.autopilot, vehicle.vehicle_type)
+    if firmware is None:
+        return
+    commands = Commands(session, firmware)
+    disarms = state.armed is False and session.armed
+    changes_mode = bool(state.mode) and commands.mode != state.mode
+    wanted = " and ".join(["disarm"] * disarms + [f"go from {commands.mode} to {state.mode}"] * changes_mode)
+    if not wanted:
+        return
+    if not operator.ask(f"As it was found: {wanted}?", session.pump):
+        raise OperatorStopped(f"the vehicle was left as it is, not as found: {wanted} was not wanted")
+    if disarms:
+        commands.disarm()
+    if changes_mode:
+        commands.set_mode(state.mode)
+    watcher.say(f"done: {wanted}")
 
 
 def _put_back(session: Session, wanted: Mapping[str, float], operator: Operator) -> dict[str, tuple[float, float]]:
@@ -138,7 +177,7 @@ def _put_back(session: Session, wanted: Mapping[str, float], operator: Operator)
 def _journal_of(run: Path | None) -> Path | None:
     if run is None:
         journals = sorted(Path("runs").glob(f"*/{JOURNAL}"), key=lambda p: p.stat().st_mtime, reverse=True)
-        return next((p for p in journals if Journal.open_debts(p)), None)
+        return next((p for p in journals if not _is_finished(p)), None)
     path = run / JOURNAL if run.is_dir() else run
     if not path.exists():
         raise UsageError(f"{path} does not exist; name a run directory made by `gcs-autotune tune`")

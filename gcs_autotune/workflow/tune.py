@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import replace
 from typing import Literal
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import Proposal, Spec, design, is_better
-from gcs_autotune.errors import AutotuneError, NotAchieved, OperatorStopped
+from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
 from gcs_autotune.identify import Fit, identify
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
@@ -85,11 +84,25 @@ class _Tuner:
         tale.say(f"present parameters saved to {self._record.save_parameters('before', present)}")
         self._announce(self._craft.observe())
         try:
-            with visit(self._craft, tale) as found, closing(self._open_journal(found)) as journal:
-                self._craft.arm()
-                self._on_the_water(present, journal)
+            self._visit(present)
         finally:
             self._read_again()
+
+    def _visit(self, present: Mapping[str, float]) -> None:
+        """Work aboard; the journal is closed only when the craft was left as found, else `restore` has work to do."""
+        journal: Journal | None = None
+        as_found = True
+        try:
+            with visit(self._craft, self._tale) as found:
+                journal = self._open_journal(found)
+                self._craft.arm()
+                self._on_the_water(present, journal)
+        except NotAsFound:
+            as_found = False
+            raise
+        finally:
+            if journal is not None and as_found:
+                journal.close()
 
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale

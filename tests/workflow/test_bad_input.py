@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from gcs_autotune.errors import (
@@ -122,6 +121,8 @@ def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the
     restore_run(again, harbour.directory, Unattended(), SilentWatcher())
     assert dict(harbour.vehicle.parameters.values) == harbour.parameters
     assert Journal.open_debts(harbour.directory / "journal.jsonl") == {}
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
     assert restore_run(again, harbour.directory, Unattended(), SilentWatcher()) == {}
 
 
@@ -162,13 +163,11 @@ def test_a_clock_that_jumps(tmp_path, jump_ms):
 
 
 def test_a_limit_cycle_that_never_settles(tmp_path):
-    rng = np.random.default_rng(5)
-
     def gusts(t, m):
-        m.yaw += 0.25 * math.sin(0.61 * t) + 0.3 * math.sin(0.173 * t * t) + 0.05 * rng.standard_normal()
+        m.yaw += 0.18 * math.sin(0.61 * t) + 0.12 * math.sin(0.37 * t + 1.0)
 
     harbour = Harbour(tmp_path, "automarine", meddling=attitude(gusts, 90.0))
-    with pytest.raises((NotAchieved, GuardTripped)):
+    with pytest.raises(NotAchieved, match="never settled"):
         harbour.tune()
     harbour.assert_as_found()
     assert any(harbour.directory.glob("trials/*relay-1.csv"))
