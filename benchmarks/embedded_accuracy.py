@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import Fit, Structure, cramer_rao, identify
+from gcs_autotune.identify import AxisFit, Structure, cramer_rao, fit_axis
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Sequencer
 from gcs_autotune.models import SingleDof
@@ -135,8 +135,8 @@ def one(case: tuple[str, str, int]) -> Result:
     vehicle, axis_name, seed = case
     axis, trials = fly(vehicle, axis_name, seed)
     truth, noise = truth_of(vehicle, axis.dof, trials)
-    decided = identify(trials, dof=axis.dof)
-    given = identify(trials, dof=axis.dof, structure=structure_of(truth))
+    decided = fit_axis(trials, dof=axis.dof)
+    given = fit_axis(trials, dof=axis.dof, structure=structure_of(truth))
     free = [n for n in FIELDS if n in ("alpha", "delta") or getattr(truth, n) != 0.0]
     signals = tuple(given.extra["signals"])
     sigma, quantum = {n: noise.sigma[n] for n in signals}, {n: noise.quantum[n] for n in signals}
@@ -167,7 +167,7 @@ def structure_of(truth: SingleDof) -> Structure:
     return "nonlinear" if truth.beta == 0.0 else "affine"
 
 
-def _estimate(fit: Fit, name: str) -> tuple[float, float]:
+def _estimate(fit: AxisFit, name: str) -> tuple[float, float]:
     return fit.parameters[name].value, fit.parameters[name].std
 
 

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
 
 from identify_water import DEG, Relay, fly
 
-from gcs_autotune.identify import cramer_rao, identify
+from gcs_autotune.identify import cramer_rao, fit_axis
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
@@ -52,7 +52,7 @@ def assess(boat: str, seeds: int) -> None:
     truth = dict(zip(NAMES, plant, strict=False))
     free = [n for n, v in zip(("alpha", "beta", "beta_quadratic"), plant, strict=False) if v] + ["delta"]
     bound = cramer_rao(SingleDof("yaw", "N m", *plant, delay=delay), clean, std, free + ["delay"] * (delay > 0.0))
-    fits = [identify([noisy(t, std, np.random.default_rng(s)) for t in clean]) for s in range(seeds)]
+    fits = [fit_axis([noisy(t, std, np.random.default_rng(s)) for t in clean]) for s in range(seeds)]
     structures = ", ".join(sorted({f.structure for f in fits}))
     print(f"\n{boat}: {seeds} seeds, heading noise {std} rad, chosen: {structures}")
     print(f"{'':>9} {'truth':>9} {'bias/limit':>10} {'rms/bound':>9} {'in 95 %':>8} {'rms':>8} {'IS-O rms':>9}")
@@ -74,10 +74,10 @@ def assess(boat: str, seeds: int) -> None:
 def time_it() -> None:
     rng = np.random.default_rng(0)
     trials = [noisy(t, 0.01, rng) for t in flown("videoray, nonlinear", 150.0)]
-    identify(trials)
+    fit_axis(trials)
     begin = time.perf_counter()
     for _ in range(5):
-        identify(trials)
+        fit_axis(trials)
     print(f"\nfit of 2 runs x {len(trials[0]['psi'])} samples, warm: {(time.perf_counter() - begin) / 5:.3f} s")
 
 

@@ -30,12 +30,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from gcs_autotune.identify import identify, load_runs
+    from gcs_autotune.identify import fit_axis, load_runs
     from gcs_autotune.report import fit_summary
 
     trials = [trial for path in args.runs for trial in load_runs(path)]
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
-    fit = identify(trials, dof=args.dof, structure=args.structure, delay=delay, method=args.method)
+    fit = fit_axis(trials, dof=args.dof, structure=args.structure, delay=delay, method=args.method)
     if args.json:
         sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")
     else:

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.models import SingleDof
+from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gcs_autotune.identify.validate import Validation
 
 __all__ = [
+    "AxisFit",
     "Candidate",
     "Decision",
     "Doubt",
     "Fit",
     "IsoEstimate",
     "LimitCycle",
+    "Model",
     "Parameter",
+    "Residuals",
     "Structure",
     "Trace",
 ]
@@ -31,13 +42,18 @@ Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One identified number. ``std`` is its standard error; 0 when the structure or the user fixed it."""
+    """One identified number. ``std`` is its standard error; 0 when the structure or the user fixed it.
+
+    ``bound`` is the Cramer-Rao bound: the standard error no unbiased method can beat on these runs at the noise
+    found in them; NaN where it is not known.
+    """
 
     name: str
     value: float
     unit: str
     std: float
     status: Status = "fitted"
+    bound: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +127,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """Fit against measurement for one run, for pictures: all arrays (n,), position in rad or m.
+    """Fit against measurement for one signal of one run, for pictures: all arrays (n,), in SI units.
 
     ``band`` is the half-width of the 95 % band of the *fitted curve plus measurement noise*.
     """
@@ -121,56 +137,140 @@ class Trace:
     measured: NDArray[np.float64]
     fitted: NDArray[np.float64]
     band: NDArray[np.float64]
+    signal: str = ""
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """A model of one degree of freedom with its uncertainty.
+class Residuals:
+    """Measured minus fitted of one signal of one run: arrays (n,), in SI units."""
 
-    ``covariance`` is that of ``(alpha, beta, beta_quadratic, delta, delay)`` with zero rows for what was
-    not fitted; ``noise_std`` the measurement noise estimated from the residuals [rad or m];
-    ``residual_rms`` that of the free-run simulation; ``fit_percent`` = 100 (1 - rms/std(signal)).
+    run: str
+    signal: str
+    unit: str
+    t: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+class Model(Protocol):
+    """What every identified model can do."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for a model file."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Fit:
+    """An identified model with its uncertainty, whatever the method and the structure.
+
+    ``covariance`` (p, p) stands in the order of ``parameters``, with zero rows for what was not fitted;
+    ``fit_percent`` = 100 (1 - rms/std) of the free-run simulation, averaged over signals; ``noise`` the standard
+    deviation of the measurement noise per signal, in SI units; ``used`` the names of the runs.
     """
 
     dof: str
-    structure: Structure
+    structure: str
     method: str
-    model: SingleDof
+    model: Model
     parameters: Mapping[str, Parameter]
     covariance: NDArray[np.float64]
-    noise_std: float
-    residual_rms: float
     fit_percent: float
     used: tuple[str, ...]
+    noise: Mapping[str, float] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
-    iso: tuple[IsoEstimate, ...] = ()
-    decision: Decision | None = None
-    candidates: tuple[Candidate, ...] = ()
     traces: tuple[Trace, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """Correlation (p, p) of the estimates, in the order of ``parameters``; zero where nothing was fitted."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        scale = np.where(std > 0.0, std, np.inf)
+        result: NDArray[np.float64] = self.covariance / np.outer(scale, scale)
+        return result
+
+    @property
+    def residuals(self) -> tuple[Residuals, ...]:
+        """Measured minus fitted, per run and signal."""
+        return tuple(Residuals(t.run, t.signal, t.unit, t.t, t.measured - t.fitted) for t in self.traces)
+
+    def validate(self, runs: Trial | Sequence[Trial]) -> Validation:
+        """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`."""
+        from gcs_autotune.identify.validate import validate
+
+        return validate(self.model, runs)
+
+    def plot(self) -> Figure:
+        """Return a figure: fit against measurement and what is left, per run and signal."""
+        from gcs_autotune.identify.pictures import fit_picture
+
+        return fit_picture(self)
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
+        return json.dumps(self.to_dict(), indent=1)
+
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``doubts`` and more."""
-        return {
+        """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more."""
+        data = {
             "schema": 1,
             "dof": self.dof,
             "structure": self.structure,
             "method": self.method,
             "parameters": {
-                name: {"value": p.value, "unit": p.unit, "std": p.std, "status": p.status}
+                name: {"value": p.value, "unit": p.unit, "std": p.std, "bound": p.bound, "status": p.status}
                 for name, p in self.parameters.items()
             },
-            "noise_std": self.noise_std,
-            "residual_rms": self.residual_rms,
+            "correlation": self.correlation.tolist(),
+            "noise": dict(self.noise),
             "fit_percent": self.fit_percent,
             "used": list(self.used),
             "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
-            "iso": [_iso_dict(e) for e in self.iso],
-            "decision": None if self.decision is None else _slots_dict(self.decision),
-            "candidates": [{**_slots_dict(c), "model": c.model.to_dict()} for c in self.candidates],
             "model": self.model.to_dict(),
             **self.extra,
         }
+        plain: dict[str, Any] = _plain(data)
+        return plain
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AxisFit(Fit):
+    """A model of one degree of freedom.
+
+    ``covariance`` is (5, 5), that of ``(alpha, beta, beta_quadratic, delta, delay)``; ``noise_std`` the measurement
+    noise estimated from the residuals [rad or m]; ``residual_rms`` that of the free-run simulation.
+    """
+
+    structure: Structure
+    model: SingleDof
+    noise_std: float
+    residual_rms: float
+    iso: tuple[IsoEstimate, ...] = ()
+    decision: Decision | None = None
+    candidates: tuple[Candidate, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, with what one axis adds: ``iso``, ``decision``, ``candidates``."""
+        return {
+            **Fit.to_dict(self),
+            "noise_std": self.noise_std,
+            "residual_rms": self.residual_rms,
+            "iso": [_iso_dict(e) for e in self.iso],
+            "decision": None if self.decision is None else _slots_dict(self.decision),
+            "candidates": [{**_slots_dict(c), "model": c.model.to_dict()} for c in self.candidates],
+        }
+
+
+def _plain(thing: Any) -> Any:
+    """Return *thing* as JSON knows it: plain numbers, null for what is not finite."""
+    if isinstance(thing, Mapping):
+        return {str(k): _plain(v) for k, v in thing.items()}
+    if isinstance(thing, (list, tuple, np.ndarray)):
+        return [_plain(v) for v in thing]
+    if isinstance(thing, np.generic):
+        thing = thing.item()
+    return None if isinstance(thing, float) and not math.isfinite(thing) else thing
 
 
 def _slots_dict(thing: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.report import tables
 from gcs_autotune.report.figures import Picture, draw_pictures
 from gcs_autotune.report.numbers import (
@@ -74,7 +74,7 @@ def _context(story: TuneStory) -> dict[str, Any]:
     }
 
 
-def _fit(fit: Fit) -> Mapping[str, Any]:
+def _fit(fit: AxisFit) -> Mapping[str, Any]:
     return {
         "structure": structure_words(fit.structure),
         "method": fit.method,

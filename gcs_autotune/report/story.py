@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gcs_autotune.design.result import Proposal, StepMetrics
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
@@ -44,7 +44,7 @@ class TuneStory:
     step_before: Trial | None = None
     relays: tuple[Trial, ...] = ()
     step_after: Trial | None = None
-    fit: Fit | None = None
+    fit: AxisFit | None = None
     proposal: Proposal | None = None
     metrics_before: StepMetrics | None = None
     metrics_after: StepMetrics | None = None

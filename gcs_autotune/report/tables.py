@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
-from gcs_autotune.identify.result import Candidate, Fit, IsoEstimate, Parameter
+from gcs_autotune.identify.result import AxisFit, Candidate, IsoEstimate, Parameter
 from gcs_autotune.report.numbers import (
     UNKNOWN,
     format_change,
@@ -117,7 +117,7 @@ def _metrics_of_one(metrics: StepMetrics | None) -> Table:
     return Table(("lower is better", "present gains"), "lr", rows)
 
 
-def model_table(fit: Fit) -> Table:
+def model_table(fit: AxisFit) -> Table:
     """Identified parameters, rounded to their standard error."""
     meaning = _meanings(fit.model.axis)
     rows = tuple(
@@ -138,7 +138,7 @@ def _meanings(axis: Dof) -> dict[str, str]:
     return {**dict(zip(axis.parameter_names(), words, strict=True)), "delay": "input to force"}
 
 
-def cycle_table(fit: Fit) -> Table:
+def cycle_table(fit: AxisFit) -> Table:
     """The limit cycles that IS-O read off the relay experiments."""
     unit = fit.model.axis.position_unit
     rows = tuple(_cycle_row(e, unit, fit.model.input_unit) for e in fit.iso)
@@ -166,7 +166,7 @@ def _output(value: float, input_unit: str) -> str:
     return format_share(value) if input_unit == "1" else format_quantity(value, input_unit)
 
 
-def estimate_table(fit: Fit) -> Table:
+def estimate_table(fit: AxisFit) -> Table:
     """IS-O's own answer per experiment, beside the refined one: the approximation and what became of it."""
     names = fit.model.axis.parameter_names()
     rows = [
@@ -179,7 +179,7 @@ def estimate_table(fit: Fit) -> Table:
     return Table(("", *names), "lrrrr", tuple(rows))
 
 
-def candidate_table(fit: Fit) -> Table:
+def candidate_table(fit: AxisFit) -> Table:
     """Drag structures side by side; the smallest BIC explains the record with the fewest numbers."""
     best = min((c.bic for c in fit.candidates), default=math.nan)
     unit = fit.model.axis.position_unit

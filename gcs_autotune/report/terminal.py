@@ -16,7 +16,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from gcs_autotune.design.result import Proposal
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.report import tables
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.wording import (
@@ -45,7 +45,7 @@ def render_text(thing: RenderableType, width: int = 80) -> str:
     return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
 
 
-def fit_summary(fit: Fit) -> Group:
+def fit_summary(fit: AxisFit) -> Group:
     """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
     parts: list[RenderableType] = [_title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")]
     parts.append(_grid(tables.model_table(fit)))

@@ -10,7 +10,7 @@ from pathlib import PurePath
 from typing import Literal
 
 from gcs_autotune.design.result import Margins, Proposal, StepMetrics
-from gcs_autotune.identify.result import Decision, Doubt, Fit
+from gcs_autotune.identify.result import AxisFit, Decision, Doubt
 from gcs_autotune.report.numbers import (
     format_change,
     format_number,
@@ -208,7 +208,7 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     )
 
 
-def model_sentences(fit: Fit) -> tuple[str, ...]:
+def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     """Return what the model means for the craft: its lag, its top speed at full output, and how well it fits."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"

@@ -9,7 +9,7 @@ from typing import Literal
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotAchieved, OperatorStopped, WrongVehicle
-from gcs_autotune.identify import Fit, identify
+from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Sequencer, visit
 from gcs_autotune.trial import Trial
@@ -32,7 +32,7 @@ class _Cruise:
     speed: float
 
 
-def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> Fit:
+def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> AxisFit:
     """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog`` and ``fit.json``.
 
     No parameter is written. The craft is left as found on every ending.
@@ -54,7 +54,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
             craft.arm()
             trials = _fly(settings, dof, craft, watcher, record)
             delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
-            fit = think(craft, lambda: identify(trials, dof=dof, structure=settings.structure, delay=delay))
+            fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
     (record.path / "model.json").write_text(json.dumps(fit.model.to_dict(), indent=1) + "\n", encoding="utf-8")
     return fit

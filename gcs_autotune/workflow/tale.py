@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gcs_autotune.design import Proposal, StepMetrics
-from gcs_autotune.identify import Fit
+from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
@@ -31,7 +31,7 @@ class Tale:
         self._rates: dict[str, tuple[float, float]] = {}
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "it never got under way"
-        self.fit: Fit | None = None
+        self.fit: AxisFit | None = None
         self.proposal: Proposal | None = None
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None

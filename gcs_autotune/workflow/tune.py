@@ -14,7 +14,7 @@ from typing import Literal
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import Proposal, Spec, design, is_better
 from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
-from gcs_autotune.identify import Fit, identify
+from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
 from gcs_autotune.report import TuneStory, write_story
@@ -124,7 +124,7 @@ class _Tuner:
         else:
             self._prove(proposal, journal, throttle, speed, grain)
 
-    def _identify(self, throttle: float) -> Fit:
+    def _identify(self, throttle: float) -> AxisFit:
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
         relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
@@ -136,11 +136,11 @@ class _Tuner:
         tale.say("identifying")
         delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
         tale.fit = think(
-            self._craft, lambda: identify([first, second], dof=self._axis.dof, structure=s.structure, delay=delay)
+            self._craft, lambda: fit_axis([first, second], dof=self._axis.dof, structure=s.structure, delay=delay)
         )
         return tale.fit
 
-    def _design(self, fit: Fit, present: Mapping[str, float], grain: float) -> Proposal:
+    def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float) -> Proposal:
         s, tale = self._settings, self._tale
         tale.say("designing")
         speed = tale.relay_speed()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from identify_water import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, identify
-from gcs_autotune.identify.record import prepare
-from gcs_autotune.identify.uncertainty import autocorrelation, whiteness
+from gcs_autotune.identify import cramer_rao, fit_axis
+from gcs_autotune.identify.axis.record import prepare
+from gcs_autotune.identify.axis.uncertainty import autocorrelation, whiteness
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
@@ -36,7 +36,7 @@ def test_the_exact_fit_is_unbiased_efficient_and_its_intervals_cover(clean: list
     errors, inside, iso = [], [], []
     for seed in range(SEEDS):
         rng = np.random.default_rng(seed)
-        fit = identify([noisy(t, rng) for t in clean], structure="nonlinear", delay=0.0)
+        fit = fit_axis([noisy(t, rng) for t in clean], structure="nonlinear", delay=0.0)
         picked = [fit.parameters[n] for n in ("alpha_r", "beta_rr")]
         errors.append([p.value - truth for p, truth in zip(picked, (0.031, 0.069), strict=True)])
         inside.append([abs(e) <= 1.96 * p.std for e, p in zip(errors[-1], picked, strict=True)])
@@ -86,7 +86,7 @@ def test_standard_errors_grow_when_the_noise_is_coloured(clean: list[Trial]) -> 
                 drift[k] = 0.9 * drift[k - 1] + rng.normal(0.0, NOISE * np.sqrt(1.0 - 0.81))
             psi = Channel("psi", "rad", trial["psi"].t, trial["psi"].values + drift)
             trials.append(Trial(trial.name, {"psi": psi, "N": trial["N"]}))
-        fit = identify(trials, structure="nonlinear", delay=0.0)
+        fit = fit_axis(trials, structure="nonlinear", delay=0.0)
         inflated.append(fit.extra["std_inflation"])
         alpha = fit.parameters["alpha_r"]
         within.append(abs(alpha.value - 0.031) <= 2.0 * alpha.std)

@@ -12,7 +12,7 @@ import pytest
 from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
-from gcs_autotune.identify import METHODS, free_run, identify, load_runs, residual_statistics
+from gcs_autotune.identify import METHODS, fit_axis, free_run, load_runs, residual_statistics
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial, save_trial
 
@@ -52,7 +52,7 @@ def test_inertia_and_drag_are_recovered_within_their_errors_whatever_the_excitat
         return Relay(C, 10 * DEG) if kind == "relay" else Levels(np.random.default_rng(4), C, 2.5)
 
     trials = [record(plant, command(k * amplitude), 50.0, noise=0.004, rate_noise=0.004, seed=k) for k in (1, 2)]
-    fit = identify(trials)
+    fit = fit_axis(trials)
     assert fit.structure == structure
     for parameter, truth in zip(list(fit.parameters.values())[:4], plant, strict=True):
         assert abs(parameter.value - truth) <= 4.0 * parameter.std, parameter
@@ -63,20 +63,20 @@ def test_inertia_and_drag_are_recovered_within_their_errors_whatever_the_excitat
 
 
 def test_the_result_is_plain_json_with_all_four_parameters_and_the_delay(relays: list[Trial]) -> None:
-    data = json.loads(json.dumps(identify(relays).to_dict(), allow_nan=False))
+    data = json.loads(json.dumps(fit_axis(relays).to_dict(), allow_nan=False))
     assert list(data["parameters"]) == ["alpha_r", "beta_r", "beta_rr", "delta", "delay"]
     assert data["parameters"]["alpha_r"]["unit"] == "N m s^2/rad"
-    assert data["parameters"]["delay"] == {"value": 0.0, "unit": "s", "std": 0.0, "status": "absent"}
+    assert data["parameters"]["delay"] == {"value": 0.0, "unit": "s", "std": 0.0, "bound": None, "status": "absent"}
     assert data["dof"] == "yaw"
 
 
 def test_the_same_record_gives_the_same_answer_to_the_last_bit(relays: list[Trial]) -> None:
-    assert identify(relays).parameters == identify(relays).parameters
+    assert fit_axis(relays).parameters == fit_axis(relays).parameters
 
 
 def test_a_delay_is_found_with_its_error_and_reported(record: Record) -> None:
     trials = [record(QUADRATIC, Relay(C, 15 * DEG), delay=0.2, noise=0.01, seed=3) for C in (0.08, 0.16)]
-    fit = identify(trials)
+    fit = fit_axis(trials)
     delay = fit.parameters["delay"]
     assert abs(delay.value - 0.2) < 4.0 * delay.std < 0.05
     assert delay.status == "fitted"
@@ -86,7 +86,7 @@ def test_a_delay_is_found_with_its_error_and_reported(record: Record) -> None:
 
 def test_a_known_delay_is_kept_and_costs_no_doubt(record: Record) -> None:
     trial = record(QUADRATIC, Relay(0.08, 15 * DEG), delay=0.2, noise=0.005)
-    fit = identify(trial, delay=0.2)
+    fit = fit_axis(trial, delay=0.2)
     assert fit.parameters["delay"].status == "fixed"
     assert fit.parameters["alpha_r"].value == pytest.approx(0.031, rel=0.03)
     assert "delay-fitted" not in slugs(fit)
@@ -96,7 +96,7 @@ def test_a_rudder_that_turns_to_port_gives_negative_parameters_and_says_so(recor
     trial = record((-0.5, -0.25, 0.0, 0.01), Relay(0.3, 8 * DEG, reverse=True), noise=0.003)
     drive = trial["N"]
     rudder = dataclasses.replace(drive, name="delta", unit="rad")
-    fit = identify(dataclasses.replace(trial, channels={"psi": trial["psi"], "delta": rudder}), structure="linear")
+    fit = fit_axis(dataclasses.replace(trial, channels={"psi": trial["psi"], "delta": rudder}), structure="linear")
     assert fit.parameters["alpha_r"].value == pytest.approx(-0.5, rel=0.05)
     assert fit.parameters["beta_r"].unit == "rad s/rad"
     assert "reversed-input" in slugs(fit)
@@ -107,7 +107,7 @@ def test_a_lagging_gyro_is_left_out_with_its_reason(record: Record) -> None:
     trial = record(LINEAR, Relay(0.3, 8 * DEG), 60.0, noise=0.001, rate_noise=0.002)
     rate = trial["r"]
     late = np.interp(rate.t - 0.05, rate.t, rate.values)
-    fit = identify(changed(trial, "r", values=late))
+    fit = fit_axis(changed(trial, "r", values=late))
     assert fit.extra["signals"] == ["psi"]
     assert "lags" in fit.extra["signals_left_out"]["r"]
     assert fit.parameters["alpha_r"].value == pytest.approx(0.5, rel=0.02)
@@ -116,7 +116,7 @@ def test_a_lagging_gyro_is_left_out_with_its_reason(record: Record) -> None:
 def test_a_differentiated_heading_is_not_counted_as_a_second_sensor(record: Record) -> None:
     trial = record(LINEAR, Relay(0.3, 8 * DEG), 60.0, noise=0.004, rate_noise=0.0)
     derived = np.gradient(np.unwrap(trial["psi"].values), trial["psi"].t)
-    assert identify(changed(trial, "r", values=derived)).extra["signals"] == ["psi"]
+    assert fit_axis(changed(trial, "r", values=derived)).extra["signals"] == ["psi"]
 
 
 @pytest.mark.parametrize(("dof", "drop"), [("surge", "x"), ("surge", None), ("heave", None), ("sway", "y")])
@@ -124,7 +124,7 @@ def test_other_degrees_of_freedom_work_from_what_was_measured(dof: str, drop: st
     command = Levels(np.random.default_rng(8), 20.0, 4.0)
     trial = record((12.0, 4.0, 15.0, 2.0), command, 120.0, noise=0.01, rate_noise=0.01, dof=dof)
     channels = {n: c for n, c in trial.channels.items() if n != drop}
-    fit = identify(dataclasses.replace(trial, channels=channels))
+    fit = fit_axis(dataclasses.replace(trial, channels=channels))
     assert fit.dof == dof
     alpha = next(iter(fit.parameters.values()))
     assert abs(alpha.value - 12.0) < 4.0 * alpha.std < 2.0
@@ -137,7 +137,7 @@ def test_a_hole_in_the_telemetry_does_not_bend_the_answer(relays: list[Trial]) -
         c = trial[name]
         keep = (c.t < 14.0) | (c.t > 18.3)
         holed = changed(holed, name, t=c.t[keep], values=c.values[keep])
-    fit = identify(holed)
+    fit = fit_axis(holed)
     assert "gaps" in slugs(fit)
     assert fit.parameters["alpha_r"].value == pytest.approx(0.36, rel=0.02)
 
@@ -148,7 +148,7 @@ def test_a_coarse_compass_is_noticed_and_the_answer_stays_within_a_few_percent(r
         trial = record(QUADRATIC, Relay(C, 15 * DEG), 60.0)
         step = 2.0 * DEG
         trials.append(changed(trial, "psi", values=np.round(trial["psi"].values / step) * step))
-    fit = identify(trials)
+    fit = fit_axis(trials)
     assert "quantised" in slugs(fit)
     assert fit.noise_std >= 2.0 * DEG / np.sqrt(12.0) * 0.99
     assert fit.parameters["alpha_r"].value == pytest.approx(0.031, rel=0.05)
@@ -157,7 +157,7 @@ def test_a_coarse_compass_is_noticed_and_the_answer_stays_within_a_few_percent(r
 def test_samples_that_are_no_numbers_are_left_out_and_counted(relays: list[Trial]) -> None:
     values = relays[0]["psi"].values.copy()
     values[[40, 41, 90]] = np.nan
-    fit = identify(changed(relays[0], "psi", values=values))
+    fit = fit_axis(changed(relays[0], "psi", values=values))
     assert any(d.slug == "missing-samples" and d.cause.startswith("3 samples") for d in fit.doubts)
 
 
@@ -165,14 +165,14 @@ def test_outliers_are_pointed_out_and_borne_by_the_robust_loss(relays: list[Tria
     values = relays[0]["psi"].values.copy()
     values[30::60] += 0.6
     spoilt = changed(relays[0], "psi", values=values)
-    plain = identify(spoilt, use=["position"], structure="affine")
-    robust = identify(spoilt, use=["position"], structure="affine", loss="soft_l1")
+    plain = fit_axis(spoilt, use=["position"], structure="affine")
+    robust = fit_axis(spoilt, use=["position"], structure="affine", loss="soft_l1")
     assert "outliers" in slugs(plain)
     assert robust.parameters["alpha_r"].value == pytest.approx(0.36, rel=0.02)
 
 
 def test_structure_asked_for_is_structure_given(relays: list[Trial]) -> None:
-    fit = identify(relays, structure="linear")
+    fit = fit_axis(relays, structure="linear")
     assert (fit.structure, fit.parameters["beta_rr"].status, fit.parameters["beta_rr"].value) == (
         "linear",
         "absent",
@@ -183,7 +183,7 @@ def test_structure_asked_for_is_structure_given(relays: list[Trial]) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_recovers_a_known_model_and_brings_curves(method: str, record: Record) -> None:
     trials = [record(LINEAR, Relay(C, 8 * DEG), noise=0.001, dt=0.05, name=str(C)) for C in (0.2, 0.4)]
-    fit = identify(trials, method=method, structure="linear")
+    fit = fit_axis(trials, method=method, structure="linear")
     assert fit.method == method
     for name, truth in zip(("alpha_r", "beta_r"), LINEAR, strict=False):
         assert abs(fit.parameters[name].value - truth) <= 3.5 * fit.parameters[name].std
@@ -193,7 +193,7 @@ def test_every_method_recovers_a_known_model_and_brings_curves(method: str, reco
 
 def test_a_free_run_on_a_fresh_record_stays_close_to_its_noise(relays: list[Trial], record: Record) -> None:
     fresh = record(AFFINE, Levels(np.random.default_rng(1), 0.4, 3.0), 40.0, noise=0.003, seed=77)
-    statistics = residual_statistics(free_run(identify(relays), fresh))
+    statistics = residual_statistics(free_run(fit_axis(relays), fresh))
     assert statistics.rms < 0.01
     assert statistics.fit_percent > 99.5
 
@@ -233,14 +233,14 @@ CASES = ("too short", "constant input", "all zeros", "no motion", "only noise", 
 def test_a_hopeless_record_gives_an_error_that_says_what_to_try(case: str, dof: str | None, record: Record) -> None:
     trial, error = hopeless(record)[case]
     with pytest.raises(error) as raised:
-        identify(trial, dof=dof)
+        fit_axis(trial, dof=dof)
     assert len(str(raised.value)) > 40
 
 
 def test_iso_without_a_relay_says_which_method_to_use(record: Record) -> None:
     trial = record(LINEAR, Levels(np.random.default_rng(3), 0.3, 2.5), noise=0.003)
     with pytest.raises(NotInformative, match="output-error"):
-        identify(trial, method="iso")
+        fit_axis(trial, method="iso")
 
 
 def test_a_run_that_moves_in_two_axes_asks_which_one(record: Record) -> None:
@@ -248,9 +248,9 @@ def test_a_run_that_moves_in_two_axes_asks_which_one(record: Record) -> None:
     heave = record((12.0, 4.0, 15.0, 0.0), Relay(10.0, 0.3), dof="heave")
     both = Trial("both", {**yaw.channels, **heave.channels})
     with pytest.raises(UsageError, match="yaw, heave"):
-        identify(both)
-    assert identify(both, dof="heave").dof == "heave"
-    assert identify(dataclasses.replace(both, meta={"dof": "yaw"})).dof == "yaw"
+        fit_axis(both)
+    assert fit_axis(both, dof="heave").dof == "heave"
+    assert fit_axis(dataclasses.replace(both, meta={"dof": "yaw"})).dof == "yaw"
 
 
 @pytest.mark.parametrize(
@@ -258,12 +258,12 @@ def test_a_run_that_moves_in_two_axes_asks_which_one(record: Record) -> None:
 )
 def test_wrong_arguments_are_usage_errors(wrong: dict[str, object], relays: list[Trial]) -> None:
     with pytest.raises(UsageError):
-        identify(relays, **wrong)  # type: ignore[arg-type]  # wrong on purpose
+        fit_axis(relays, **wrong)  # type: ignore[arg-type]  # wrong on purpose
 
 
 def test_a_misspelt_method_brings_the_nearest_name(relays: list[Trial]) -> None:
     with pytest.raises(UnknownName, match="output-error"):
-        identify(relays, method="output_error")
+        fit_axis(relays, method="output_error")
 
 
 def test_only_the_relay_trials_of_a_run_directory_are_loaded(tmp_path: Path, relays: list[Trial]) -> None:
@@ -273,7 +273,7 @@ def test_only_the_relay_trials_of_a_run_directory_are_loaded(tmp_path: Path, rel
         save_trial(dataclasses.replace(relays[0], name=name, meta={"manoeuvre": kind}), folder / f"{name}.csv")
     assert [t.name for t in load_runs(tmp_path)] == ["relay_1", "relay_2"]
     assert [t.name for t in load_runs(folder / "step.csv")] == ["step"]
-    fit = identify(load_runs(tmp_path))
+    fit = fit_axis(load_runs(tmp_path))
     assert fit.parameters["alpha_r"].value == pytest.approx(0.36, rel=0.01)
 
 
@@ -293,14 +293,14 @@ def test_a_channel_of_another_length_and_rate_is_used_at_its_own_stamps(record: 
     psi, N = trial["psi"], trial["N"]
     jumps = np.concatenate([[True], np.diff(N.values) != 0.0])
     sparse = Trial("sparse", {"psi": psi, "N": Channel("N", "N m", N.t[jumps], N.values[jumps])})
-    full, few = identify(trial, structure="linear"), identify(sparse, structure="linear")
+    full, few = fit_axis(trial, structure="linear"), fit_axis(sparse, structure="linear")
     assert few.parameters["alpha_r"].value == pytest.approx(full.parameters["alpha_r"].value, rel=1e-9)
 
 
 def test_a_delay_that_can_be_neither_proved_nor_excluded_is_a_doubt(record: Record) -> None:
     trial = record((0.36, 0.2, 0.0, 0.0), Relay(0.1, 0.02), 30.0, delay=0.1, noise=0.02, seed=1)
-    fit = identify(trial, structure="linear")
-    known = identify(trial, structure="linear", delay=0.1)
+    fit = fit_axis(trial, structure="linear")
+    known = fit_axis(trial, structure="linear", delay=0.1)
     inertia, right = fit.parameters["alpha_r"], known.parameters["alpha_r"]
     assert abs(inertia.value - 0.36) > 3.0 * inertia.std
     assert slugs(fit) == {"delay-undecided"}
@@ -311,7 +311,7 @@ def test_a_craft_faster_than_its_sampling_is_called_unresolved_and_not_given_a_f
     record: Record,
 ) -> None:
     trial = record((0.0005, 0.25, 0.0, 0.0), Levels(np.random.default_rng(6), 0.3, 2.0), h=0.0005, noise=0.003)
-    fit = identify(trial, structure="linear")
+    fit = fit_axis(trial, structure="linear")
     inertia, drag = fit.parameters["alpha_r"], fit.parameters["beta_r"]
     assert inertia.status == "at_bound" or inertia.std > 0.3 * inertia.value
     assert slugs(fit) & {"inertia-unresolved", "weakly-excited"}

@@ -11,9 +11,9 @@ import pytest
 from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.identify import LimitCycleMonitor, decide, find_cycles
-from gcs_autotune.identify.describing_function import relay, relay_bias
-from gcs_autotune.identify.iso import estimate
-from gcs_autotune.identify.limit_cycle import MonitorState
+from gcs_autotune.identify.relay.describing_function import relay, relay_bias
+from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify.relay.limit_cycle import MonitorState
 from gcs_autotune.trial import Mark, Trial
 
 Record = Callable[..., Trial]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.describing_function import relay
-from gcs_autotune.identify.matrix_iso import experiments_needed, identify_transfer_function
+from gcs_autotune.identify.relay.describing_function import relay
+from gcs_autotune.identify.relay.matrix_iso import experiments_needed, identify_transfer_function
 from gcs_autotune.identify.result import LimitCycle
 
 

@@ -12,9 +12,9 @@ import pytest
 from identify_water import DEG, Relay
 
 from gcs_autotune.identify import find_cycles
-from gcs_autotune.identify.decision import MARGINS, decide
-from gcs_autotune.identify.iso import estimate
-from gcs_autotune.identify.matrix_iso import identify_transfer_function
+from gcs_autotune.identify.relay.decision import MARGINS, decide
+from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify.relay.matrix_iso import identify_transfer_function
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 from gcs_autotune.trial import Trial
 

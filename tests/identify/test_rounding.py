@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from identify_water import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, identify
-from gcs_autotune.identify.likelihood import FINEST, Gaussian, Rounded
-from gcs_autotune.identify.record import prepare
-from gcs_autotune.identify.residuals import quanta_of
+from gcs_autotune.identify import cramer_rao, fit_axis
+from gcs_autotune.identify.axis.likelihood import FINEST, Gaussian, Rounded
+from gcs_autotune.identify.axis.record import prepare
+from gcs_autotune.identify.axis.residuals import quanta_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
@@ -104,7 +104,7 @@ def test_the_fit_to_a_coarse_compass_is_unbiased_efficient_and_its_intervals_cov
     truth, errors, inside, bounds = np.array([0.031, 0.069, 0.003]), [], [], []
     for seed in range(SEEDS):
         runs = coarse_runs(clean, seed)
-        fit = identify(runs, structure="nonlinear", delay=0.0)
+        fit = fit_axis(runs, structure="nonlinear", delay=0.0)
         value, std = (np.array([getattr(fit.parameters[n], k) for n in NAMES]) for k in ("value", "std"))
         errors.append(value - truth)
         inside.append(np.abs(value - truth) <= 1.96 * std)
@@ -119,7 +119,7 @@ def test_the_fit_to_a_coarse_compass_is_unbiased_efficient_and_its_intervals_cov
 
 
 def test_structure_and_absence_of_delay_are_decided_on_the_coarse_record(clean: list[Trial]) -> None:
-    fit = identify(coarse_runs(clean, 3))
+    fit = fit_axis(coarse_runs(clean, 3))
     assert fit.structure == "nonlinear"
     assert fit.model.delay == 0.0
     assert fit.extra["quantum"]["psi"] == pytest.approx(QUANTUM)
@@ -136,8 +136,8 @@ def test_samples_three_steps_off_do_not_bend_the_fit(clean: list[Trial]) -> None
         values = trial["psi"].values.copy()
         values[20::40] += 3.0 * QUANTUM
         spoiled.append(Trial(trial.name, {"psi": Channel("psi", "rad", trial["psi"].t, values), "N": trial["N"]}))
-    good = identify(runs, structure="nonlinear", delay=0.0)
-    bent = identify(spoiled, structure="nonlinear", delay=0.0)
+    good = fit_axis(runs, structure="nonlinear", delay=0.0)
+    bent = fit_axis(spoiled, structure="nonlinear", delay=0.0)
     for name in NAMES:
         parameter = good.parameters[name]
         assert abs(bent.parameters[name].value - parameter.value) < 1.5 * parameter.std, name
@@ -149,7 +149,7 @@ def test_a_heading_through_south_is_the_same_as_through_north(record: Callable[.
     psi = trial["psi"]
     turned = np.angle(np.exp(1j * (psi.values + np.pi)))
     south = Trial("south", {"psi": Channel("psi", "rad", psi.t, turned), "N": trial["N"]})
-    one, other = (identify(t, structure="nonlinear", delay=0.0) for t in (trial, south))
+    one, other = (fit_axis(t, structure="nonlinear", delay=0.0) for t in (trial, south))
     assert other.extra["quantum"]["psi"] == pytest.approx(QUANTUM)
     assert other.model.alpha == pytest.approx(one.model.alpha, rel=1e-4)
 

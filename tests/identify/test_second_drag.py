@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identify_water import DEG, Relay
 
-from gcs_autotune.identify import Fit, identify
+from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
 
 SEEDS = 24
@@ -21,7 +21,7 @@ def runs(record: Callable[..., Trial], plant: tuple[float, ...]) -> list[Trial]:
     return [record(plant, Relay(C, 15 * DEG), 25.0, name=str(C)) for C in (0.3, 0.6)]
 
 
-def fits(clean: list[Trial]) -> list[Fit]:
+def fits(clean: list[Trial]) -> list[AxisFit]:
     found = []
     for seed in range(SEEDS):
         rng = np.random.default_rng(seed)
@@ -33,26 +33,26 @@ def fits(clean: list[Trial]) -> list[Fit]:
             )
             for t in clean
         ]
-        found.append(identify(noisy, delay=0.0))
+        found.append(fit_axis(noisy, delay=0.0))
     return found
 
 
 @pytest.fixture(scope="module")
-def hardly_affine(record: Callable[..., Trial]) -> list[Fit]:
+def hardly_affine(record: Callable[..., Trial]) -> list[AxisFit]:
     return fits(runs(record, MOSTLY_LINEAR))
 
 
 @pytest.fixture(scope="module")
-def truly_linear(record: Callable[..., Trial]) -> list[Fit]:
+def truly_linear(record: Callable[..., Trial]) -> list[AxisFit]:
     return fits(runs(record, LINEAR))
 
 
-def coverage(found: list[Fit], std: list[float]) -> float:
+def coverage(found: list[AxisFit], std: list[float]) -> float:
     errors = np.array([f.parameters["beta_r"].value - 0.75 for f in found])
     return float(np.mean(np.abs(errors) <= 1.96 * np.array(std)))
 
 
-def test_drag_covers_the_truth_although_a_second_one_is_left_out(hardly_affine: list[Fit]) -> None:
+def test_drag_covers_the_truth_although_a_second_one_is_left_out(hardly_affine: list[AxisFit]) -> None:
     kept = [f for f in hardly_affine if f.structure == "linear"]
     assert len(kept) >= SEEDS // 3
     raised = [f.parameters["beta_r"].std for f in kept]
@@ -61,14 +61,14 @@ def test_drag_covers_the_truth_although_a_second_one_is_left_out(hardly_affine: 
     assert coverage(hardly_affine, [f.parameters["beta_r"].std for f in hardly_affine]) >= 0.75
 
 
-def test_an_undecided_second_drag_is_a_doubt(hardly_affine: list[Fit]) -> None:
+def test_an_undecided_second_drag_is_a_doubt(hardly_affine: list[AxisFit]) -> None:
     for fit in hardly_affine:
         bic = {c.structure: c.bic for c in fit.candidates}
         second = fit.structure == "linear" and bic["affine"] - bic["linear"] < 2.0
         assert ("second-drag-undecided" in {d.slug for d in fit.doubts}) == second
 
 
-def test_both_drags_are_taken_when_the_record_speaks_for_them(hardly_affine: list[Fit]) -> None:
+def test_both_drags_are_taken_when_the_record_speaks_for_them(hardly_affine: list[AxisFit]) -> None:
     for fit in hardly_affine:
         bic = {c.structure: c.bic for c in fit.candidates}
         if fit.structure == "affine":
@@ -76,7 +76,7 @@ def test_both_drags_are_taken_when_the_record_speaks_for_them(hardly_affine: lis
             assert min(fit.model.beta, fit.model.beta_quadratic) > 0.0
 
 
-def test_a_truly_linear_drag_stays_linear_and_mostly_without_doubt(truly_linear: list[Fit]) -> None:
+def test_a_truly_linear_drag_stays_linear_and_mostly_without_doubt(truly_linear: list[AxisFit]) -> None:
     assert [f.structure for f in truly_linear].count("linear") == SEEDS
     doubted = [f for f in truly_linear if "second-drag-undecided" in {d.slug for d in f.doubts}]
     assert len(doubted) <= 2

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from identify_water import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, identify
-from gcs_autotune.identify.record import prepare
+from gcs_autotune.identify import cramer_rao, fit_axis
+from gcs_autotune.identify.axis.record import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
@@ -43,8 +43,8 @@ def test_the_record_tells_how_far_a_jump_may_lie_from_its_stamp(clean: list[Tria
 def test_early_stamps_bias_the_inertia_only_when_they_are_taken_as_exact(clean: list[Trial]) -> None:
     runs = [dated_midway(t, k) for k, t in enumerate(clean)]
     believed = [dataclasses.replace(t, meta={}) for t in runs]
-    honest = identify(runs, structure="nonlinear")
-    deceived = identify(believed, structure="nonlinear", delay=0.0)
+    honest = fit_axis(runs, structure="nonlinear")
+    deceived = fit_axis(believed, structure="nonlinear", delay=0.0)
     alpha, wrong = honest.parameters["alpha_r"], deceived.parameters["alpha_r"]
     assert abs(alpha.value - 0.031) < 2.5 * alpha.std
     assert abs(wrong.value - 0.031) > 5.0 * wrong.std
@@ -52,7 +52,7 @@ def test_early_stamps_bias_the_inertia_only_when_they_are_taken_as_exact(clean: 
 
 
 def test_the_shift_is_no_delay_of_the_craft(clean: list[Trial]) -> None:
-    fit = identify([dated_midway(t, 7) for t in clean])
+    fit = fit_axis([dated_midway(t, 7) for t in clean])
     assert fit.model.delay == 0.0
     assert fit.parameters["delay"].status == "absent"
     assert fit.parameters["delay"].std == 0.0
@@ -61,7 +61,7 @@ def test_the_shift_is_no_delay_of_the_craft(clean: list[Trial]) -> None:
 
 def test_a_delay_beyond_what_the_stamps_allow_is_still_found(record: Callable[..., Trial]) -> None:
     trials = [record(QUICK, Relay(C, 15 * DEG), 30.0, dt=STEP, delay=0.2, name=str(C)) for C in (0.08, 0.16)]
-    fit = identify([dated_midway(t, 3) for t in trials], structure="nonlinear")
+    fit = fit_axis([dated_midway(t, 3) for t in trials], structure="nonlinear")
     assert fit.model.delay == pytest.approx(0.2 + 0.5 * STEP, abs=0.01)
     assert fit.parameters["delay"].status == "fitted"
 
@@ -72,5 +72,5 @@ def test_the_bound_knows_that_the_stamps_are_not_exact(clean: list[Trial]) -> No
     shifted = cramer_rao(model, runs, NOISE, free)
     exact = cramer_rao(model, [dataclasses.replace(t, meta={}) for t in runs], NOISE, free)
     assert shifted["alpha"] > 1.5 * exact["alpha"]
-    fit = identify(runs, structure="nonlinear")
+    fit = fit_axis(runs, structure="nonlinear")
     assert fit.parameters["alpha_r"].std == pytest.approx(shifted["alpha"], rel=0.1)

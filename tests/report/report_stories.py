@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.design.result import Change, Margins, ModelFunction, Prediction, Proposal, StepMetrics
-from gcs_autotune.identify.result import Candidate, Decision, Doubt, Fit, IsoEstimate, LimitCycle, Parameter, Trace
+from gcs_autotune.identify.result import AxisFit, Candidate, Decision, Doubt, IsoEstimate, LimitCycle, Parameter, Trace
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Channel, Mark, Trial
@@ -82,7 +82,9 @@ def trace_of(trial: Trial, seed=7) -> Trace:
     return Trace(trial.name, t, measured, fitted, np.full(len(t), 0.011))
 
 
-def fit(structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(0.0011, 0.0, 0.0064, 0.0009)) -> Fit:
+def fit(
+    structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(0.0011, 0.0, 0.0064, 0.0009)
+) -> AxisFit:
     model = replace(MODEL, beta=0.0 if structure == "nonlinear" else MODEL.beta)
     names, units = model.axis.parameter_names(), model.axis.parameter_units("1")
     values = (model.alpha, model.beta, model.beta_quadratic, model.delta)
@@ -107,7 +109,7 @@ def fit(structure="nonlinear", doubts=(), verdict="nonlinear", traces=(), stds=(
             ("affine", 0.0042, 5, -7723.9),
         )
     )
-    return Fit(
+    return AxisFit(
         dof="yaw",
         structure=structure,
         method="output error",

@@ -1,4 +1,4 @@
-"""Which drag, and is there a delay? Output-error candidates weighed by :mod:`gcs_autotune.identify.evidence`."""
+"""Which drag, and is there a delay? Output-error candidates weighed by :mod:`gcs_autotune.identify.axis.evidence`."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.evidence import bic, choose, damps, possible_second_drag
-from gcs_autotune.identify.objective import Bounds, Timing, timing_of
-from gcs_autotune.identify.output_error import Solution, solve
-from gcs_autotune.identify.record import Record, after_delay
-from gcs_autotune.identify.residuals import quanta_of
+from gcs_autotune.identify.axis.evidence import bic, choose, damps, possible_second_drag
+from gcs_autotune.identify.axis.objective import Bounds, Timing, timing_of
+from gcs_autotune.identify.axis.output_error import Solution, solve
+from gcs_autotune.identify.axis.record import Record, after_delay
+from gcs_autotune.identify.axis.residuals import quanta_of
+from gcs_autotune.identify.axis.start import start_from_scan
+from gcs_autotune.identify.axis.uncertainty import correlation_time, inflation, is_white
 from gcs_autotune.identify.result import Candidate, Decision, Structure
-from gcs_autotune.identify.start import start_from_scan
-from gcs_autotune.identify.uncertainty import correlation_time, inflation, is_white
 from gcs_autotune.models import SingleDof
 
 __all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.describing_function import from_delay, from_integrators, relay
+from gcs_autotune.identify.relay.describing_function import from_delay, from_integrators, relay
 from gcs_autotune.identify.result import LimitCycle
 
 __all__ = ["TransferFunction", "experiments_needed", "identify_transfer_function"]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, UsageError
-from gcs_autotune.identify.output_error import Solution
-from gcs_autotune.identify.record import Record
-from gcs_autotune.identify.uncertainty import autocorrelation
+from gcs_autotune.identify.axis.output_error import Solution
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.axis.uncertainty import autocorrelation
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["KINDS", "first_names", "objection", "wanted_names"]

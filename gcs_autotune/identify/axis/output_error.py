@@ -3,7 +3,7 @@
 Maximum likelihood for measurement noise on position and velocity: the parameters ``(b, a, c, d, delay)`` of
 :mod:`gcs_autotune.models.simulation` are shared, every stretch has its own initial state, each kind of signal
 its own noise level, estimated with them. A coarse sensor's rounding enters the likelihood exactly when its step is
-given (:mod:`gcs_autotune.identify.likelihood`), started from the Gaussian fit; otherwise the noise level is not
+given (:mod:`gcs_autotune.identify.axis.likelihood`), started from the Gaussian fit; otherwise the noise level is not
 taken below ``step/sqrt(12)``.
 """
 
@@ -17,11 +17,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.axis.likelihood import Law, Rounded, gaussian_laws
+from gcs_autotune.identify.axis.objective import DELAY, SHARED, Bounds, Mask, Objective, Timing, information_of
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.axis.residuals import Residual, first_levels, first_states, rounding_error
 from gcs_autotune.identify.least_squares import Minimum, descend, inverse_of
-from gcs_autotune.identify.likelihood import Law, Rounded, gaussian_laws
-from gcs_autotune.identify.objective import DELAY, SHARED, Bounds, Mask, Objective, Timing, information_of
-from gcs_autotune.identify.record import Record
-from gcs_autotune.identify.residuals import Residual, first_levels, first_states, rounding_error
 
 __all__ = ["Solution", "solve"]
 

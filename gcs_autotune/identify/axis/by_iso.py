@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import iso
-from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
-from gcs_autotune.identify.doubts import Findings, collect
-from gcs_autotune.identify.result import Decision, Doubt, Fit, IsoEstimate, Status, Structure
-from gcs_autotune.identify.structure import FREE
-from gcs_autotune.identify.validation import residual_statistics, run_freely
+from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
+from gcs_autotune.identify.axis.doubts import Findings, collect
+from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
+from gcs_autotune.identify.relay import iso
+from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status, Structure
 from gcs_autotune.models import SingleDof
 
 __all__ = ["fit_by_iso"]
@@ -25,7 +25,7 @@ SYSTEMATIC = 0.05
 """Relative error of a first-harmonic balance. Chosen: the largest of thesis Examples 7.1-7.3 and of Table 6.2."""
 
 
-def fit_by_iso(case: Case) -> Fit:
+def fit_by_iso(case: Case) -> AxisFit:
     """Identify *case* by IS-O; see the package's :func:`identify`.
 
     Standard errors are the spread between the limit cycles, with :data:`SYSTEMATIC` on top.
@@ -61,7 +61,7 @@ def fit_by_iso(case: Case) -> Fit:
     doubts = [*collect(findings), _first_harmonic()]
     if undecided:
         doubts.append(_undecided())
-    return Fit(
+    return AxisFit(
         dof=model.dof,
         structure=structure,
         method="iso",

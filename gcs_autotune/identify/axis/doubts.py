@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.record import Record
+from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
 from gcs_autotune.identify.result import Decision, Doubt, Parameter, Structure
 from gcs_autotune.models import SingleDof
 

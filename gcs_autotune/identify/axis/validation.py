@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.output_error import Solution, solve
-from gcs_autotune.identify.record import Record, prepare
-from gcs_autotune.identify.result import Fit, Trace
-from gcs_autotune.identify.signals import first_names
-from gcs_autotune.identify.start import bounds_of
-from gcs_autotune.identify.uncertainty import autocorrelation, whiteness
+from gcs_autotune.identify.axis.output_error import Solution, solve
+from gcs_autotune.identify.axis.record import Record, prepare
+from gcs_autotune.identify.axis.signals import first_names
+from gcs_autotune.identify.axis.start import bounds_of
+from gcs_autotune.identify.axis.uncertainty import autocorrelation, whiteness
+from gcs_autotune.identify.result import AxisFit, Trace
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = ["ResidualStatistics", "free_run", "residual_statistics", "run_freely"]
@@ -37,7 +38,7 @@ class ResidualStatistics:
     whiteness_p: float
 
 
-def free_run(fit: Fit | SingleDof, trial: Trial) -> Trace:
+def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     """Simulate *trial* with an identified model, only the initial state fitted to it.
 
     The run should be one the model was not identified from. Stretches between holes follow each other.
@@ -45,9 +46,9 @@ def free_run(fit: Fit | SingleDof, trial: Trial) -> Trace:
     Raises
     ------
     NotInformative
-        When the model runs away on this input; and as :func:`gcs_autotune.identify.record.prepare`.
+        When the model runs away on this input; and as :func:`gcs_autotune.identify.axis.record.prepare`.
     """
-    model = fit.model if isinstance(fit, Fit) else fit
+    model = fit.model if isinstance(fit, AxisFit) else fit
     parts = [run_freely(model, record) for record in prepare(trial, model.dof)]
     return Trace(
         trial.name,
@@ -55,6 +56,8 @@ def free_run(fit: Fit | SingleDof, trial: Trial) -> Trace:
         np.concatenate([p.measured for p in parts]),
         np.concatenate([p.fitted for p in parts]),
         np.concatenate([p.band for p in parts]),
+        parts[0].signal,
+        parts[0].unit,
     )
 
 
@@ -65,7 +68,15 @@ def run_freely(model: SingleDof, record: Record) -> Trace:
     residual = found.residuals[0]
     band = np.full(len(residual.error), 1.96 * found.rms(names[0]))
     values = residual.signal.values
-    return Trace(record.run, residual.signal.t, values, values - residual.error, band)
+    return Trace(
+        record.run,
+        residual.signal.t,
+        values,
+        values - residual.error,
+        band,
+        residual.signal.name,
+        SIGNALS[residual.signal.name][0],
+    )
 
 
 def _with_initial_state(model: SingleDof, record: Record, names: tuple[str, ...]) -> Solution:

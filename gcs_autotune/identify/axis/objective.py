@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.axis.likelihood import Law
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.axis.residuals import Residual, residuals_of
 from gcs_autotune.identify.least_squares import Local
-from gcs_autotune.identify.likelihood import Law
-from gcs_autotune.identify.record import Record
-from gcs_autotune.identify.residuals import Residual, residuals_of
 
 __all__ = ["DELAY", "SHARED", "Bounds", "Mask", "Objective", "Timing", "information_of", "timing_of"]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.record import Record, Signal
+from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["Residual", "first_levels", "first_states", "quanta_of", "residuals_of", "rounding_error"]

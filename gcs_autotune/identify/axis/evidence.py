@@ -26,9 +26,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.output_error import Solution
+from gcs_autotune.identify.axis.output_error import Solution
+from gcs_autotune.identify.axis.uncertainty import inflation, physical_covariance, physical_values
 from gcs_autotune.identify.result import Decision, Structure
-from gcs_autotune.identify.uncertainty import inflation, physical_covariance, physical_values
 
 __all__ = ["UNDECIDED", "bic", "choose", "craft_covariance", "damps", "disadvantage", "possible_second_drag"]
 

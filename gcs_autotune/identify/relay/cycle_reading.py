@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.limit_cycle import PERIODS, HalfPeriod, cycle_from
-from gcs_autotune.identify.record import Record, prepare
+from gcs_autotune.identify.axis.record import Record, prepare
+from gcs_autotune.identify.relay.limit_cycle import PERIODS, HalfPeriod, cycle_from
 from gcs_autotune.identify.result import LimitCycle
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
@@ -36,7 +36,7 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, NotInformative, BadFile
-        As :func:`gcs_autotune.identify.record.prepare`.
+        As :func:`gcs_autotune.identify.axis.record.prepare`.
     """
     told = trial.meta.get("x_a")
     x_a = float(told) if isinstance(told, (int, float)) else None

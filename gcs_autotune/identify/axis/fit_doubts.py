@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.evidence import UNDECIDED
-from gcs_autotune.identify.objective import Bounds
-from gcs_autotune.identify.output_error import Solution, solve
+from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.evidence import UNDECIDED
+from gcs_autotune.identify.axis.objective import Bounds
+from gcs_autotune.identify.axis.output_error import Solution, solve
+from gcs_autotune.identify.axis.structure import Selection
+from gcs_autotune.identify.axis.uncertainty import autocorrelation, inflation, is_white
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.structure import Selection
-from gcs_autotune.identify.uncertainty import autocorrelation, inflation, is_white
 
 __all__ = ["fit_doubts"]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.objective import Bounds
-from gcs_autotune.identify.record import Record, Signal
+from gcs_autotune.identify.axis.objective import Bounds
+from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.identify.result import IsoEstimate
 from gcs_autotune.models.simulation import simulate_explicit
 

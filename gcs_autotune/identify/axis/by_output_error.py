@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import iso
-from gcs_autotune.identify.case import Case, named_parameters, two_experiment_decision
-from gcs_autotune.identify.doubts import Findings, collect
-from gcs_autotune.identify.evidence import craft_covariance
-from gcs_autotune.identify.fit_doubts import fit_doubts
-from gcs_autotune.identify.objective import DELAY, Bounds
-from gcs_autotune.identify.output_error import Solution
-from gcs_autotune.identify.record import Record
-from gcs_autotune.identify.result import Decision, Fit, IsoEstimate, Status, Trace
-from gcs_autotune.identify.signals import first_names, objection, wanted_names
-from gcs_autotune.identify.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
-from gcs_autotune.identify.structure import FREE, Selection, model_of, select
-from gcs_autotune.identify.uncertainty import inflation, whiteness
+from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
+from gcs_autotune.identify.axis.doubts import Findings, collect
+from gcs_autotune.identify.axis.evidence import craft_covariance
+from gcs_autotune.identify.axis.fit_doubts import fit_doubts
+from gcs_autotune.identify.axis.objective import DELAY, Bounds
+from gcs_autotune.identify.axis.output_error import Solution
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.axis.signals import first_names, objection, wanted_names
+from gcs_autotune.identify.axis.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
+from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
+from gcs_autotune.identify.axis.uncertainty import inflation, whiteness
+from gcs_autotune.identify.relay import iso
+from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Status, Trace
+from gcs_autotune.sname import SIGNALS
 
 __all__ = ["fit_by_output_error"]
 
@@ -32,8 +33,8 @@ GOOD_START = 0.05
 """Share of the motion's variance that an IS-O start may leave before a scan is tried as well."""
 
 
-def fit_by_output_error(case: Case) -> Fit:
-    """Fit *case* by output error; see the package's :func:`identify`.
+def fit_by_output_error(case: Case) -> AxisFit:
+    """AxisFit *case* by output error; see the package's :func:`identify`.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def _assembled(
     names: tuple[str, ...],
     left_out: dict[str, str],
     bounds: Bounds,
-) -> Fit:
+) -> AxisFit:
     solution, records = chosen.solution, chosen.records
     factors = inflation(solution)
     covariance = craft_covariance(solution, chosen.rival, chosen.correlation)
@@ -122,7 +123,6 @@ def _assembled(
     extra: dict[str, Any] = {
         "signals": list(names),
         "signals_left_out": left_out,
-        "noise": {k: float(v) for k, v in solution.noise.items()},
         "std_inflation": float(factors.max()),
         "residual_correlation_time": chosen.correlation,
         "delay_evidence": chosen.delay_evidence,
@@ -131,13 +131,14 @@ def _assembled(
         "sigma": {k: law.sigma for k, law in solution.laws.items()},
         "quantum": {k: law.quantum for k, law in solution.laws.items()},
     }
-    return Fit(
+    return AxisFit(
         dof=records[0].dof.name,
         structure=chosen.structure,
         method="output-error",
         model=model,
         parameters=parameters,
         covariance=covariance,
+        noise=dict(solution.noise),
         noise_std=solution.noise[main],
         residual_rms=rms,
         fit_percent=fit_percent,
@@ -180,5 +181,15 @@ def _traces(records: Sequence[Record], solution: Solution, name: str, factor: fl
         noise = solution.noise[name]
         spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows) * factor**2
         band = 1.96 * noise * np.sqrt(1.0 + np.maximum(spread, 0.0))
-        traces.append(Trace(records[r.record].run, r.signal.t, r.signal.values, r.signal.values - r.error, band))
+        traces.append(
+            Trace(
+                records[r.record].run,
+                r.signal.t,
+                r.signal.values,
+                r.signal.values - r.error,
+                band,
+                r.signal.name,
+                SIGNALS[r.signal.name][0],
+            )
+        )
     return tuple(traces)

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
+from gcs_autotune.identify.axis.objective import Timing, information_of, timing_of
+from gcs_autotune.identify.axis.output_error import Solution, solve
+from gcs_autotune.identify.axis.record import Record, prepare
+from gcs_autotune.identify.axis.residuals import Residual
+from gcs_autotune.identify.axis.start import bounds_of
 from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Gaussian, Law, Rounded
-from gcs_autotune.identify.objective import Timing, information_of, timing_of
-from gcs_autotune.identify.output_error import Solution, solve
-from gcs_autotune.identify.record import Record, prepare
-from gcs_autotune.identify.residuals import Residual
-from gcs_autotune.identify.start import bounds_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.trial import Trial

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.decision import decide, most_different_pair
-from gcs_autotune.identify.record import Record
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.relay.decision import decide, most_different_pair
 from gcs_autotune.identify.result import Decision, IsoEstimate, LimitCycle, Parameter, Status, Structure
 from gcs_autotune.models import SingleDof
+from gcs_autotune.trial import Trial
 
 __all__ = ["Case", "named_parameters", "two_experiment_decision"]
 
@@ -21,7 +24,8 @@ class Case:
     """One question: these stretches, these limit cycles in them, what to assume.
 
     ``structure`` None: decide. ``delay`` None: fit one if there is strong evidence. ``use`` None: choose the
-    signals. ``robust``: soft-L1 weights. ``names`` of the runs; ``dropped_rows`` in the files they came from.
+    signals. ``robust``: soft-L1 weights. ``names`` of the runs; ``dropped_rows`` in the files they came from;
+    ``trials`` the runs as recorded; ``options`` what the method alone understands.
     """
 
     records: Sequence[Record]
@@ -32,6 +36,8 @@ class Case:
     robust: bool
     names: tuple[str, ...]
     dropped_rows: int
+    trials: tuple[Trial, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None:
@@ -41,17 +47,18 @@ def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None
 
 
 def named_parameters(
-    model: SingleDof, covariance: NDArray[np.float64], status: Sequence[Status]
+    model: SingleDof, covariance: NDArray[np.float64], status: Sequence[Status], bounds: Sequence[float] = ()
 ) -> dict[str, Parameter]:
     """Return the four parameters and ``delay`` under their names.
 
-    covariance : (5, 5) of (alpha, beta, beta_quadratic, delta, delay). status : one per parameter.
+    covariance : (5, 5) of (alpha, beta, beta_quadratic, delta, delay). status, bounds : one per parameter.
     """
     names = (*model.axis.parameter_names(), "delay")
     units = (*model.axis.parameter_units(model.input_unit), "s")
     values = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    least = tuple(bounds) or (math.nan,) * len(names)
     return {
-        n: Parameter(n, float(v), u, float(s), state)
-        for n, v, u, s, state in zip(names, values, units, stds, status, strict=True)
+        n: Parameter(n, float(v), u, float(s), state, float(bound))
+        for n, v, u, s, state, bound in zip(names, values, units, stds, status, least, strict=True)
     }

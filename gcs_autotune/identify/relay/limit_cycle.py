@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs_autotune.identify.describing_function import is_valid
+from gcs_autotune.identify.relay.describing_function import is_valid
 from gcs_autotune.identify.result import LimitCycle
 
 __all__ = ["PERIODS", "SCATTER", "HalfPeriod", "LimitCycleMonitor", "MonitorState", "cycle_from"]

@@ -2,14 +2,14 @@
 
 Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay
 (6.31), real switching value (6.5). The answer is approximate, because only the first harmonic is balanced;
-:mod:`gcs_autotune.identify.output_error` starts from it.
+:mod:`gcs_autotune.identify.axis.output_error` starts from it.
 """
 
 from __future__ import annotations
 
 import math
 
-from gcs_autotune.identify.describing_function import from_delay, relay
+from gcs_autotune.identify.relay.describing_function import from_delay, relay
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 
 __all__ = ["estimate"]

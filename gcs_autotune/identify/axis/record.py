@@ -20,7 +20,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["INPUTS", "MIN_SAMPLES", "Record", "Signal", "after_delay", "guess_dof", "prepare"]
+__all__ = ["INPUTS", "MIN_SAMPLES", "Record", "Signal", "after_delay", "edges", "guess_dof", "prepare"]
 
 Array = NDArray[np.float64]
 
@@ -179,21 +179,21 @@ def _stretches(
     dating = _dating(drive, changes) if trial.meta.get("outputs_dated") == "midway" else 0.0
     main = position if position is not None and len(position) >= MIN_SAMPLES else rate
     assert main is not None
-    edges = _edges(main.t)
-    if len(edges) > 2:
+    borders = edges(main.t)
+    if len(borders) > 2:
         notes.append(
             Doubt(
                 "gaps",
-                f"run '{trial.name}' has {len(edges) - 2} hole(s) in its telemetry",
+                f"run '{trial.name}' has {len(borders) - 2} hole(s) in its telemetry",
                 "fly within good radio range; the stretches were fitted with initial states of their own",
             )
         )
     parts: list[Record] = []
-    for start, end in itertools.pairwise(edges):
+    for start, end in itertools.pairwise(borders):
         signals = [_signal(c, float(start), float(end)) for c in (position, rate)]
         if max((len(s.t) for s in signals if s is not None), default=0) < MIN_SAMPLES:
             continue
-        name = trial.name if len(edges) == 2 else f"{trial.name}#{len(parts) + 1}"
+        name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"
         parts.append(
             Record(
                 name,
@@ -224,7 +224,7 @@ def _dating(drive: Channel, changes: NDArray[np.bool_]) -> float:
     return float(np.median(drive.t[jumps] - drive.t[jumps - 1])) if len(jumps) else 0.0
 
 
-def _edges(t: Array) -> Array:
+def edges(t: Array) -> Array:
     """Return the boundaries of uninterrupted stretches, outermost at the ends of *t*."""
     dt = np.diff(t)
     holes = np.flatnonzero(dt > max(GAP_SECONDS, GAP_STEPS * float(np.median(dt))))

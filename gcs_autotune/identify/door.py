@@ -1,0 +1,199 @@
+"""The door of identification: :func:`fit` for any structure and method, :func:`fit_axis` for one degree of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.record import guess_dof, prepare
+from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.methods import METHODS
+from gcs_autotune.identify.relay.cycle_reading import find_cycles
+from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Structure
+from gcs_autotune.models.coupled import FORMS, Form, load_form
+from gcs_autotune.registry import lookup
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Trial
+
+__all__ = ["fit", "fit_axis"]
+
+
+def fit(
+    runs: Trial | Sequence[Trial],
+    structure: str | Form | Path | None = None,
+    method: str = "output-error",
+    *,
+    dof: str | None = None,
+    delay: Literal["auto"] | float = "auto",
+    use: Sequence[str] | None = None,
+    loss: Literal["linear", "soft_l1"] = "linear",
+    **options: Any,
+) -> Fit:
+    """Identify a model from one or more recorded runs.
+
+    Parameters
+    ----------
+    structure : for one degree of freedom its drag, ``linear``, ``nonlinear`` or ``affine`` (decided by evidence when
+        None); for several a name in ``FORMS`` (``horizontal``, ``6dof`` and so on), a form file (TOML) or a ``Form``.
+    method : name in ``METHODS``.
+    dof : name in ``DOFS`` or ``FORMS``; guessed from *structure* and from what moves when None.
+    delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
+    use : names of the signals to fit; chosen when None.
+    loss : ``soft_l1`` bears with outliers.
+    options : what *method* alone understands, see ``METHODS[method].options``.
+
+    Returns
+    -------
+    Fit
+        :class:`AxisFit` for one degree of freedom. A poor answer carries doubts.
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        The runs cannot be used; the message says why and what to try.
+    UsageError
+        Arguments that contradict the runs or each other.
+    """
+    form = _form(structure, dof)
+    if form is not None:
+        return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
+    drag = None if structure is None else lookup({str(n): n for n in FREE}, str(structure), "drag structure")
+    return fit_axis(runs, dof=dof, structure=drag, delay=delay, method=method, use=use, loss=loss, **options)
+
+
+def _form(structure: str | Form | Path | None, dof: str | None) -> Form | None:
+    """Return the coupled form meant, None for one degree of freedom."""
+    if isinstance(structure, Form):
+        return structure
+    if isinstance(structure, Path) or (isinstance(structure, str) and structure.endswith(".toml")):
+        return load_form(Path(structure))
+    if structure is not None and structure not in FREE:
+        return lookup({**FORMS, **dict.fromkeys(FREE)}, structure, "structure")
+    if dof is not None and dof not in DOFS:
+        return lookup({**FORMS, **dict.fromkeys(DOFS)}, dof, "degree of freedom")
+    return None
+
+
+def _fit_coupled(
+    runs: tuple[Trial, ...],
+    form: Form,
+    method: str,
+    delay: Literal["auto"] | float,
+    use: Sequence[str] | None,
+    loss: str,
+    options: dict[str, Any],
+) -> Fit:
+    chosen = _method(method, loss, options)
+    if chosen.coupled is None:
+        raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
+    case = CoupledCase(
+        form=form,
+        records=tuple(record for run in runs for record in prepare_coupled(run, form, use)),
+        delay=None if delay == "auto" else _seconds(delay),
+        robust=loss == "soft_l1",
+        names=tuple(run.name for run in runs),
+        trials=runs,
+        options=options,
+    )
+    return chosen.coupled(case)
+
+
+def fit_axis(
+    trials: Trial | Sequence[Trial],
+    *,
+    dof: str | None = None,
+    structure: Structure | None = None,
+    delay: Literal["auto"] | float = "auto",
+    method: str = "output-error",
+    use: Sequence[str] | None = None,
+    loss: Literal["linear", "soft_l1"] = "linear",
+    **options: Any,
+) -> AxisFit:
+    """Identify one degree of freedom; parameters and errors as those of :func:`fit`.
+
+    Returns
+    -------
+    AxisFit
+        With all of ``alpha_*``, ``beta_*``, ``beta_**``, ``delta`` and ``delay``.
+    """
+    runs = _all(trials)
+    chosen = _method(method, loss, options)
+    if chosen.axis is None:
+        raise UsageError(_no_answer(method, "one degree of freedom", [n for n, m in METHODS.items() if m.axis]))
+    if structure is not None:
+        lookup({str(name): name for name in FREE}, structure, "drag structure")
+    known_delay = None if delay == "auto" else _seconds(delay)
+    axis = _common_axis(runs, dof)
+    records = [record for run in runs for record in prepare(run, axis)]
+    _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
+    return chosen.axis(
+        Case(
+            records=records,
+            cycles=_cycles(runs, axis),
+            structure=structure,
+            delay=known_delay,
+            use=use,
+            robust=loss == "soft_l1",
+            names=tuple(run.name for run in runs),
+            dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
+            trials=runs,
+            options=options,
+        )
+    )
+
+
+def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
+    together = (runs,) if isinstance(runs, Trial) else tuple(runs)
+    if not together:
+        raise NotInformative("no run was given to identify from")
+    return together
+
+
+def _method(name: str, loss: str, options: dict[str, Any]) -> Method:
+    method = lookup(METHODS, name, "identification method")
+    if loss not in ("linear", "soft_l1"):
+        raise UsageError(f"loss '{loss}' is not known; use linear or soft_l1")
+    known = {option for option, _ in method.options}
+    for option in options:
+        if option not in known:
+            has = ", ".join(sorted(known)) or "none"
+            raise UsageError(f"method '{name}' has no option '{option}'; it has: {has}")
+    return method
+
+
+def _no_answer(method: str, what: str, others: list[str]) -> str:
+    return f"method '{method}' does not fit {what}; these do: {', '.join(others)}"
+
+
+def _seconds(delay: float | str) -> float:
+    if not 0.0 <= float(delay) < 60.0:
+        raise UsageError(f"a delay of {delay} s makes no sense: give seconds, 0 or more")
+    return float(delay)
+
+
+def _common_axis(runs: Sequence[Trial], dof: str | None) -> Dof:
+    if dof is not None:
+        return lookup(DOFS, dof, "degree of freedom")
+    guesses = [guess_dof(run) for run in runs]
+    if any(g != guesses[0] for g in guesses):
+        names = ", ".join(f"{r.name}: {g.name}" for r, g in zip(runs, guesses, strict=True))
+        raise UsageError(f"the runs are about different degrees of freedom ({names}): give --dof or fewer runs")
+    return guesses[0]
+
+
+def _check_one_input(names: set[str], units: set[str]) -> None:
+    if len(names) > 1 or len(units) > 1:
+        raise UsageError(
+            f"the runs have different inputs ({', '.join(sorted(names))} in {', '.join(sorted(units))}): "
+            "identify them one by one"
+        )
+
+
+def _cycles(runs: Sequence[Trial], axis: Dof) -> list[LimitCycle]:
+    return [cycle for run in runs for cycle in find_cycles(run, axis)]

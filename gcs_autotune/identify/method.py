@@ -1,0 +1,28 @@
+"""What an identification method is: a name, one line for ``--help``, and a function per kind of model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.result import AxisFit, Fit
+
+__all__ = ["Method"]
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One row of ``METHODS``.
+
+    ``axis`` fits one degree of freedom (:class:`SingleDof`), ``coupled`` several
+    (:class:`gcs_autotune.models.coupled.CoupledModel`); None: the method has no answer for that kind. ``options``
+    names the keyword arguments of ``fit`` that this method alone understands, each with one line of help.
+    """
+
+    name: str
+    summary: str
+    axis: Callable[[Case], AxisFit] | None = None
+    coupled: Callable[[CoupledCase], Fit] | None = None
+    options: tuple[tuple[str, str], ...] = ()

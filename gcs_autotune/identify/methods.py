@@ -1,0 +1,20 @@
+"""Every identification method, in one table: adding one is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gcs_autotune.identify.axis.by_iso import fit_by_iso
+from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
+from gcs_autotune.identify.method import Method
+
+__all__ = ["METHODS"]
+
+METHODS: Mapping[str, Method] = {
+    m.name: m
+    for m in (
+        Method("output-error", "simulated against measured motion, by maximum likelihood", axis=fit_by_output_error),
+        Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
+    )
+}
+"""Name -> method."""

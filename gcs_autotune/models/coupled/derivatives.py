@@ -1,0 +1,183 @@
+"""SNAME derivative names read as terms of the equations of motion.
+
+============  ==========================================================  ==========================
+name          meaning                                                     term
+============  ==========================================================  ==========================
+``X_udot``    added mass: force per acceleration (negative)               ``-X_udot`` in M
+``Y_rdot``    the same off the diagonal; its mirror ``N_vdot`` is equal   ``-Y_rdot`` in M, twice
+              unless it is named too
+``X_u``       linear derivative (negative when it damps)                  ``X_u * u``
+``X_uu``      equal letters: with modulus                                 ``X_uu * |u| u``
+``N_uv``      different letters: plain product                            ``N_uv * u v``
+``Y_|v|r``    modulus where it stands                                     ``Y_|v|r * |v| r``
+``X_0``       constant force                                              ``X_0``
+``K_phi``     restoring, linear in an angle or in ``z``                   ``K_phi * phi``
+``K_sinphi``  restoring of a weight below buoyancy                        ``K_sinphi * sin(phi)``
+``Y_delta``   input derivative; ``N_uudelta``: with ``|u| u``             ``Y_delta * delta``
+============  ==========================================================  ==========================
+
+Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
+``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.models.coupled import kernel
+
+__all__ = ["FORCES", "RIGID_BODY", "SPECIAL", "STATES", "Inertia", "Term", "inertia_of", "term_of", "unit_of"]
+
+FORCES = ("X", "Y", "Z", "K", "M", "N")
+"""Force letters in SNAME order; their index is the row of the equation."""
+
+STATES = ("u", "v", "w", "p", "q", "r")
+"""Velocity letters in SNAME order."""
+
+RIGID_BODY: Mapping[str, str] = {
+    "m": "kg",
+    "I_x": "kg m^2",
+    "I_y": "kg m^2",
+    "I_z": "kg m^2",
+    "I_xz": "kg m^2",
+    "x_G": "m",
+    "y_G": "m",
+    "z_G": "m",
+}
+"""Rigid-body constants and their units."""
+
+SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s"}
+"""What is neither force nor inertia, and its unit."""
+
+_POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
+_ANGULAR = {"p", "q", "r"}
+_NAME = re.compile(r"^(?P<force>[XYZKMN])_(?P<rest>.+)$")
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A force ``coefficient * factors`` in one row; ``factors`` are codes of :mod:`.kernel`, at most three."""
+
+    row: int
+    factors: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Inertia:
+    """An added-mass derivative: ``-coefficient`` stands at (row, column) of M."""
+
+    row: int
+    column: int
+
+
+def inertia_of(name: str) -> Inertia | None:
+    """Return what an added-mass name means, None for any other name."""
+    match = _NAME.match(name)
+    if match is None or not match["rest"].endswith("dot"):
+        return None
+    state = match["rest"].removesuffix("dot")
+    if state not in STATES:
+        raise BadFile(f"'{name}' is not a derivative: before 'dot' stands one of {', '.join(STATES)}")
+    return Inertia(FORCES.index(match["force"]), STATES.index(state))
+
+
+def term_of(name: str, inputs: Sequence[str]) -> Term:
+    """Return the force term a derivative's name means.
+
+    Raises
+    ------
+    BadFile
+        The name does not follow the table above.
+    """
+    match = _NAME.match(name)
+    if match is None:
+        raise BadFile(f"'{name}' is not the name of a derivative (X_u, Y_vv, N_rdot, N_delta ...) or a known constant")
+    row, rest = FORCES.index(match["force"]), match["rest"]
+    if rest == "0":
+        return Term(row, ())
+    factors = _factors(name, rest, inputs)
+    if not 1 <= len(factors) <= 3:
+        raise BadFile(f"'{name}' has {len(factors)} factors; one to three are possible")
+    return Term(row, tuple(factors))
+
+
+def _tokens(name: str, rest: str, inputs: Sequence[str]) -> list[tuple[str, bool]]:
+    words = sorted([*STATES, *_POSITIONS, "sinphi", "sintheta", *inputs], key=len, reverse=True)
+    found: list[tuple[str, bool]] = []
+    while rest:
+        modulus = rest.startswith("|")
+        rest = rest[1:] if modulus else rest
+        word = next((w for w in words if rest.startswith(w)), None)
+        if word is None or (modulus and not rest[len(word) :].startswith("|")):
+            raise BadFile(f"'{name}': cannot read '{rest}'; known there: {', '.join(words)}")
+        rest = rest[len(word) + modulus :]
+        found.append((word, modulus))
+    return found
+
+
+def _factors(name: str, rest: str, inputs: Sequence[str]) -> list[int]:
+    tokens = _tokens(name, rest, inputs)
+    codes: list[int] = []
+    for i, (word, modulus) in enumerate(tokens):
+        doubled = i + 1 < len(tokens) and tokens[i + 1] == (word, False)
+        odd = (i == 0 or tokens[i - 1][0] != word) and doubled
+        codes.append(_code(word, modulus or odd, inputs))
+    return codes
+
+
+def _code(word: str, modulus: bool, inputs: Sequence[str]) -> int:
+    if word in STATES:
+        return STATES.index(word) + (kernel.NU_SIZE if modulus else kernel.NU)
+    if word in inputs:
+        return list(inputs).index(word) + (kernel.INPUT_SIZE if modulus else kernel.INPUT)
+    if word == "sinphi":
+        return kernel.SIN_PHI
+    if word == "sintheta":
+        return kernel.SIN_THETA
+    return _POSITIONS[word]
+
+
+def unit_of(name: str, inputs: Mapping[str, str], *, normalised: bool = False) -> str:
+    """Return the unit of a parameter; *inputs* maps input names to their units.
+
+    normalised : forces are known only as fractions, so ``N`` and ``N m`` do not appear.
+    """
+    if name in SPECIAL:
+        return SPECIAL[name]
+    if name in RIGID_BODY:
+        return RIGID_BODY[name]
+    if name.startswith("k_"):
+        return "1"
+    match = _NAME.match(name)
+    if match is None:
+        return ""
+    force = "" if normalised else ("N" if FORCES.index(match["force"]) < 3 else "N m")
+    inertia = inertia_of(name)
+    if inertia is not None:
+        return _joined(force, 2, ["rad" if STATES[inertia.column] in _ANGULAR else "m"])
+    if match["rest"] == "0":
+        return force or "1"
+    seconds, lower = 0, []
+    for word, _ in _tokens(name, match["rest"], tuple(inputs)):
+        if word in STATES:
+            seconds += 1
+            lower.append("rad" if word in _ANGULAR else "m")
+        elif word in inputs:
+            lower.append(inputs[word])
+        elif word in _POSITIONS:
+            lower.append("m" if word in "xyz" else "rad")
+    return _joined(force, seconds, [w for w in lower if w != "1"])
+
+
+def _joined(force: str, seconds: int, lower: Sequence[str]) -> str:
+    top = " ".join(([force] if force else []) + ([f"s^{seconds}" if seconds > 1 else "s"] if seconds else []))
+    parts = []
+    for word in dict.fromkeys(lower):
+        power = list(lower).count(word)
+        text = f"({word})" if "/" in word or " " in word else word
+        parts.append(text if power == 1 else f"{text}^{power}")
+    bottom = parts[0] if len(parts) == 1 else f"({' '.join(parts)})"
+    return (top or "1") + (f"/{bottom}" if parts else "")

@@ -1,0 +1,174 @@
+"""A form: which degrees of freedom, which derivatives, which inputs. The structure of a coupled model, without numbers.
+
+Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or from a user's file::
+
+    name = "horizontal"
+    title = "surge, sway and yaw, coupled"
+    dofs = ["surge", "sway", "yaw"]
+    free = ["X_udot", "Y_vdot", "N_rdot", "X_u", "X_uu", "Y_v", "Y_vv", "N_r", "N_rr"]
+    coriolis = true            # C(nu) from M; false: only the product terms named
+
+    [known]                    # constants, in SI units
+    m = 8.0
+
+    [inputs.X]                 # channel X drives the surge equation with gain 1 ...
+    X = 1
+    [inputs.delta]             # ... and the rudder two equations with gains to be fitted
+    Y = "Y_delta"
+    N = "N_delta"
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of
+from gcs_autotune.sname import DOFS
+
+__all__ = ["FORMS", "Form", "form_from", "load_form"]
+
+_ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_KEYS = {"name", "title", "dofs", "free", "known", "inputs", "coriolis", "normalised", "start"}
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """The structure of a coupled model.
+
+    ``dofs`` in SNAME order; ``free`` the parameters to identify and ``known`` constants, names of
+    :mod:`.derivatives`; ``inputs`` maps a channel to ``(force letter, gain)`` pairs, the gain a number or a
+    parameter's name, with ``-`` before it for the opposite sign; ``start`` values to begin a search from (optional).
+    ``normalised``: forces are fractions of full output, so inertias and drags have no newtons in them.
+    """
+
+    name: str
+    title: str
+    dofs: tuple[str, ...]
+    free: tuple[str, ...]
+    known: Mapping[str, float]
+    inputs: Mapping[str, tuple[tuple[str, float | str], ...]]
+    coriolis: bool = True
+    normalised: bool = False
+    start: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """All parameters: free ones first, then known."""
+        return (*self.free, *self.known)
+
+    def fixing(self, values: Mapping[str, float]) -> Form:
+        """Return the form with some free parameters known."""
+        return replace(
+            self,
+            free=tuple(n for n in self.free if n not in values),
+            known={**self.known, **{n: float(v) for n, v in values.items()}},
+        )
+
+    def freeing(self, *names: str) -> Form:
+        """Return the form with some known (or new) parameters free; known values become start values."""
+        start = {**self.start, **{n: self.known[n] for n in names if n in self.known}}
+        known = {n: v for n, v in self.known.items() if n not in names}
+        free = (*self.free, *(n for n in names if n not in self.free))
+        return replace(self, free=free, known=known, start=start)
+
+    def without(self, *names: str) -> Form:
+        """Return the form without some parameters (their terms are zero)."""
+        return replace(
+            self,
+            free=tuple(n for n in self.free if n not in names),
+            known={n: v for n, v in self.known.items() if n not in names},
+        )
+
+
+def _check(form: Form) -> None:
+    if not form.dofs or list(form.dofs) != [d for d in _ORDER if d in form.dofs]:
+        raise BadFile(f"form '{form.name}': dofs must be some of {', '.join(_ORDER)}, in this order, not {form.dofs}")
+    twice = {n for n in form.parameters if form.parameters.count(n) > 1}
+    if twice:
+        raise BadFile(f"form '{form.name}': {', '.join(sorted(twice))} named twice (free and known)")
+    gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
+    missing = gains - set(form.parameters)
+    if missing:
+        raise BadFile(f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known")
+    rows = {FORCES.index(DOFS[d].force) for d in form.dofs}
+    for name in form.parameters:
+        if name in RIGID_BODY or name in SPECIAL or name in gains:
+            continue
+        inertia = inertia_of(name)
+        row = inertia.row if inertia is not None else term_of(name, tuple(form.inputs)).row
+        if row not in rows:
+            raise BadFile(f"form '{form.name}': {name} belongs to an equation that is not among {', '.join(form.dofs)}")
+    centre = [n for n in ("x_G", "y_G", "z_G") if n in form.free]
+    if centre and "m" in form.free:
+        raise BadFile(f"form '{form.name}': m and {', '.join(centre)} cannot both be free: only their product acts")
+
+
+def form_from(data: Mapping[str, Any], origin: str) -> Form:
+    """Build a form from plain data.
+
+    Raises
+    ------
+    BadFile
+        Unknown keys, names that are no derivatives, equations without their degree of freedom.
+    """
+    unknown = set(data) - _KEYS
+    if unknown:
+        raise BadFile(f"{origin}: unknown entries {', '.join(sorted(unknown))}; known: {', '.join(sorted(_KEYS))}")
+    try:
+        inputs = {
+            str(channel): tuple((str(force), g if isinstance(g, str) else float(g)) for force, g in gains.items())
+            for channel, gains in data.get("inputs", {}).items()
+        }
+        return Form(
+            name=str(data["name"]),
+            title=str(data.get("title", data["name"])),
+            dofs=tuple(str(d) for d in data["dofs"]),
+            free=tuple(str(n) for n in data["free"]),
+            known={str(k): float(v) for k, v in data.get("known", {}).items()},
+            inputs=inputs,
+            coriolis=bool(data.get("coriolis", True)),
+            normalised=bool(data.get("normalised", False)),
+            start={str(k): float(v) for k, v in data.get("start", {}).items()},
+        )
+    except KeyError as error:
+        raise BadFile(f"{origin}: entry {error} is missing") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise BadFile(f"{origin}: {error}") from error
+
+
+def load_form(path: Path) -> Form:
+    """Read a form file (TOML).
+
+    Raises
+    ------
+    BadFile
+        Not readable, not TOML, or not a form.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadFile(f"{path} cannot be read as a form: {error}") from error
+    return form_from(data, str(path))
+
+
+def _shipped() -> dict[str, Form]:
+    folder = resources.files("gcs_autotune.models.coupled") / "forms"
+    found = {}
+    for file in sorted(folder.iterdir(), key=lambda f: f.name):
+        if file.name.endswith(".toml"):
+            form = form_from(tomllib.loads(file.read_text(encoding="utf-8")), file.name)
+            found[form.name] = form
+    return found
+
+
+FORMS: Mapping[str, Form] = _shipped()
+"""Name -> form shipped with this package; adding one is one file in ``forms/``."""
