@@ -17,7 +17,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.trial import Trial
 
-__all__ = ["Validation", "validate"]
+__all__ = ["Validation", "join", "validate"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,3 +59,10 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
     else:
         raise UsageError(f"a {type(model).__name__} cannot be validated on runs")
     return Validation(tuple(traces), tuple(residual_statistics(t) for t in traces))
+
+
+def join(parts: Sequence[Validation]) -> Validation:
+    """Return several validations as one."""
+    return Validation(
+        tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics)
+    )
