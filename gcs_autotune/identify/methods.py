@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from gcs_autotune.identify.axis.by_iso import fit_by_iso
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
+from gcs_autotune.identify.frequency.by_frequency import OPTIONS, fit_by_frequency
 from gcs_autotune.identify.method import Method
 
 __all__ = ["METHODS"]
@@ -14,6 +15,7 @@ METHODS: Mapping[str, Method] = {
     m.name: m
     for m in (
         Method("output-error", "simulated against measured motion, by maximum likelihood", axis=fit_by_output_error),
+        Method("frequency", "Bode response of a sweep or relay, Nomoto fitted", axis=fit_by_frequency, options=OPTIONS),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
     )
 }
