@@ -16,7 +16,9 @@ from gcs_autotune.identify.frequency.harmonics import harmonic_response
 from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import FrequencyResponse
 from gcs_autotune.identify.frequency.spectrum import STRONG, TAPERS, constant_force, spectral_response
-from gcs_autotune.identify.result import AxisFit, Status
+from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
+from gcs_autotune.identify.result import AxisFit, Doubt, Status, Trace
+from gcs_autotune.models.nomoto import Nomoto1
 from gcs_autotune.models.single_dof import SingleDof
 
 __all__ = ["OPTIONS", "fit_by_frequency"]
@@ -54,10 +56,8 @@ def fit_by_frequency(case: Case) -> AxisFit:
     model, covariance = _model(case, first)
     states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
     parameters = named_parameters(model, covariance, states)
-    runs = [run_freely(model, record) for record in case.records]
-    statistics = [residual_statistics(t) for t in runs]
-    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
-    fit_percent = float(np.mean([s.fit_percent for s in statistics]))
+    runs = _free_runs(model, case)
+    rms, fit_percent = _left_over(runs, case)
     doubts = collect(Findings(case, model, "linear", parameters, None, rms, fit_percent))
     return AxisFit(
         dof=model.dof,
@@ -70,7 +70,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
         residual_rms=rms,
         fit_percent=fit_percent,
         used=case.names,
-        doubts=(*doubts, *frequency_doubts(response, first, second)),
+        doubts=(*doubts, *frequency_doubts(response, first, second), *([] if runs else [_runs_away(first)])),
         traces=tuple(runs),
         extra={
             "signals": [case.records[0].main.name],
@@ -83,6 +83,40 @@ def fit_by_frequency(case: Case) -> AxisFit:
     )
 
 
+def _free_runs(model: SingleDof, case: Case) -> list[Trace]:
+    """Return the free run on every record; none when the model runs away on one."""
+    try:
+        return [run_freely(model, record) for record in case.records]
+    except NotInformative:
+        return []
+
+
+def _left_over(runs: list[Trace], case: Case) -> tuple[float, float]:
+    """Return rms of the residuals and fit in per cent; without a free run all of the motion is left over."""
+    if not runs:
+        return math.sqrt(float(np.mean([np.var(r.main.values) for r in case.records]))), 0.0
+    statistics = [residual_statistics(t) for t in runs]
+    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
+    return rms, float(np.mean([s.fit_percent for s in statistics]))
+
+
+def _runs_away(first: NomotoFit) -> Doubt:
+    assert isinstance(first.model, Nomoto1)
+    T = first.model.T
+    early = f"the motion answers {-1000.0 * T:.0f} ms before the input's stamp" if T < 0.0 else f"T = {T:.3g} s"
+    return Doubt(
+        "runs-away",
+        f"the model cannot be simulated on its own run ({early}): inertia too small to see, or stamps out of step",
+        "check that input and output carry the times they belong to; record faster, or sweep over a wider band",
+    )
+
+
+def _settled(case: Case) -> bool:
+    """Return whether the runs are relay experiments that settled, by the rule of thesis 6.7."""
+    settled = [c for c in case.cycles if c.periods >= PERIODS and c.scatter <= SCATTER]
+    return len(settled) >= len(case.trials) and len(settled) == len(case.cycles)
+
+
 def _response(case: Case) -> FrequencyResponse:
     source = str(case.options.get("source", "auto"))
     if source not in SOURCES:
@@ -93,7 +127,7 @@ def _response(case: Case) -> FrequencyResponse:
     dof = case.records[0].dof
     if source == "harmonics":
         return harmonic_response(case.trials, dof)
-    if source == "auto" and len(case.cycles) >= len(case.trials):
+    if source == "auto" and _settled(case):
         try:
             return harmonic_response(case.trials, dof)
         except NotInformative:

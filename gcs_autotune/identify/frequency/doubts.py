@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gcs_autotune.identify.frequency.nomoto import NomotoFit
+from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
 from gcs_autotune.identify.frequency.spectrum import STRONG
 from gcs_autotune.identify.result import Doubt
@@ -15,8 +15,8 @@ __all__ = ["frequency_doubts"]
 DECADE_PART = 3.0
 """Least ratio of highest to lowest measured frequency that shows a slope. Chosen: half a decade."""
 
-MISFIT = 3.0
-"""Misfit, in units of the noise, above which the model is not the response's."""
+MISFIT = 0.05
+"""Fraction of the motion missed beyond noise above which the model is not the response's."""
 
 
 def frequency_doubts(response: FrequencyResponse, first: NomotoFit, second: NomotoFit | None) -> list[Doubt]:
@@ -51,7 +51,9 @@ def _band(response: FrequencyResponse, model: Nomoto1) -> Doubt | None:
     band = f"the input excited {low:.2g} to {high:.2g} rad/s with coherence"
     corner = 1.0 / abs(model.T) if model.T and math.isfinite(model.T) else 0.0
     if corner < low:
-        what = f"{band}, the corner 1/T = {corner:.2g} rad/s lies below: T/K (inertia) is measured, K and T apart are not"
+        what = (
+            f"{band}, the corner 1/T = {corner:.2g} rad/s lies below: T/K (inertia) is measured, K and T apart are not"
+        )
         return Doubt("narrow-band", what, "add slower motion: longer steps, a slower sweep, a relay with a larger x_a")
     if corner > high:
         what = f"{band}, the corner 1/T = {corner:.2g} rad/s lies above: K is measured, T is extrapolated"
@@ -62,13 +64,13 @@ def _band(response: FrequencyResponse, model: Nomoto1) -> Doubt | None:
 
 
 def _misfit(first: NomotoFit, second: NomotoFit | None) -> Doubt | None:
-    if first.misfit <= MISFIT:
+    better = second is not None and first.bic - second.bic > EVIDENCE
+    if first.misfit <= MISFIT and not better:
         return None
-    better = second is not None and second.misfit < 0.5 * first.misfit and second.bic < first.bic
+    also = "" if second is None else f", the second by {100 * second.misfit:.0f} %"
     return Doubt(
         "model-misfit",
-        f"Nomoto's first order misses the response by {first.misfit:.0f} times its scatter"
-        + (f", the second by {second.misfit:.1f}" if second is not None else ""),
+        f"Nomoto's first order misses {100 * first.misfit:.0f} % of the motion beyond its noise{also}",
         "take the second order from nomoto_2"
         if better
         else "drag that grows with speed, or runs of different amplitude: method='output-error' weighs nonlinear drag",

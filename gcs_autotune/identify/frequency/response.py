@@ -64,8 +64,15 @@ class FrequencyResponse:
 
     def at(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
         """Return the points marked in *keep*, (k,)."""
-        arrays = (self.omega, self.value, self.std, self.coherence, self.averages, self.input_power)
-        return FrequencyResponse(*(a[keep] for a in arrays), self.source)
+        return FrequencyResponse(
+            omega=self.omega[keep],
+            value=self.value[keep],
+            std=self.std[keep],
+            coherence=self.coherence[keep],
+            averages=self.averages[keep],
+            input_power=self.input_power[keep],
+            source=self.source,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -90,10 +97,13 @@ class FrequencyResponse:
 
 def together(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     """Return several responses of one source as one, sorted by frequency."""
-    omega = np.concatenate([p.omega for p in parts])
-    order = np.argsort(omega, kind="stable")
-    arrays = (
-        np.concatenate([getattr(p, name) for p in parts])[order]
-        for name in ("value", "std", "coherence", "averages", "input_power")
+    order = np.argsort(np.concatenate([p.omega for p in parts]), kind="stable")
+    return FrequencyResponse(
+        omega=np.concatenate([p.omega for p in parts])[order],
+        value=np.concatenate([p.value for p in parts])[order],
+        std=np.concatenate([p.std for p in parts])[order],
+        coherence=np.concatenate([p.coherence for p in parts])[order],
+        averages=np.concatenate([p.averages for p in parts])[order],
+        input_power=np.concatenate([p.input_power for p in parts])[order],
+        source=parts[0].source,
     )
-    return FrequencyResponse(omega[order], *arrays, parts[0].source)

@@ -1,8 +1,8 @@
 """The empirical response of any run by cross spectra.
 
-``G = S_yu / S_uu`` and coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data), averaged over sine tapers
-(Riedel and Sidorenko 1995) and over runs. The tapers see the whole run, so slow motion is resolved as well as its
-length allows and a sweep needs no cutting into pieces; their number grows with frequency, where fine resolution is of
+``G = S_yu / S_uu`` and coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data), averaged over sine
+tapers (Riedel and Sidorenko 1995) and over runs. The tapers see the whole run, so slow motion is resolved as well as
+its length allows and a sweep needs no cutting into pieces; their number grows with frequency, where fine resolution is of
 no use.
 
 A run of some tens of seconds resolves a craft's corner badly: within one bandwidth the response bends, and the motion
@@ -13,6 +13,7 @@ that of the record, and only the little that is left over suffers from the resol
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -90,7 +91,10 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
         model = _model(found, records)
         if model is None:
             break
-        left = _spectra([sampled(record, model) for record in records], omega, count)
+        try:
+            left = _spectra([sampled(record, model) for record in records], omega, count)
+        except NotInformative:
+            break
         known = Nomoto1.from_single_dof(model).response(omega)
         found = _response(omega, left, raw, known)
     return found
@@ -104,7 +108,7 @@ def constant_force(records: Sequence[Record], alpha: float, beta: float) -> tupl
     forces = []
     for run in (sampled(record) for record in records):
         edges = np.linspace(0, len(run.nu) - 1, BLOCKS + 1).astype(int)
-        for i, j in zip(edges[:-1], edges[1:], strict=True):
+        for i, j in itertools.pairwise(edges):
             gained = alpha * float(run.nu[j] - run.nu[i]) / ((j - i) * run.dt)
             drag = beta * float(0.5 * (run.nu[i:j] + run.nu[i + 1 : j + 1]).mean())
             given = float(0.5 * (run.tau[i:j] + run.tau[i + 1 : j + 1]).mean())
@@ -128,7 +132,8 @@ def _model(found: FrequencyResponse, records: Sequence[Record]) -> SingleDof | N
 def _grid(duration: float, dt: float, tapers: int) -> tuple[Array, NDArray[np.int_]]:
     """Return frequencies a bandwidth apart, and how many tapers serve at each; k tapers see (k + 1)/duration Hz."""
     unit, highest = 2.0 * np.pi / duration, HIGHEST * np.pi / dt
-    omega, count = [], []
+    omega: list[float] = []
+    count: list[int] = []
     low = 0.5 * unit
     while True:
         k = int(np.clip(WIDTH * (low / unit) - 1.0, tapers, MOST_TAPERS))

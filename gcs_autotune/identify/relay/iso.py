@@ -7,8 +7,6 @@ Both drag structures come from the same reading. All corrections are applied: bi
 
 from __future__ import annotations
 
-import math
-
 from gcs_autotune.identify.relay.describing_function import from_delay, quadratic_drag, relay
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 

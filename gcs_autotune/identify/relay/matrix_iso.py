@@ -43,7 +43,8 @@ def identify_process(
 ) -> TransferFunction:
     """Identify a linear process from limit cycles, to the first harmonic.
 
-    Bias ``x_0`` and real switching value ``x_a*`` of each cycle are used; *integrators* as (6.25), *delay* [s] as (6.31).
+    Bias ``x_0`` and real switching value ``x_a*`` of each cycle are used; *integrators* as (6.25), *delay* [s] as
+    (6.31).
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def _solve(
         rows = np.delete(rows, n, axis=1)
     size = np.ones(len(rows)) if len(omega) == needed else weight
     for _ in range(1 if len(omega) == needed else ROUNDS):
-        theta, rank = _least_squares(rows * size[:, None], known * size)
+        theta, rank = _least_squares(np.asarray(rows * size[:, None], dtype=np.complex128), known * size)
         if rank < unknown:
             raise NotInformative(
                 f"the {len(omega)} limit cycles are too alike to determine {n} poles and {m} zeros: "
