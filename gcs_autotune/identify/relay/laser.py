@@ -78,11 +78,15 @@ def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
 
     def amplitudes(rates: Array) -> tuple[Array, Array]:
         table = np.exp(np.outer(x, rates))
-        found = np.linalg.lstsq(table, y, rcond=None)[0]
-        return found, table @ found - y
+        found = np.asarray(np.linalg.lstsq(table, y, rcond=None)[0], dtype=np.float64)
+        return found, np.asarray(table @ found - y, dtype=np.float64)
 
     scale = abs(d)
-    found = least_squares(lambda p: amplitudes(p * scale)[1], np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
+
+    def error_of(p: Array) -> Array:
+        return amplitudes(p * scale)[1]
+
+    found = least_squares(error_of, np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
     rates = np.sort(found.x * scale)
     (a, c), error = amplitudes(rates)
     return LaserCurve(float(a), float(rates[0]), float(c), float(rates[1])), float(error @ error)
