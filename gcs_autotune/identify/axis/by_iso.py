@@ -26,7 +26,7 @@ SYSTEMATIC = 0.05
 """Relative error of a first-harmonic balance. Chosen: the largest of thesis Examples 7.1-7.3 and of Table 6.2."""
 
 SYSTEMATIC_QUADRATIC = 0.12
-"""That of quadratic drag, which flattens the velocity. Chosen: 9 to 19 % in simulation, most for a narrow hysteresis."""
+"""That of quadratic drag, which flattens the velocity. Chosen: 9 to 19 % in simulation, most for a narrow relay."""
 
 
 def fit_by_iso(case: Case) -> AxisFit:

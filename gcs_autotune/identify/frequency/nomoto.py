@@ -108,8 +108,8 @@ def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
 def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -> NomotoFit:
     """Return the fit at the relative model error that makes chi-squared what it should be."""
 
-    def at(error: float) -> tuple[Array, float]:
-        theta = _search(response, order, delay, error, free=free)
+    def at(error: float, start: Array | None = None) -> tuple[Array, float]:
+        theta = _search(response, order, delay, error, start, free=free)
         spare = max(2 * len(response) - _size(order) + (0 if free else 1), 1)
         return theta, _cost(theta, response, error) / spare
 
@@ -119,7 +119,7 @@ def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -
         low, high = LEAST, MOST
         for _ in range(BISECTIONS):
             error = math.sqrt(low * high)
-            theta, chi = at(error)
+            theta, chi = at(error, theta)
             low, high = (error, high) if chi > 1.0 else (low, error)
     found = _described(response, order, theta, error, free=free)
     if isinstance(found.model, Nomoto2):
@@ -138,8 +138,8 @@ def _check_reach(model: Nomoto2, lowest: float) -> None:
 REACH = 30.0
 """Longest time of the second order, times the lowest frequency. Chosen: beyond, the gain at rest is a guess."""
 
-BISECTIONS = 12
-"""Halvings of the model error's logarithm: leaves it uncertain by 0.2 %."""
+BISECTIONS = 10
+"""Halvings of the model error's logarithm: leaves it uncertain by 1 %."""
 
 
 def _size(order: int) -> int:
@@ -180,29 +180,37 @@ def _cost(theta: Array, response: FrequencyResponse, error: float) -> float:
     return float(np.sum(_residuals(theta, response, error) ** 2))
 
 
-def _search(response: FrequencyResponse, order: int, delay: float, error: float, *, free: bool) -> Array:
-    """Return the parameters of least cost, the delay last, searched from *delay* when it is *free*."""
+def _search(
+    response: FrequencyResponse, order: int, delay: float, error: float, start: Array | None = None, *, free: bool
+) -> Array:
+    """Return the parameters of least cost, the delay last, searched from *delay* or *start* when it is *free*."""
     wanted = _size(order) - (0 if free else 1)
     if 2 * len(response) < wanted:
         raise NotInformative(
             f"{len(response)} frequencies with coherence do not determine a Nomoto model of order {order}: "
             "record longer, or with a wider sweep"
         )
-    start = np.append(_start(response, order, delay, error), delay)
+    if start is None:
+        start = np.append(_start(response, order, delay, error), delay)
     scale = np.maximum(np.abs(start), 1e-9 * np.max(np.abs(start)) + 1e-12)
     scale[-1] = max(delay, 0.1 / float(response.omega.max()))
     fitted = np.ones(len(start), dtype=bool)
     fitted[-1] = free
 
-    def cost(x: Array) -> Array:
+    def whole(x: Array) -> Array:
         theta = start.copy()
         theta[fitted] = x * scale[fitted]
-        return _residuals(theta, response, error)
+        return theta
 
-    found = least_squares(cost, (start / scale)[fitted], method="lm")
-    theta = start.copy()
-    theta[fitted] = found.x * scale[fitted]
-    return theta
+    def residuals(x: Array) -> Array:
+        return _residuals(whole(x), response, error)
+
+    def jacobian(x: Array) -> Array:
+        table: Array = (_jacobian(whole(x), response, error) * scale)[:, fitted]
+        return table
+
+    found = least_squares(residuals, (start / scale)[fitted], jac=jacobian, method="lm")
+    return whole(found.x)
 
 
 def _start(response: FrequencyResponse, order: int, delay: float, error: float) -> Array:

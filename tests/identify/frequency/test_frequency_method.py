@@ -12,7 +12,7 @@ import pytest
 from identify_water import Relay
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.identify.frequency import FrequencyResponse
 from gcs_autotune.trial import Channel, Trial, load_trial
 
@@ -24,8 +24,8 @@ def sweep(low: float, high: float, duration: float, amplitude: float = 0.3) -> C
     return lambda t, eta: amplitude * float(np.sin(low * t + (high - low) * t * t / (2.0 * duration)))
 
 
-def slugs(fit: object) -> set[str]:
-    return {d.slug for d in fit.doubts}  # type: ignore[attr-defined]
+def slugs(fit: AxisFit) -> set[str]:
+    return {d.slug for d in fit.doubts}
 
 
 @pytest.mark.parametrize(("command", "source"), [(sweep(0.05, 3.0, 120.0), "spectrum"), (Relay(0.3, 0.2), "harmonics")])

@@ -103,9 +103,9 @@ def test_three_harmonics_of_a_relay_lie_on_the_plant(delta: float) -> None:
     response = harmonic_response([yaw(Relay(C, 0.2), 60.0, noise=0.001, delta=delta) for C in (0.2, 0.5)], "yaw")
     assert len(response) == 6
     assert np.all(np.diff(response.omega) > 0.0)
-    share = np.abs(response.value / truth(response.omega) - 1.0)
-    assert np.all(share < 0.08)
-    assert np.all(np.sort(share)[:4] < 0.02)
+    miss = np.abs(response.value - truth(response.omega))
+    assert np.all(miss < response.radius(0.99))
+    assert np.all(np.sort(miss / response.magnitude)[:4] < 0.04)
 
 
 def test_a_sway_coupled_plant_shows_its_second_order() -> None:
@@ -126,7 +126,7 @@ def test_a_sway_coupled_plant_shows_its_second_order() -> None:
         assert abs(getattr(second.model, name) - true) < 4.0 * second.std[name]
 
 
-def test_the_standard_errors_of_K_and_T_are_those_of_repeated_runs() -> None:
+def test_the_standard_errors_of_gain_and_time_constant_are_those_of_repeated_runs() -> None:
     values, told = [], []
     for seed in range(14):
         run = yaw(Levels(np.random.default_rng(1), 0.4, 3.0), 100.0, noise=0.02, seed=seed)
@@ -148,9 +148,7 @@ def test_the_picture_shows_gain_phase_and_coherence_with_the_models() -> None:
     assert coherence.get_xscale() == "log"
     drawn = gain.lines[-1].get_ydata()
     assert float(np.max(drawn)) == pytest.approx(20.0 * np.log10(1.0 / BETA), abs=1.0)
-    assert [text.get_text() for text in gain.get_legend().get_texts()][-1] == "measured" or any(
-        text.get_text() == "plant" for text in gain.get_legend().get_texts()
-    )
+    assert "plant" in [text.get_text() for text in gain.get_legend().get_texts()]
     figure.canvas.draw()
 
 
@@ -160,6 +158,6 @@ def test_a_response_survives_its_plain_form_and_short_runs_are_refused() -> None
     assert again.value == pytest.approx(response.value)
     assert again.source == "spectrum"
     with pytest.raises(NotInformative, match="too short"):
-        spectral_response(yaw(chirp(0.3, 1.0, 3.0, 60.0), 2.5), "yaw")
+        spectral_response(yaw(chirp(0.3, 1.0, 3.0, 60.0), 2.5), "yaw", tapers=8)
     with pytest.raises(NotInformative, match="settled"):
         harmonic_response(yaw(chirp(0.3, 0.05, 3.0, 60.0), 60.0), "yaw")

@@ -68,9 +68,7 @@ def test_harmonics_of_noisy_cycles_still_beat_the_describing_function() -> None:
     process = PROCESSES["type 1, sampled"]
     response = harmonic_response(process.runs(noise=0.01), "yaw", (1, 3))
     s = 1j * response.omega
-    found = process_from_response(
-        response.omega, response.value / s, *process.order, std=response.std / response.omega
-    )
+    found = process_from_response(response.omega, response.value / s, *process.order, std=response.std / response.omega)
     assert process.errors(found).max() < 4.0
 
 

@@ -45,9 +45,7 @@ def surge(plant: Plant, command: Callable[[float, float], float], duration: floa
         ((120.0, 0.0, 60.0, 0.0), 0.0, 0.0, "nonlinear"),
     ],
 )
-def test_surge_by_integrated_speed_around_any_speed(
-    plant: Plant, u_ref: float, offset: float, structure: str
-) -> None:
+def test_surge_by_integrated_speed_around_any_speed(plant: Plant, u_ref: float, offset: float, structure: str) -> None:
     """x here is a north position at 53 deg of heading: it must not be taken for the way ahead."""
     run = surge(plant, SpeedRelay(25.0, 0.3, u_ref, offset))
     (cycle,) = find_cycles(run, "surge")
