@@ -9,8 +9,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-TESTS = Path(__file__).parents[1] / "tests" / "identify"
-sys.path[:0] = [str(TESTS), str(TESTS / "relay")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "relay"))
 
 from test_relay_heading_loop import CASES, flown
 from test_relay_matrix_processes import PROCESSES, Process
