@@ -51,6 +51,8 @@ SIGNALS: dict[str, tuple[str, str]] = {
     "N": ("N m", "yaw moment, or fraction of full output"),
     "delta": ("rad", "rudder angle"),
     "n": ("rad/s", "propeller speed"),
+    "d": ("m", "distance to a flat surface ahead"),
+    "psi_ref": ("rad", "commanded heading"),
 }
 """Signal name -> (SI unit, meaning)."""
 

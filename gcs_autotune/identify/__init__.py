@@ -5,6 +5,7 @@
 ===========  ==================================================================================================
 axis         one degree of freedom, exactly: records, likelihood, structure decision, doubts
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
+frequency    the empirical frequency response with coherence, and Nomoto's models
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
 result       what comes out: ``Fit``, its parameters, traces and doubts
 validate     free run on runs the model has not seen
@@ -22,7 +23,9 @@ from gcs_autotune.identify.files import load_runs
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
 from gcs_autotune.identify.relay.decision import decide
+from gcs_autotune.identify.relay.heading_loop import heading_loop, loop_cycles, simplify
 from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState
+from gcs_autotune.identify.relay.matrix_iso import identify_process, process_from_response
 from gcs_autotune.identify.result import AxisFit, Fit, Structure
 
 __all__ = [
@@ -39,7 +42,12 @@ __all__ = [
     "fit",
     "fit_axis",
     "free_run",
+    "heading_loop",
+    "identify_process",
     "load_runs",
+    "loop_cycles",
+    "process_from_response",
     "quantum",
     "residual_statistics",
+    "simplify",
 ]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
+from gcs_autotune.identify.axis.ahead import DISTANCE, ahead_doubt, with_ahead
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.registry import lookup
@@ -116,7 +117,8 @@ def _input_names(trial: Trial, dof: Dof) -> list[str]:
 
 
 def _output_names(trial: Trial, dof: Dof) -> list[str]:
-    return [n for n in (dof.position, dof.velocity) if n in trial and len(trial[n])]
+    other = (DISTANCE,) if dof.name == "surge" else ()
+    return [n for n in (dof.position, dof.velocity, *other) if n in trial and len(trial[n])]
 
 
 def _varies(channel: Channel) -> bool:
@@ -136,6 +138,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
         Too few samples, a constant input, or an output that never moves.
     """
     axis = lookup(DOFS, dof, "degree of freedom") if isinstance(dof, str) else dof
+    measured = trial
+    trial = with_ahead(trial) if axis.name == "surge" else trial
     names, outputs = _input_names(trial, axis), _output_names(trial, axis)
     if not names or not outputs:
         want = f"{' or '.join(INPUTS[axis.name])} with {axis.position} or {axis.velocity}"
@@ -143,7 +147,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
             f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
         )
     source = next((n for n in names if _varies(trial[n])), names[0])
-    notes: list[Doubt] = []
+    doubt = ahead_doubt(trial) if trial is not measured else None
+    notes: list[Doubt] = [] if doubt is None else [doubt]
     drive = clean(trial[source], trial.name, notes)
     rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
