@@ -86,7 +86,7 @@ class OpenWater:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PropellerFit:
-    """Coefficients and standard errors; ``noise`` of thrust [N] and torque [N m]; ``model`` None for bilinear thrust."""
+    """Coefficients and standard errors; ``noise`` of thrust [N] and torque [N m]; ``model`` None if bilinear."""
 
     kind: str
     parameters: Mapping[str, Parameter]
