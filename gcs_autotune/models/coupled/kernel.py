@@ -17,7 +17,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["ETA", "INPUT", "INPUT_SIZE", "NU", "NU_SIZE", "SIN_PHI", "SIN_THETA", "Program", "evaluate", "sweep"]
+__all__ = [
+    "ETA",
+    "INPUT",
+    "INPUT_SIZE",
+    "NU",
+    "NU_SIZE",
+    "SIN_PHI",
+    "SIN_THETA",
+    "Program",
+    "evaluate",
+    "imbalances",
+    "sweep",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -443,3 +455,21 @@ def sweep(
                 for c in range(q):
                     S_out[s, i, c] = S[i, c]
     return fastest
+
+
+@njit(cache=True)
+def imbalances(P: Program, theta: Array, M: Array, X: Array, nu_dot: Array, inputs: Array, out: Array) -> None:
+    """Fill *out* (s, k) with ``F - C nu - M nu_dot`` at states ``X`` (s, n), rates (s, k) and inputs (s, m).
+
+    It is zero where the equations of motion hold, and linear in all parameters that are not delay, lag or current.
+    """
+    k, n = len(P.active), X.shape[1]
+    unit = np.eye(k)
+    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
+    free = np.full(len(theta), -1, dtype=np.int64)
+    for s in range(len(X)):
+        evaluate(P, theta, M, unit, X[s], inputs[s], free, False, f, A, B)
+        for i in range(k):
+            out[s, i] = f[k + i]
+            for j in range(k):
+                out[s, i] -= M[P.active[i], P.active[j]] * nu_dot[s, j]
