@@ -208,7 +208,7 @@ def sea_trials(seed: int, *, each: int = 3, scale: float = 1.0) -> list[Trial]:
     for i in range(each):
         lift = 1.0 - 0.25 * i
         decays += [
-            Run(f"heave {i}", "heave_decay", 4.0, {"z": 0.03 * lift}, signals=("z",), driven=False),
+            Run(f"heave {i}", "heave_decay", 4.0, {"z": 0.05 * lift}, signals=("z",), driven=False),
             Run(f"pitch {i}", "pitch_decay", 4.0, {"theta": 0.15 * lift}, signals=("theta", "q"), driven=False),
             Run(f"roll {i}", "roll_decay", 8.0, {"phi": 0.35 * lift}, signals=("phi", "p", "r", "v"), driven=False),
         ]
