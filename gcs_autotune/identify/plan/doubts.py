@@ -61,7 +61,9 @@ def plan_doubts(
             )
     if joint is None or not joint.converged:
         found.append(
-            Doubt("joint-fit-failed", "the fit of all runs at once did not settle", "look at the steps one by one first")
+            Doubt(
+                "joint-fit-failed", "the fit of all runs at once did not settle", "look at the steps one by one first"
+            )
         )
     elif joint.misfit > MISFIT:
         found.append(
@@ -75,7 +77,11 @@ def plan_doubts(
     fitted_on = [s.step.name for s in done if not s.unseen]
     if fitted_on:
         found.append(
-            Doubt("validated-on-itself", f"one run only for {', '.join(fitted_on)}: no unseen run to validate on", "repeat")
+            Doubt(
+                "validated-on-itself",
+                f"one run only for {', '.join(fitted_on)}: no unseen run to validate on",
+                "repeat",
+            )
         )
     if plan.final is not None and final is None:
         found.append(

@@ -31,7 +31,6 @@ __all__ = ["Joint", "Part", "fit_jointly"]
 Array = NDArray[np.float64]
 
 
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """One step in the joint fit: its form, all parameters free that any step identifies, and what they are called.

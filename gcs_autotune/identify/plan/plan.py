@@ -169,7 +169,7 @@ def _only(data: Mapping[str, Any], known: set[str], where: str) -> None:
 def _chosen(data: Mapping[str, Any], where: str) -> Chosen:
     chosen = Chosen(str(data.get("manoeuvre", "")), _names(data, "runs"))
     if not chosen.manoeuvre and not chosen.runs:
-        raise BadFile(f"{where}: say which runs, with manoeuvre = \"...\" or runs = [\"name*\"]")
+        raise BadFile(f'{where}: say which runs, with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 
 

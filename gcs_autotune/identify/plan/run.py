@@ -58,7 +58,11 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
             estimates.append(estimate)
         names, best, _ = combined(estimates)
         values |= dict(zip(names, (float(v) for v in best), strict=True))
-        values |= {step.global_name(n): result.fit.parameters[n].value for n in (*step.isolated, *step.shared, *step.local) if step.global_name(n) not in values}
+        values |= {
+            step.global_name(n): result.fit.parameters[n].value
+            for n in (*step.isolated, *step.shared, *step.local)
+            if step.global_name(n) not in values
+        }
     if not done:
         wanted = "; ".join(f"'{s.name}': runs {s.chosen}" for s in plan.steps)
         raise NotInformative(f"no run given belongs to a step of plan '{plan.name}' ({wanted})")

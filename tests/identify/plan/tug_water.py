@@ -50,7 +50,9 @@ def skew(a: Array) -> Array:
 
 
 def inertia(p: dict[str, float]) -> Array:
-    M = np.diag([HULL["m"] - p["X_udot"], HULL["m"] - p["Y_vdot"], HULL["m"], p["I_x"], p["I_y"], p["I_z"] - p["N_rdot"]])
+    M = np.diag(
+        [HULL["m"] - p["X_udot"], HULL["m"] - p["Y_vdot"], HULL["m"], p["I_x"], p["I_y"], p["I_z"] - p["N_rdot"]]
+    )
     M[1, 5] = M[5, 1] = -p["Y_rdot"]
     M[3, 5] = M[5, 3] = -p["I_xz"]
     return M
@@ -63,7 +65,10 @@ def rotation(eta: Array) -> tuple[Array, Array]:
 
     def about(axis: int, angle: Array) -> Array:
         c, s = np.cos(angle), np.sin(angle)
-        rows = {0: [[one, zero, zero], [zero, c, -s], [zero, s, c]], 1: [[c, zero, s], [zero, one, zero], [-s, zero, c]]}
+        rows = {
+            0: [[one, zero, zero], [zero, c, -s], [zero, s, c]],
+            1: [[c, zero, s], [zero, one, zero], [-s, zero, c]],
+        }
         rows[2] = [[c, -s, zero], [s, c, zero], [zero, zero, one]]
         return np.moveaxis(np.array(rows[axis]), 2, 0)
 
@@ -156,10 +161,14 @@ class Tug:
                 for c in run.signals
             }
             if run.driven:
-                channels["X"], channels["N"] = Channel("X", "N", t, tau[:n, i, 0]), Channel("N", "N m", t, tau[:n, i, 1])
+                channels["X"], channels["N"] = (
+                    Channel("X", "N", t, tau[:n, i, 0]),
+                    Channel("N", "N m", t, tau[:n, i, 1]),
+                )
+                # an input channel holds its value to its next stamp: what varies smoothly is dated half a sample early
                 for c, j, area in (("W_x", 0, AREA_AHEAD), ("W_y", 1, AREA_ABEAM)):
                     V = wind[:n, i, j]
-                    channels[c] = Channel(c, "N", t, 0.5 * AIR * area * np.abs(V) * V)
+                    channels[c] = Channel(c, "N", t - 0.5 * dt, 0.5 * AIR * area * np.abs(V) * V)
             out.append(Trial(run.name, channels, meta={"manoeuvre": run.manoeuvre}))
         return out
 
@@ -197,10 +206,13 @@ class ZigZag:
 
 def gusts(rng: np.random.Generator, speed: float) -> Callable[[float], tuple[float, float]]:
     own, way = rng.uniform(0.4, 1.4, 200), rng.uniform(-0.5, 0.5, 200) + rng.uniform(0.0, 6.28)
-    return lambda t: (speed * own[int(t / 5.0)] * np.cos(way[int(t / 5.0)]), speed * own[int(t / 5.0)] * np.sin(way[int(t / 5.0)]))
+    return lambda t: (
+        speed * own[int(t / 5.0)] * np.cos(way[int(t / 5.0)]),
+        speed * own[int(t / 5.0)] * np.sin(way[int(t / 5.0)]),
+    )
 
 
-def sea_trials(seed: int, *, each: int = 3, scale: float = 1.0) -> list[Trial]:
+def sea_trials(seed: int, *, each: int = 3, scale: float = 1.0, free: float = 60.0) -> list[Trial]:
     """Every manoeuvre of the plan, *each* times (the last kept by the plan for validation); *scale* shortens them."""
     rng = np.random.default_rng(seed)
     tug = Tug()
@@ -213,7 +225,9 @@ def sea_trials(seed: int, *, each: int = 3, scale: float = 1.0) -> list[Trial]:
             Run(f"roll {i}", "roll_decay", 8.0, {"phi": 0.35 * lift}, signals=("phi", "p", "r", "v"), driven=False),
         ]
         speed = levels(rng.uniform(0.0, 16.0, 40) * (rng.uniform(size=40) > 0.25), 6.0)
-        sails.append(Run(f"line {i}", "speed_steps", 60.0 * scale, thrust=lambda t, s, f=speed: (f(t), 0.0), signals=("u",)))
+        sails.append(
+            Run(f"line {i}", "speed_steps", 60.0 * scale, thrust=lambda t, s, f=speed: (f(t), 0.0), signals=("u",))
+        )
         turn = levels(rng.uniform(-0.5, 0.5, 60), 3.0)
         sails.append(Run(f"turn {i}", "yaw_turn", 80.0 * scale, thrust=lambda t, s, f=turn: (0.0, f(t))))
         push, side = 6.0 + 4.0 * i, (-1.0) ** i
@@ -222,7 +236,10 @@ def sea_trials(seed: int, *, each: int = 3, scale: float = 1.0) -> list[Trial]:
                 f"spiral {i}",
                 "spiral",
                 100.0 * scale,
-                thrust=lambda t, s, X=push, g=side, T=100.0 * scale: (X, g * 1.2 * (1.0 - 2.0 * np.floor(10.0 * t / T) / 9.0)),
+                thrust=lambda t, s, X=push, g=side, T=100.0 * scale: (
+                    X,
+                    g * 1.2 * (1.0 - 2.0 * np.floor(10.0 * t / T) / 9.0),
+                ),
             )
         )
         sails.append(
@@ -230,10 +247,14 @@ def sea_trials(seed: int, *, each: int = 3, scale: float = 1.0) -> list[Trial]:
         )
         drift = levels(rng.uniform(-0.3, 0.3, 60), 5.0)
         sails.append(
-            Run(f"drift {i}", "wind_drift", 80.0 * scale, thrust=lambda t, s, f=drift: (0.0, f(t)), wind=gusts(rng, 8.0))
+            Run(
+                f"drift {i}", "wind_drift", 80.0 * scale, thrust=lambda t, s, f=drift: (0.0, f(t)), wind=gusts(rng, 8.0)
+            )
         )
     for i in range(2):
         X, N = levels(rng.uniform(0.0, 14.0, 60), 6.0), levels(rng.uniform(-1.0, 1.0, 60), 4.0)
-        sails.append(Run(f"free {i}", "free_motion", 60.0, thrust=lambda t, s, f=X, g=N: (f(t), g(t)), wind=gusts(rng, 3.0)))
+        sails.append(
+            Run(f"free {i}", "free_motion", free, thrust=lambda t, s, f=X, g=N: (f(t), g(t)), wind=gusts(rng, 3.0))
+        )
     swings = [swing_in_air(rng, 20.0, 0.3 - 0.05 * i, f"swing {i}") for i in range(each)]
     return [*swings, *tug.sail(decays, 0.02, rng), *tug.sail(sails, 0.1, rng, h=0.02)]
