@@ -41,7 +41,8 @@ def plan_doubts(
     """Return the doubts about the whole; those about a step stand in its fit."""
     found: list[Doubt] = []
     if skipped:
-        lost = [n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared) if n not in parameters]
+        missed = dict.fromkeys(n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared))
+        lost = [n for n in missed if n not in parameters]
         found.append(
             Doubt(
                 "steps-without-runs",

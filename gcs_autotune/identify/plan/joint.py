@@ -22,7 +22,7 @@ from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
 from gcs_autotune.identify.colour import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.identify.coupled.objective import CoupledObjective
 from gcs_autotune.identify.coupled.record import CoupledRecord
-from gcs_autotune.identify.coupled.start import first_states, motions_of
+from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.models.coupled import Form
 
@@ -141,7 +141,7 @@ def _placed(parts: Sequence[Part], names: Sequence[str], start: Mapping[str, flo
         theta = np.array(
             [start[part.names[form.free.index(n)]] if n in form.free else form.known[n] for n in form.parameters]
         )
-        initial = first_states(form, part.records, motions_of(form, part.records, form.known.get("delay", 0.0)))
+        initial = ground_of(form, part.records).initial
         objective = CoupledObjective(form, part.records, form.free, theta, initial)
         own = objective.size - len(form.free)
         shared = np.array([names.index(n) for n in part.names], dtype=np.int64)

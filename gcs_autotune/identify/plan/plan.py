@@ -242,8 +242,8 @@ def _check_order(plan: Plan, origin: str) -> None:
         blind = [n for n in step.held if n not in seen and n not in step.form.start]
         if blind:
             raise BadFile(
-                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it and neither "
-                "[known] nor [start] has it"
+                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it and "
+                "neither [known] nor [start] has it"
             )
         for other in plan.steps:
             again = [n for n in step.isolated if other is not step and n in (*other.isolated, *other.shared)]

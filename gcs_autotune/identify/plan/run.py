@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,7 +66,9 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     if not done:
         wanted = "; ".join(f"'{s.name}': runs {s.chosen}" for s in plan.steps)
         raise NotInformative(f"no run given belongs to a step of plan '{plan.name}' ({wanted})")
-    joint = fit_jointly([_part(s, runs, r.fit, plan) for (s, runs), r in zip(used, done, strict=True)], values)
+    seen = {n for step, _ in used for n in (*step.isolated, *step.shared)}
+    parts = [_part(step, runs, r.fit, values, seen) for (step, runs), r in zip(used, done, strict=True)]
+    joint = fit_jointly(parts, values)
     parameters, covariance = _parameters(plan, done, values, joint, estimates)
     model, final = _finally(plan.final, parameters, trials)
     rows = agreements(estimates)
@@ -89,8 +91,8 @@ def _do(step: Step, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple
     lost = [n for n in step.held if n not in values and n not in step.form.start]
     if lost:
         raise NotInformative(
-            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs; fly that one, or "
-            "give an a-priori value in the plan's [start]"
+            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs; fly that one, "
+            "or give an a-priori value in the plan's [start]"
         )
     kept = min(step.validate, len(runs) - 1)
     own = tuple(runs[: len(runs) - kept])
@@ -128,10 +130,10 @@ def _estimate(step: Step, found: Fit) -> Estimate | None:
     return Estimate(step.name, names, values, found.covariance[np.ix_(places, places)])
 
 
-def _part(step: Step, runs: Sequence[Trial], found: Fit, plan: Plan) -> Part:
-    """Return a step for the joint fit: what it held is free, unless no step identifies it."""
-    only_start = [n for n in step.held if n not in plan.parameters]
-    form = step.form.fixing({n: plan.start.get(n, step.form.start.get(n, math.nan)) for n in only_start})
+def _part(step: Step, runs: Sequence[Trial], found: Fit, values: Mapping[str, float], seen: Collection[str]) -> Part:
+    """Return a step for the joint fit: what it held is free if a step that was done identifies it (*seen*)."""
+    known = {n: values.get(n, step.form.start.get(n, math.nan)) for n in step.held if n not in seen}
+    form = step.form.fixing(known)
     form = form if step.delay == 0.0 else form.fixing({"delay": step.delay})
     records = tuple(r for run in runs for r in prepare_coupled(run, form, step.signals or None))
     return Part(form, tuple(step.global_name(n) for n in form.free), records, found.noise)

@@ -4,9 +4,10 @@ Shares nothing with the code under test. All runs of a batch are integrated side
 
 The truth is table 1 where it can be one. As printed it cannot: I_x is negative, and with I_z = 0.0894 the inertia of
 sway and yaw is not positive (12.05 * 0.137 < 1.435^2). The columns are shifted by a row there: I_x = 0.0894 is what an
-11 kg hull of 0.29 m beam has (m B^2/10 = 0.093) and I_z = 2.1493 makes the inertia positive. The value left over,
--2.5, cannot be I_xz (I_xz^2 < I_x I_z); 0.05 is chosen. Roll, pitch and heave are not printed: stiffness from the hydrostatics of
-a box of that size (GM_T 0.05 m, GM_L 0.7 m, waterplane 0.8 L B), damping 5 to 10 % of critical with a quadratic part.
+11 kg hull of 0.29 m beam has (m B^2/10 = 0.093) and I_z = 2.1493 makes the inertia positive. The value left over, -2.5,
+cannot be I_xz (I_xz^2 < I_x I_z); 0.05 is chosen. Roll, pitch and heave are not printed: stiffness from the
+hydrostatics of a box of that size (GM_T 0.05 m, GM_L 0.7 m, waterplane 0.8 L B), damping 5 to 10 % of critical with a
+quadratic part.
 """
 
 from __future__ import annotations
