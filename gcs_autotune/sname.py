@@ -82,6 +82,7 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "deg/s^2": ("rad/s^2", math.pi / 180.0),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
+    "kgf": ("N", 9.80665),
     "N m": ("N m", 1.0),
     "Nm": ("N m", 1.0),
     "kN m": ("N m", 1e3),

@@ -7,6 +7,8 @@ axis         one degree of freedom, exactly: records, likelihood, structure deci
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
 frequency    the empirical frequency response with coherence, and Nomoto's models
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
+thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of propellers
+plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all
 result       what comes out: ``Fit``, its parameters, traces and doubts
 validate     free run on runs the model has not seen
 uncertainty  (in ``axis``) covariance, correlated residuals, Cramer-Rao bound
