@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from gcs_autotune.identify.axis.by_iso import fit_by_iso
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.ship.by_steps import fit_by_steps
 
 __all__ = ["METHODS"]
 
@@ -15,6 +16,7 @@ METHODS: Mapping[str, Method] = {
     for m in (
         Method("output-error", "simulated against measured motion, by maximum likelihood", axis=fit_by_output_error),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
+        Method("step", "settled responses to steps of the input (thesis table 4.1)", axis=fit_by_steps),
     )
 }
 """Name -> method."""
