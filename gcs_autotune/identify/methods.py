@@ -8,6 +8,7 @@ from gcs_autotune.identify.axis.by_iso import fit_by_iso
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.ship.by_steps import fit_by_steps
+from gcs_autotune.identify.ship.by_zigzag import fit_by_zigzag
 
 __all__ = ["METHODS"]
 
@@ -17,6 +18,12 @@ METHODS: Mapping[str, Method] = {
         Method("output-error", "simulated against measured motion, by maximum likelihood", axis=fit_by_output_error),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
         Method("step", "settled responses to steps of the input (thesis table 4.1)", axis=fit_by_steps),
+        Method(
+            "zig-zag",
+            "K and T by integration over half periods (thesis 4.4)",
+            axis=fit_by_zigzag,
+            options=(("length", "ship length [m], for K' and T'"), ("speed", "approach speed [m/s], for K' and T'")),
+        ),
     )
 }
 """Name -> method."""

@@ -1,0 +1,118 @@
+"""The method ``zig-zag``: inertia and drag of yaw by integrating over half periods, (4.51)-(4.53)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.result import AxisFit, Doubt, Structure
+from gcs_autotune.identify.ship.answer import axis_answer
+from gcs_autotune.identify.ship.nomoto import Nomoto, nomoto_of
+from gcs_autotune.identify.ship.zigzag_integrals import Rows, half_periods, rows_of, solve_rows
+
+__all__ = ["fit_by_zigzag"]
+
+Array = NDArray[np.float64]
+
+CLEAR = 3.0
+"""Standard errors of a nonlinear drag from zero at which the linear model draws a doubt."""
+
+
+def fit_by_zigzag(case: Case) -> AxisFit:
+    """Identify yaw from zig-zags.
+
+    The structure is ``linear`` (Nomoto's) unless another is asked for. ``Delta``, the rudder bias, is fitted when
+    there are rows enough. ``extra``: ``K``, ``T`` with standard errors, ``K_prime``, ``T_prime`` with the options
+    ``length`` [m] and ``speed`` [m/s]; ``half_periods`` the plain (4.52) and (4.53) of each.
+
+    Raises
+    ------
+    NotInformative
+        No zig-zag with a measured heading, or too few half periods for the structure.
+    """
+    every = [rows for record in case.records if (rows := rows_of(record, case.delay or 0.0)) is not None]
+    if not every:
+        raise NotInformative(
+            f"run '{case.names[0]}' holds no zig-zag with two reversals and a measured position; use "
+            "method='output-error' for any other input"
+        )
+    structure: Structure = case.structure or "linear"
+    theta, covariance, error, free = _solved(every, structure)
+    doubts = [*_doubts(every, structure, theta, covariance, free)]
+    if not free[3]:
+        doubts.append(
+            Doubt("no-bias", "too few half periods to fit a rudder bias; none was assumed", "fly more half periods")
+        )
+    if theta[1] * theta[0] < 0.0 and structure == "linear":
+        doubts.append(
+            Doubt(
+                "unstable-craft",
+                "inertia and drag differ in sign: with the rudder amidships the craft does not keep its course; a linear "
+                "model of it runs away",
+                "structure='affine' adds the drag that stops it; fly a spiral to measure the loop",
+            )
+        )
+    made = nomoto_of(theta, covariance, _number(case, "length"), _number(case, "speed"))
+    extra = {
+        **_named(made),
+        "half_periods": [asdict(h) for rows in every for h in half_periods(rows)],
+        "model_error_per_half_period": error,
+    }
+    return axis_answer(case, "zig-zag", structure, theta, covariance, free, doubts, extra)
+
+
+def _number(case: Case, name: str) -> float:
+    return float(case.options.get(name, math.nan))
+
+
+def _named(made: Nomoto) -> dict[str, float]:
+    names = {"K": made.K, "T": made.T, "K_prime": made.K_prime, "T_prime": made.T_prime}
+    values = {n: r.value for n, r in names.items()}
+    return {**values, **{f"{n}_std": r.std for n, r in names.items()}}
+
+
+def _solved(every: Sequence[Rows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
+    count = sum(len(rows.impulse) for rows in every)
+    drags = FREE[structure][:3]
+    free = (*drags, count > sum(drags) + 1)
+    if count < sum(free):
+        raise NotInformative(f"{count} half-period equations cannot tell structure '{structure}': fly more half periods")
+    theta, covariance, error, _ = solve_rows(every, free)
+    return theta, covariance, error, free
+
+
+def _doubts(
+    every: Sequence[Rows], structure: Structure, theta: Array, covariance: Array, free: Sequence[bool]
+) -> list[Doubt]:
+    found = []
+    count = sum(len(rows.impulse) for rows in every)
+    if structure == "linear" and count > 5:
+        other, spread, _, _ = solve_rows(every, (True, True, True, free[3]))
+        std = math.sqrt(max(float(spread[2, 2]), 0.0))
+        if std > 0.0 and abs(other[2]) > CLEAR * std and _worse(every, free):
+            found.append(
+                Doubt(
+                    "nonlinear-drag",
+                    f"the half periods ask for a drag that grows with speed ({abs(other[2]) / std:.0f} standard errors); "
+                    "K and T hold for this rudder angle only",
+                    "structure='affine' fits it too; method='output-error' decides",
+                )
+            )
+    if count - sum(free) < 3:
+        found.append(
+            Doubt("few-half-periods", f"{count} equations for {sum(free)} numbers: errors are guesses", "fly on")
+        )
+    return found
+
+
+def _worse(every: Sequence[Rows], free: Sequence[bool]) -> bool:
+    """Whether the linear model leaves clearly more than the affine one."""
+    linear = solve_rows(every, (True, True, False, free[3]))[3]
+    return linear > 2.0 * solve_rows(every, (True, True, True, free[3]))[3]
