@@ -5,6 +5,7 @@
 ===========  ==================================================================================================
 axis         one degree of freedom, exactly: records, likelihood, structure decision, doubts
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
+ship         open-loop steps, zig-zags, turning circles, spirals, pull-outs: methods and IMO figures
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
 result       what comes out: ``Fit``, its parameters, traces and doubts
 validate     free run on runs the model has not seen

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from gcs_autotune.report.live import TerminalWatcher
 from gcs_autotune.report.run_directory import summarise, write_story
+from gcs_autotune.report.ship_sheet import sheets_summary
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.terminal import fit_summary, show_tune
 from gcs_autotune.watch import SilentWatcher
@@ -18,6 +19,7 @@ __all__ = [
     "TerminalWatcher",
     "TuneStory",
     "fit_summary",
+    "sheets_summary",
     "show_tune",
     "summarise",
     "write_story",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ def axis_answer(
     count = sum(s.n for s in statistics)
     rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / count) if count else math.nan
     fit_percent = float(np.mean([s.fit_percent for s in statistics])) if statistics else math.nan
-    findings = Findings(case, model, structure, parameters, None, rms, fit_percent)
+    findings = Findings(replace(case, cycles=()), model, structure, parameters, None, rms, fit_percent)
     return AxisFit(
         dof=model.dof,
         structure=structure,

@@ -17,7 +17,7 @@ from gcs_autotune.identify.ship.answer import axis_answer
 from gcs_autotune.identify.ship.nomoto import Nomoto, nomoto_of
 from gcs_autotune.identify.ship.zigzag_integrals import Rows, half_periods, rows_of, solve_rows
 
-__all__ = ["fit_by_zigzag"]
+__all__ = ["fit_by_zigzag", "solve_zigzag"]
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def fit_by_zigzag(case: Case) -> AxisFit:
             "method='output-error' for any other input"
         )
     structure: Structure = case.structure or "linear"
-    theta, covariance, error, free = _solved(every, structure)
+    theta, covariance, error, free = solve_zigzag(every, structure)
     doubts = [*_doubts(every, structure, theta, covariance, free)]
     if not free[3]:
         doubts.append(
@@ -78,12 +78,21 @@ def _named(made: Nomoto) -> dict[str, float]:
     return {**values, **{f"{n}_std": r.std for n, r in names.items()}}
 
 
-def _solved(every: Sequence[Rows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
+def solve_zigzag(every: Sequence[Rows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
+    """Return theta (4,), its covariance (4, 4), the model's error per row and what was fitted.
+
+    Raises
+    ------
+    NotInformative
+        Too few half periods for the structure.
+    """
     count = sum(len(rows.impulse) for rows in every)
     drags = FREE[structure][:3]
     free = (*drags, count > sum(drags) + 1)
     if count < sum(free):
-        raise NotInformative(f"{count} half-period equations cannot tell structure '{structure}': fly more half periods")
+        raise NotInformative(
+            f"{count} half-period equations cannot tell structure '{structure}': fly more half periods"
+        )
     theta, covariance, error, _ = solve_rows(every, free)
     return theta, covariance, error, free
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.result import Structure
 from gcs_autotune.identify.ship.step_table import lag, time_to
 from gcs_autotune.identify.ship.steps import StepReading
-from gcs_autotune.identify.result import Structure
 
 __all__ = ["StepModel", "fit_readings"]
 
@@ -79,7 +79,8 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
         found = least_squares(residual, theta[free] / scale, method="trf", x_scale=1.0)
         theta = theta.copy()
         theta[free] = found.x * scale
-    information = found.jac.T @ found.jac
+    jacobian = np.asarray(found.jac, dtype=float)
+    information = jacobian.T @ jacobian
     chi2, spare = 2.0 * float(found.cost), len(found.fun) - len(free)
     covariance = np.zeros((4, 4))
     small = np.linalg.pinv(information) * np.outer(scale, scale)

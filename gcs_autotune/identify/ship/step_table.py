@@ -8,6 +8,7 @@ step. The same closed forms are the special cases of two integrals along the res
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -15,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "lag",
     "linear_type_0",
     "linear_type_1",
-    "lag",
     "nonlinear_type_0",
     "nonlinear_type_1",
     "steady",
@@ -87,7 +88,7 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
     """Return the integral of weight(nu)/(tau - drag(nu)) from *nu_0* to *nu_1*, split where nu changes sign."""
     borders = [nu_0, 0.0, nu_1] if nu_0 * nu_1 < 0.0 else [nu_0, nu_1]
     total = 0.0
-    for a, b in zip(borders[:-1], borders[1:], strict=True):
+    for a, b in itertools.pairwise(borders):
         half = 0.5 * (b - a)
         nu = 0.5 * (a + b) + half * _NODES
         left = tau - (drags[0] + drags[1] * np.abs(nu)) * nu

@@ -94,7 +94,12 @@ class _Reader:
     """Reads one hold; ``tail`` is afterwards the fit of its last stretch, for the next step to start from."""
 
     def __init__(
-        self, signal: Signal, is_position: bool, hold: Hold, previous: tuple[Hold, LocalFit | None] | None, record: Record
+        self,
+        signal: Signal,
+        is_position: bool,
+        hold: Hold,
+        previous: tuple[Hold, LocalFit | None] | None,
+        record: Record,
     ) -> None:
         self.hold, self.record, self.is_position = hold, record, is_position
         self.previous = previous

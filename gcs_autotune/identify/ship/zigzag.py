@@ -8,6 +8,7 @@ MSC.137(76), 4.2 and ITTC 7.5-04-02-01, 2.2.2.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,9 @@ HALF = 0.5
 
 QUIET = 0.08
 """Deviation from a held helm, as a fraction of the reversal, that is not yet its beginning."""
+
+SLOW = 0.5
+"""Share of a half period beyond which a reversal takes too long to be one."""
 
 UNEVEN = 0.15
 """Relative spread of the headings at the executes above which a word is due."""
@@ -148,15 +152,18 @@ def read_zigzag(log: ShipLog) -> ZigZag:
             f"run '{log.name}' holds no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}, at least "
             "two are needed"
         )
+    _check_reversals(log, executes)
     from_approach = executes[0].before == 0.0 and executes[0].t > log.t[0]
     psi_0 = _initial_heading(log, executes, from_approach)
     reversals = executes[1:] if executes[0].before == 0.0 else executes
     at = [_execute_heading(log, e) for e in reversals]
     sense = float(np.sign(sum((a.value - psi_0) * e.before for a, e in zip(at, reversals, strict=True)))) or 1.0
-    changes = np.array([sense * math.copysign(1.0, e.before) * (a.value - psi_0) for a, e in zip(at, reversals, strict=True)])
+    changes = np.array(
+        [sense * math.copysign(1.0, e.before) * (a.value - psi_0) for a, e in zip(at, reversals, strict=True)]
+    )
     peaks = [_extreme(log, executes, e, sense) for e in reversals]
     proper = np.array([p is not None for p in peaks])
-    if int(proper.sum()) < 1 or float(np.mean(changes)) <= 0.0:
+    if int(proper.sum()) < 1 or not 0.0 < float(np.mean(changes)) < math.pi:
         raise NotInformative(f"run '{log.name}' holds no zig-zag: the heading does not follow the reversals")
     overshoots, checks = [], []
     for a, e, p in zip(at, reversals, peaks, strict=True):
@@ -189,6 +196,13 @@ def read_zigzag(log: ShipLog) -> ZigZag:
     )
 
 
+def _check_reversals(log: ShipLog, executes: tuple[Execute, ...]) -> None:
+    """A zig-zag's helm goes over at once; a spiral's takes its time."""
+    shares = [(a.done - a.t) / (b.t - a.t) for a, b in itertools.pairwise(executes)]
+    if float(np.median(shares)) > SLOW:
+        raise NotInformative(f"run '{log.name}' holds no zig-zag: the helm moves all the time or in small steps")
+
+
 def _time(value: float, std: float = math.nan) -> Reading:
     return Reading(value, std, "s")
 
@@ -216,9 +230,7 @@ def _execute_heading(log: ShipLog, e: Execute) -> Reading:
     return fit.value("rad")
 
 
-def _extreme(
-    log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: float
-) -> tuple[Reading, Reading] | None:
+def _extreme(log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: float) -> tuple[Reading, Reading] | None:
     """Return time and heading of the extreme after a reversal; None when the record ends before it."""
     k = executes.index(e)
     until = executes[k + 1].t if k + 1 < len(executes) else log.end
@@ -267,7 +279,9 @@ def _period(executes: tuple[Execute, ...]) -> Reading:
     periods = np.array([b - a for a, b in zip(times[:-2], times[2:], strict=True)])
     if len(periods) == 0:
         return _time(2.0 * (times[1] - times[0]) if len(times) > 1 else math.nan)
-    return _time(float(periods.mean()), float(periods.std(ddof=1)) / math.sqrt(len(periods)) if len(periods) > 1 else math.nan)
+    return _time(
+        float(periods.mean()), float(periods.std(ddof=1)) / math.sqrt(len(periods)) if len(periods) > 1 else math.nan
+    )
 
 
 def _distance(log: ShipLog, start: float, end: float) -> float:
@@ -301,7 +315,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
             )
         )
     dt = float(np.median(np.diff(log.t)))
-    shortest = min(b.t - a.t for a, b in zip(executes[:-1], executes[1:], strict=True))
+    shortest = min(b.t - a.t for a, b in itertools.pairwise(executes))
     if shortest < 20.0 * dt:
         found.append(
             Doubt(
