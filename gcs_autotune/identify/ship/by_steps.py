@@ -31,11 +31,13 @@ def fit_by_steps(case: Case) -> AxisFit:
         No step long enough to be read.
     """
     everything = read_steps(case.records)
-    readings = [r for r in everything if r.settled] or list(everything)
+    readings = [r for r in everything if r.settled]
+    if not any(r.has_lag or r.has_knee for r in readings):
+        readings = list(everything)
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
-            f"run '{case.names[0]}' holds no step that can be read: the input must stand still before it and long enough "
-            "after it for the velocity to settle; use method='output-error' for any other input"
+            f"run '{case.names[0]}' holds no step that can be read: the input must stand still before it and long "
+            "enough after it for the velocity to settle; use method='output-error' for any other input"
         )
     models = _candidates(readings, case.structure)
     if not models:
@@ -44,7 +46,7 @@ def fit_by_steps(case: Case) -> AxisFit:
         )
     model, undecided = _choose(models)
     rows = [row for row in map(row_of, readings) if row is not None]
-    doubts = [*_doubts(everything, model), *unevenness_doubts(rows, model.structure)]
+    doubts = [*_doubts(everything, readings, model), *unevenness_doubts(rows, model.structure)]
     if undecided and case.structure is None:
         doubts.append(_undecided())
     extra = {
@@ -83,15 +85,15 @@ def _choose(models: Sequence[StepModel]) -> tuple[StepModel, bool]:
     return min(scored[:2], key=lambda m: m.structure), True
 
 
-def _doubts(everything: Sequence[StepReading], model: StepModel) -> list[Doubt]:
+def _doubts(everything: Sequence[StepReading], used: Sequence[StepReading], model: StepModel) -> list[Doubt]:
     found = []
     restless = [r for r in everything if not r.settled]
     if restless:
-        left_out = "left out" if len(restless) < len(everything) else "used all the same"
+        left_out = "left out" if not any(r in used for r in restless) else "used all the same"
         found.append(
             Doubt(
                 "not-settled",
-                f"{len(restless)} of {len(everything)} step(s) had not settled when the input changed again; {left_out}",
+                f"{len(restless)} of {len(everything)} step(s) had not settled before the input changed; {left_out}",
                 "hold each step for at least five time constants",
             )
         )

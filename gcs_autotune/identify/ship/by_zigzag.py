@@ -54,8 +54,8 @@ def fit_by_zigzag(case: Case) -> AxisFit:
         doubts.append(
             Doubt(
                 "unstable-craft",
-                "inertia and drag differ in sign: with the rudder amidships the craft does not keep its course; a linear "
-                "model of it runs away",
+                "inertia and drag differ in sign: with the rudder amidships the craft does not keep its course; a "
+                "linear model of it runs away",
                 "structure='affine' adds the drag that stops it; fly a spiral to measure the loop",
             )
         )
@@ -109,7 +109,7 @@ def _doubts(
             found.append(
                 Doubt(
                     "nonlinear-drag",
-                    f"the half periods ask for a drag that grows with speed ({abs(other[2]) / std:.0f} standard errors); "
+                    f"the half periods ask for nonlinear drag ({abs(other[2]) / std:.0f} standard errors); "
                     "K and T hold for this rudder angle only",
                     "structure='affine' fits it too; method='output-error' decides",
                 )

@@ -60,7 +60,7 @@ class Particulars:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """The figures of one manoeuvre in one run; ``verdict`` a sentence about what the manoeuvre is flown for, or ``""``."""
+    """The figures of one manoeuvre in one run; ``verdict`` what the manoeuvre was flown to tell, or ``""``."""
 
     run: str
     manoeuvre: str
@@ -257,6 +257,9 @@ _STABILITY: Mapping[str, str] = {
 }
 
 
+_WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
+
+
 def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = _known(
         judged("residual-rate", "yaw rate left with the helm amidships", s.residual_rate),
@@ -265,7 +268,7 @@ def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
         *(
             judged(
                 f"point-{i}",
-                f"at helm {_angle(p.helm.value, log.steering.unit)}{'' if not p.way else ', raised' if p.way > 0 else ', lowered'}",
+                f"at helm {_angle(p.helm.value, log.steering.unit)}{_WAYS[p.way]}",
                 p.rate,
             )
             for i, p in enumerate(s.points, start=1)

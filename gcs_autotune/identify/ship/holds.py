@@ -13,8 +13,11 @@ __all__ = ["Hold", "find_holds"]
 
 Array = NDArray[np.float64]
 
-BAND = 0.05
-"""Width of the band a held input stays in, as a fraction of its whole range."""
+NARROW, WIDE = 0.005, 0.05
+"""Least and largest width of the band a held input stays in, as fractions of its whole range."""
+
+STILL = 0.6
+"""Share of the time an input must stand exactly still to count as a commanded one: then the band is narrow."""
 
 LONGER = 3.0
 """A hold lasts at least this many times what the fastest ramp takes through the band."""
@@ -47,19 +50,30 @@ def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tu
     change = np.concatenate([[True], np.diff(values) != 0.0])
     t, values = t[change], values[change]
     ends = np.append(t[1:], end)
-    far = _reach(values, BAND * span)
-    least = max(shortest, _ramp_time(t, values, BAND * span) * LONGER)
+    band = _band(t, values, end, span)
+    far = _reach(values, band)
+    least = max(shortest, _ramp_time(t, values, band) * LONGER)
     pieces = _longest_first(t, ends, far, least)
     found: list[Hold] = []
     for i, j in pieces:
         held = ends[i : j + 1] - t[i : j + 1]
         level = float(np.average(values[i : j + 1], weights=np.maximum(held, 1e-9)))
         begin, stop = float(t[i]), float(min(ends[j], end))
-        if found and abs(level - found[-1].level) < 0.5 * BAND * span:
+        if found and abs(level - found[-1].level) < 0.5 * band:
             found[-1] = Hold(found[-1].start, stop, found[-1].level, found[-1].before)
         else:
             found.append(Hold(begin, stop, level, found[-1].end if found else begin))
     return tuple(found)
+
+
+def _band(t: Array, values: Array, end: float, span: float) -> float:
+    """Return how far a held input may wander: little when it is a command, else by its noise."""
+    held = np.diff(np.append(t, max(end, float(t[-1]))))
+    tick = float(np.percentile(held[held > 0.0], 5)) if (held > 0.0).any() else 0.0
+    if float(held[held > 8.0 * tick].sum()) > STILL * float(held.sum()) or len(values) < 20:
+        return NARROW * span
+    noise = 1.4826 * float(np.median(np.abs(np.diff(values))))
+    return float(np.clip(6.0 * noise, 2.0 * NARROW * span, WIDE * span))
 
 
 def _reach(values: Array, band: float) -> NDArray[np.intp]:

@@ -1,7 +1,7 @@
 """The IMO's standards for ship manoeuvrability, resolution MSC.137(76), section 5.3, beside what was measured.
 
-They are written for ships of 100 m and more; smaller craft find in them a yardstick, not a rule. The limits on overshoot
-depend on L/V in seconds: for a scale model take the full-scale value, ``sqrt(scale)`` times the model's.
+They are written for ships of 100 m and more; smaller craft find in them a yardstick, not a rule. The limits on
+overshoot depend on L/V in seconds: for a scale model take the full-scale value, ``sqrt(scale)`` times the model's.
 """
 
 from __future__ import annotations

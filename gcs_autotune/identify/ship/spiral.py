@@ -1,7 +1,7 @@
 """Spirals: the steady yaw rate over the rudder angle, and whether the craft keeps its course with the rudder amidships.
 
-*Direct* (Dieudonne): the rudder is held at one angle after the other, from one side to the other and back, each until the
-rate is steady. A directionally unstable craft jumps at different angles on both ways: a loop. *Reverse* (Bech): the
+*Direct* (Dieudonne): the rudder is held at one angle after the other, from one side to the other and back, each until
+the rate is steady. A directionally unstable craft jumps at different angles on both ways: a loop. *Reverse* (Bech): the
 rate is held and the mean rudder angle it takes is read; an unstable craft shows a curve that runs back. ITTC
 7.5-04-02-01; stability as in IMO MSC/Circ.1053.
 """
@@ -38,7 +38,7 @@ Verdict = Literal["stable", "unstable", "undecided"]
 
 @dataclass(frozen=True, slots=True)
 class SpiralPoint:
-    """One steady state: helm [unit of the input], yaw rate [rad/s], reached by raising (+1) or lowering (-1) the helm."""
+    """One steady state: helm [unit of the input], yaw rate [rad/s]; ``way`` +1 helm raised, -1 lowered, 0 neither."""
 
     helm: Reading
     rate: Reading
@@ -49,8 +49,8 @@ class SpiralPoint:
 class Spiral:
     """A spiral's curve and its verdict.
 
-    ``residual_rate`` [rad/s]: half the difference of the rates both ways at zero helm (direct), or the rate at which the
-    curve meets zero helm away from the middle (reverse); 0 for a stable craft. ``width``: helm between the jumps
+    ``residual_rate`` [rad/s]: half the difference of the rates both ways at zero helm (direct), or the rate at which
+    the curve meets zero helm away from the middle (reverse); 0 for a stable craft. ``width``: helm between the jumps
     (direct) or between the turning points of the curve (reverse). ``slope`` [rad/s per unit of helm] of the curve at
     zero, in the sense of the helm; NaN inside a loop.
     """
@@ -82,8 +82,8 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     up, down = [p for p in points if p.way > 0.0], [p for p in points if p.way < 0.0]
     if min(len(up), len(down)) < 3:
         raise NotInformative(
-            f"run '{log.name}' holds no spiral: {len(up)} steady helms on the way up and {len(down)} on the way down, three "
-            "each at least"
+            f"run '{log.name}' holds no spiral: {len(up)} steady helms on the way up and {len(down)} on the way down, "
+            "three each at least"
         )
     sense = float(np.sign(np.polyfit([p.helm.value for p in points], [p.rate.value for p in points], 1)[0])) or 1.0
     residual, at_up, at_down = _loop(up, down, sense)
@@ -109,9 +109,9 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
 
 
 def _ways(helms: Sequence[float]) -> list[float]:
-    """Return for every helm whether it was reached by raising or lowering; the first goes with the second."""
+    """Return for every helm whether it was reached by raising (+1) or lowering (-1); the first by neither (0)."""
     steps = [float(np.sign(b - a)) for a, b in itertools.pairwise(helms)]
-    return [steps[0], *steps] if steps else [1.0] * len(helms)
+    return [0.0, *steps] if helms else []
 
 
 def _at_zero(points: Sequence[SpiralPoint]) -> Reading:

@@ -149,6 +149,6 @@ def _sentence(found: Unevenness) -> str:
         "size+": f"{found.parameter} changes by {effect} from the smallest to the largest positive input",
         "size-": f"{found.parameter} changes by {effect} from the smallest to the largest negative input",
         "small": f"{found.parameter} of the smallest third of the inputs lies {effect} off the others",
-        "small-scatter": f"{found.parameter} of the smallest third of the inputs scatters {effect} more than the others",
+        "small-scatter": f"{found.parameter} of the smallest third of the inputs scatters {effect} beyond the others",
     }
     return f"{words[found.kind]} (chance {found.p:.1g})"

@@ -76,16 +76,19 @@ def track_of(log: ShipLog) -> Track:
     return Track(t, np.interp(t, x.t, x.values), np.interp(t, y.t, y.values), np.interp(t, log.t, log.psi))
 
 
-def current_of(track: Track, start: float) -> Current | None:
+def current_of(track: Track, start: float, end: float) -> Current | None:
     """Return the current from how far the track has moved on between headings 360 degrees apart.
 
     Once the turn is steady the craft's own circle is closed after each full turn, so all of the displacement is the
-    water's. start : when the turn has settled [s]. None when less than one further full turn follows.
+    water's. start, end : when the turn has settled, and when it ended [s]. None when less than one further full turn
+    follows.
     """
-    keep = track.t >= start
+    keep = (track.t >= start) & (track.t <= end)
+    if int(keep.sum()) < 10:
+        return None
     t, x, y, psi = track.t[keep], track.x[keep], track.y[keep], np.abs(track.psi[keep] - track.psi[keep][:1])
     psi = np.maximum.accumulate(psi) + 1e-12 * np.arange(len(psi))
-    if len(t) < 10 or psi[-1] < 2.0 * math.pi + 0.5:
+    if psi[-1] < 2.0 * math.pi + 0.5:
         return None
     first = psi <= psi[-1] - 2.0 * math.pi
     later = np.interp(psi[first] + 2.0 * math.pi, psi, t)

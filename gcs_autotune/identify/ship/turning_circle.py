@@ -1,4 +1,6 @@
-"""The turning circle: advance, transfer, tactical diameter, and the steady turn; IMO MSC.137(76) 4.2, ITTC 7.5-04-02-01.
+"""The turning circle: advance, transfer, tactical diameter, and the steady turn.
+
+Definitions as in IMO MSC.137(76), 4.2, and ITTC 7.5-04-02-01.
 
 Positions are those of the recorded point (the GPS antenna or the model's midship point). With two full turns or more
 a steady current is estimated from the turn itself and taken out; with less it cannot be told from the turn.
@@ -6,6 +8,7 @@ a steady current is estimated from the turn itself and taken out; with less it c
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.ship.holds import find_holds
+from gcs_autotune.identify.ship.holds import Hold, find_holds
 from gcs_autotune.identify.ship.log import ShipLog
 from gcs_autotune.identify.ship.readings import Reading, local_fit, mean_reading
 from gcs_autotune.identify.ship.track import STILL, Current, Track, current_of, track_of
@@ -23,6 +26,9 @@ from gcs_autotune.identify.ship.track import STILL, Current, Track, current_of, 
 __all__ = ["TurningCircle", "read_turning_circle"]
 
 Array = NDArray[np.float64]
+
+AMIDSHIPS, STRAIGHT = 0.15, 0.1
+"""Largest helm and yaw rate of an approach, as fractions of those of the turn."""
 
 SETTLED_TURN = math.pi
 """Change of heading after which a turn counts as steady. Chosen: ITTC wants 540 degrees in all for the steady turn."""
@@ -34,8 +40,8 @@ class TurningCircle:
 
     ``rudder`` [unit of the input]; ``turned`` [rad] in all; ``advance``, ``transfer`` at 90 degrees, ``tactical
     diameter`` at 180, ``steady diameter`` [m]; times to 90 and 180 [s]; ``approach`` and ``steady`` speed [m/s] through
-    the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn; ``rate`` [rad/s];
-    ``current`` what was taken out. NaN where the turn was too short for it.
+    the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn;
+    ``rate`` [rad/s]; ``current`` what was taken out. NaN where the turn was too short for it.
     """
 
     run: str
@@ -80,7 +86,7 @@ def read_turning_circle(log: ShipLog) -> TurningCircle:
     side = math.copysign(1.0, float(np.interp(end, log.t, log.psi)) - course.value)
     turned = side * (float(np.interp(end, log.t, log.psi)) - course.value)
     moment = _passing(log, start, end, course.value, side)
-    current = current_of(track, moment(SETTLED_TURN).value) if turned > SETTLED_TURN else None
+    current = current_of(track, moment(SETTLED_TURN).value, end) if turned > SETTLED_TURN else None
     water = track if current is None else track.without(current, start)
     origin = water.at(start, _width(track))
 
@@ -128,15 +134,27 @@ def _turn(log: ShipLog) -> tuple[float, float, float]:
     """Return start and end [s] of the longest turn under one helm, and that helm."""
     holds = find_holds(log.steering.t, log.steering.values, log.end)
     best, most = None, 0.0
-    for hold in holds[1:]:
+    for previous, hold in itertools.pairwise(holds):
+        if abs(previous.level) > AMIDSHIPS * abs(hold.level) or not _is_straight(log, previous, hold):
+            continue
         change = abs(float(np.interp(hold.end, log.t, log.psi)) - float(np.interp(hold.before, log.t, log.psi)))
         if change > most:
             best, most = hold, change
     if best is None or most < 0.5 * math.pi:
         raise NotInformative(
-            f"run '{log.name}' holds no turning circle: the heading never changes by 90 degrees under one held helm"
+            f"run '{log.name}' holds no turning circle: the heading never changes by 90 degrees under one held helm "
+            "after a straight approach with the helm amidships"
         )
     return best.before, best.end, best.level
+
+
+def _is_straight(log: ShipLog, before: Hold, turn: Hold) -> bool:
+    """Whether the approach turned far slower than the turn."""
+    rates = []
+    for start, end in ((max(before.start, before.end - turn.duration), before.end), (turn.start, turn.end)):
+        change = np.interp([start, end], log.t, log.psi)
+        rates.append(abs(float(change[1] - change[0])) / max(end - start, 1e-9))
+    return rates[0] < STRAIGHT * rates[1]
 
 
 def _passing(log: ShipLog, start: float, end: float, course: float, side: float) -> Callable[[float], Reading]:
@@ -223,7 +241,7 @@ def _doubts(turned: float, current: Current | None) -> list[Doubt]:
         found.append(
             Doubt(
                 "current-unknown",
-                f"the turn of {math.degrees(turned):.0f} deg is too short to tell a current from it; still water was taken",
+                f"the turn of {math.degrees(turned):.0f} deg is too short to tell a current; still water was taken",
                 "turn for 720 degrees or more",
             )
         )

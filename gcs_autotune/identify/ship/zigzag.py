@@ -115,8 +115,9 @@ def _traced(t: Array, v: Array, first: int, i: int, before: float, level: float)
     inner = np.abs(v[ramp] - 0.5 * (before + level)) < 0.4 * abs(level - before)
     if int(inner.sum()) >= 3:
         slope, middle = np.polyfit(t[ramp][inner] - t[i], v[ramp][inner], 1)
-        start = float(t[i]) + (before - middle) / slope
-        return Execute(float(np.clip(start, t[first], t[i])), float(t[done]), before, level)
+        if slope * (level - before) > 0.0:
+            start = float(t[i]) + (before - middle) / slope
+            return Execute(float(np.clip(start, t[first], t[i])), float(t[done]), before, level)
     return Execute(float(t[min(begin + 1, i)]), float(t[done]), before, level)
 
 
@@ -149,8 +150,8 @@ def read_zigzag(log: ShipLog) -> ZigZag:
     executes = tuple(e for e in executes if e.t < log.end)
     if len(executes) < 3:
         raise NotInformative(
-            f"run '{log.name}' holds no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}, at least "
-            "two are needed"
+            f"run '{log.name}' holds no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}, at "
+            "least two are needed"
         )
     _check_reversals(log, executes)
     from_approach = executes[0].before == 0.0 and executes[0].t > log.t[0]
@@ -198,7 +199,7 @@ def read_zigzag(log: ShipLog) -> ZigZag:
 
 def _check_reversals(log: ShipLog, executes: tuple[Execute, ...]) -> None:
     """A zig-zag's helm goes over at once; a spiral's takes its time."""
-    shares = [(a.done - a.t) / (b.t - a.t) for a, b in itertools.pairwise(executes)]
+    shares = [(a.done - a.t) / max(b.t - a.t, 1e-9) for a, b in itertools.pairwise(executes)]
     if float(np.median(shares)) > SLOW:
         raise NotInformative(f"run '{log.name}' holds no zig-zag: the helm moves all the time or in small steps")
 

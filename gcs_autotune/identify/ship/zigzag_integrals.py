@@ -1,8 +1,8 @@
 """K and T of a zig-zag by integration, thesis (4.51)-(4.53).
 
 Between any two instants the model of yaw integrates to
-``alpha*(r_2 - r_1) + beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``; without the last
-terms that is (4.51). Between two extreme headings the yaw rates vanish and (4.52) gives the drag; between two
+``alpha*(r_2 - r_1) + beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``; without the
+last terms that is (4.51). Between two extreme headings the yaw rates vanish and (4.52) gives the drag; between two
 crossings of one heading the headings cancel and (4.53) gives the inertia. Each of those is the sum of neighbouring
 rows here, which go from extreme to crossing to extreme: solved together they give also ``Delta`` (rudder bias, wind)
 and the nonlinear drag, which the thesis (4.4) names as what the plain procedure cannot do.
@@ -132,20 +132,51 @@ def _instants(record: Record, log: ShipLog, executes: Sequence[Execute]) -> tupl
         if 1 < top < len(t) - 2:
             extremes.append(float(t[top]))
             spans.append((min(e.done, float(t[top])), borders[k + 1]))
+    middle = _middle(log, extremes)
     for i, (at, (low, high)) in enumerate(zip(extremes, spans, strict=True)):
         width = WINDOW * (high - low)
-        made = _instant(record, at, (low, min(high, at + 0.5 * width)), width, "extreme")
+        made = _instant(record, _peak(record, at, (low, high), width), (low, high), width, "extreme")
         if made is not None:
             found.append(made)
         if i + 1 < len(extremes):
             t, psi = log.heading(at, extremes[i + 1])
-            middle = 0.5 * (psi[0] + psi[-1])
             before = t < high
-            crossing = float(t[int(np.argmin(np.abs(psi - middle) + np.where(before, 0.0, 10.0)))])
+            crossing = _crossing(t[before], psi[before], middle)
+            if crossing is None:
+                continue
             made = _instant(record, crossing, (low, high), width, "crossing")
             if made is not None:
                 found.append(made)
     return tuple(sorted(found, key=lambda i: i.t))
+
+
+def _middle(log: ShipLog, extremes: Sequence[float]) -> float:
+    """Return the heading midway between the extremes of both sides."""
+    peaks = np.interp(extremes, log.t, log.psi)
+    return 0.5 * float(np.mean(peaks[0::2]) + np.mean(peaks[1::2])) if len(peaks) > 1 else 0.0
+
+
+def _crossing(t: Array, psi: Array, level: float) -> float | None:
+    """Return when a heading passes *level*, on the straight line between two samples; None if it does not."""
+    passed = np.flatnonzero((psi[:-1] - level) * (psi[1:] - level) <= 0.0)
+    if len(passed) == 0:
+        return None
+    i = int(passed[len(passed) // 2])
+    step = float(psi[i + 1] - psi[i])
+    return float(t[i]) + (float((level - psi[i]) / step * (t[i + 1] - t[i])) if step else 0.0)
+
+
+def _peak(record: Record, at: float, within: tuple[float, float], width: float) -> float:
+    """Return when the yaw rate vanishes near *at*, from the local polynomial about it."""
+    assert record.position is not None
+    t, psi = record.position.t, record.position.values
+    keep = (t >= max(within[0], at - 0.5 * width)) & (t <= min(within[1], at + 0.5 * width))
+    if int(keep.sum()) < LEAST:
+        return at
+    c = local_fit(t[keep], psi[keep], at, 3).coefficients
+    roots = np.roots([3.0 * c[3], 2.0 * c[2], c[1]]) if c[3] else np.array([-c[1] / (2.0 * c[2])])
+    near = [float(x.real) for x in np.atleast_1d(roots) if abs(x.imag) < 1e-9 and abs(x) < 0.5 * width]
+    return at + min(near, key=abs) if near else at
 
 
 def _turning(log: ShipLog, before: float, t: float) -> float:
