@@ -67,11 +67,9 @@ class ShipLog:
     def speed(self, start: float, end: float) -> float:
         """Return the mean speed [m/s] between two instants from U, u and v, u, or the track; NaN when unknown."""
         for names in (("U",), ("u", "v"), ("u",)):
-            parts = [self.channel(n) for n in names]
-            if all(c is not None for c in parts):
-                means = [float(np.mean(c.between(start, end).values)) for c in parts if len(c.between(start, end))]  # type: ignore[union-attr]  # all() above
-                if len(means) == len(names):
-                    return math.hypot(*means)
+            parts = [c.between(start, end).values for n in names if (c := self.channel(n)) is not None]
+            if len(parts) == len(names) and all(len(p) for p in parts):
+                return math.hypot(*(float(p.mean()) for p in parts))
         x, y = self.channel("x"), self.channel("y")
         if x is None or y is None:
             return math.nan
