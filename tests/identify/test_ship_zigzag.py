@@ -135,6 +135,25 @@ def test_degrees_without_a_unit_are_refused_with_the_cure(tmp_path):
         ship_figures(load_trial(path))
 
 
+def test_a_heading_sampled_too_slowly_for_rates_gives_angles_but_no_indices():
+    run = zigzag(noise=0.1 * DEG)
+    slow = replace(run["psi"], t=run["psi"].t[::10], values=run["psi"].values[::10])
+    seldom = replace(run, channels={"psi": slow, "delta": run["delta"]})
+    (sheet,) = ship_figures(seldom)
+    assert "slow-sampling" in {d.slug for d in sheet.doubts}
+    assert "K" not in {f.slug for f in sheet.figures}
+    assert sheet["period"].reading.value == pytest.approx(ship_figures(run)[0]["period"].reading.value, rel=0.02)
+    with pytest.raises(NotInformative, match="often enough"):
+        fit_axis(seldom, method="zig-zag")
+
+
+def test_noise_is_no_zigzag():
+    run = zigzag()
+    wild = replace(run["psi"], values=np.random.default_rng(1).normal(size=len(run["psi"])))
+    with pytest.raises(NotInformative):
+        ship_figures(replace(run, channels={"psi": wild, "delta": run["delta"]}))
+
+
 def test_a_steady_course_is_no_zigzag():
     run = sail(nomoto(K, T), lambda t, psi: 1.0 * DEG if t > 30.0 else 0.0, 60.0)
     with pytest.raises(NotInformative, match="no zig-zag"):

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
+import numpy as np
+
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.result import AxisFit, Doubt, Structure
@@ -72,6 +74,7 @@ def _candidates(readings: Sequence[StepReading], structure: Structure | None) ->
 
 def _choose(models: Sequence[StepModel]) -> tuple[StepModel, bool]:
     """Return the structure of least BIC, the noise raised to what the richest one leaves, and whether it was close."""
+    models = [m for m in models if _damps(m)] or models
     if len(models) == 1:
         return models[0], models[0].spare <= 0
     unit = max(1.0, min(m.chi2 / max(m.spare, 1) for m in models))
@@ -83,6 +86,11 @@ def _choose(models: Sequence[StepModel]) -> tuple[StepModel, bool]:
     if "affine" in (scored[0].structure, scored[1].structure):
         return min(scored[:2], key=lambda m: sum(m.fitted)), False
     return min(scored[:2], key=lambda m: m.structure), True
+
+
+def _damps(model: StepModel) -> bool:
+    """Whether both drags have the sign of the inertia."""
+    return bool(np.all(model.theta[1:3] * model.theta[0] >= 0.0))
 
 
 def _doubts(everything: Sequence[StepReading], used: Sequence[StepReading], model: StepModel) -> list[Doubt]:

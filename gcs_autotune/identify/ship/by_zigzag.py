@@ -22,7 +22,10 @@ __all__ = ["fit_by_zigzag", "solve_zigzag"]
 Array = NDArray[np.float64]
 
 CLEAR = 3.0
-"""Standard errors of a nonlinear drag from zero at which the linear model draws a doubt."""
+"""Standard errors of the drag left out from zero at which it draws a doubt."""
+
+WORSE = 2.0
+"""Factor by which the weighted misfit must grow without it, for the same."""
 
 
 def fit_by_zigzag(case: Case) -> AxisFit:
@@ -40,7 +43,7 @@ def fit_by_zigzag(case: Case) -> AxisFit:
     every = [rows for record in case.records if (rows := rows_of(record, case.delay or 0.0)) is not None]
     if not every:
         raise NotInformative(
-            f"run '{case.names[0]}' holds no zig-zag with two reversals and a measured position; use "
+            f"run '{case.names[0]}' holds no zig-zag with two reversals and a heading sampled often enough; use "
             "method='output-error' for any other input"
         )
     structure: Structure = case.structure or "linear"
@@ -102,16 +105,18 @@ def _doubts(
 ) -> list[Doubt]:
     found = []
     count = sum(len(rows.impulse) for rows in every)
-    if structure == "linear" and count > 5:
-        other, spread, _, _ = solve_rows(every, (True, True, True, free[3]))
-        std = math.sqrt(max(float(spread[2, 2]), 0.0))
-        if std > 0.0 and abs(other[2]) > CLEAR * std and _worse(every, free):
+    if structure != "affine" and count > 5:
+        missing = 2 if structure == "linear" else 1
+        other, spread, _, misfit = solve_rows(every, (True, True, True, free[3]))
+        clear = abs(other[missing]) / max(math.sqrt(max(float(spread[missing, missing]), 0.0)), 1e-300)
+        if clear > CLEAR and solve_rows(every, free)[3] > WORSE * misfit:
+            kind = "nonlinear" if structure == "linear" else "linear"
             found.append(
                 Doubt(
-                    "nonlinear-drag",
-                    f"the half periods ask for nonlinear drag ({abs(other[2]) / std:.0f} standard errors); "
-                    "K and T hold for this rudder angle only",
-                    "structure='affine' fits it too; method='output-error' decides",
+                    f"{kind}-drag",
+                    f"the half periods ask for {kind} drag too ({clear:.0f} standard errors); what was fitted holds "
+                    "for this rudder angle only",
+                    "structure='affine' fits both; method='output-error' decides",
                 )
             )
     if count - sum(free) < 3:
@@ -119,9 +124,3 @@ def _doubts(
             Doubt("few-half-periods", f"{count} equations for {sum(free)} numbers: errors are guesses", "fly on")
         )
     return found
-
-
-def _worse(every: Sequence[Rows], free: Sequence[bool]) -> bool:
-    """Whether the linear model leaves clearly more than the affine one."""
-    linear = solve_rows(every, (True, True, False, free[3]))[3]
-    return linear > 2.0 * solve_rows(every, (True, True, True, free[3]))[3]

@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 SLOW = 0.5
 """Share of a half period beyond which a reversal takes too long to be one."""
 
+WIDEST, MOST = math.radians(100.0), 0.75
+"""Largest mean change of heading of a zig-zag, and share of the reversals at which it must be to the proper side."""
+
 UNEVEN = 0.15
 """Relative spread of the headings at the executes above which a word is due."""
 
@@ -100,7 +103,7 @@ def read_zigzag(log: ShipLog) -> ZigZag:
     )
     peaks = [_extreme(log, executes, e, sense) for e in reversals]
     proper = np.array([p is not None for p in peaks])
-    if int(proper.sum()) < 1 or not 0.0 < float(np.mean(changes)) < math.pi:
+    if int(proper.sum()) < 1 or not 0.0 < float(np.mean(changes)) < WIDEST or np.mean(changes > 0.0) < MOST:
         raise NotInformative(f"run '{log.name}' holds no zig-zag: the heading does not follow the reversals")
     overshoots, checks = [], []
     for a, e, p in zip(at, reversals, peaks, strict=True):
