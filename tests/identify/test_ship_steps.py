@@ -112,9 +112,25 @@ def test_standard_errors_of_steps_cover_the_truth(record):
     assert abs(np.mean(z)) < 0.6
 
 
-def test_a_step_cut_short_is_named(record):
-    fit = fit_axis(record((0.04, 0.02, 0.0, 0.0), held((0.0, 0.05, -0.05), 5.0), 15.0, noise=0.002), method="step")
+def test_a_step_cut_short_is_left_out_and_named(record):
+    def orders(t, eta):
+        return 0.0 if t < 20.0 else 0.05 if t < 50.0 else -0.05 if t < 52.0 else 0.08
+
+    fit = fit_axis(record((0.04, 0.02, 0.0, 0.0), orders, 90.0, noise=0.002), method="step", structure="linear")
     assert "not-settled" in {d.slug for d in fit.doubts}
+    assert fit.parameters["alpha_r"].value == pytest.approx(0.04, rel=0.01)
+    assert fit.parameters["beta_r"].value == pytest.approx(0.02, rel=0.01)
+
+
+def test_steps_that_never_settle_are_refused_not_guessed(record):
+    with pytest.raises(NotInformative, match="settled"):
+        fit_axis(record((0.04, 0.02, 0.0, 0.0), held((0.0, 0.05, -0.05) * 3, 2.0), 18.0, noise=0.002), method="step")
+
+
+def test_what_is_left_of_the_transient_is_in_the_standard_error(record):
+    fit = fit_axis(record((0.04, 0.02, 0.0, 0.0), held((0.0, 0.05, -0.05), 9.0), 27.0, noise=1e-5), method="step")
+    for name, truth in (("alpha_r", 0.04), ("beta_r", 0.02)):
+        assert abs(fit.parameters[name].value - truth) < 3.0 * fit.parameters[name].std
 
 
 def test_a_craft_that_steers_differently_to_both_sides_draws_a_doubt(record):

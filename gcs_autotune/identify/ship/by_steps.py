@@ -35,11 +35,9 @@ def fit_by_steps(case: Case) -> AxisFit:
     everything = read_steps(case.records)
     readings = [r for r in everything if r.settled]
     if not any(r.has_lag or r.has_knee for r in readings):
-        readings = list(everything)
-    if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
-            f"run '{case.names[0]}' holds no step that can be read: the input must stand still before it and long "
-            "enough after it for the velocity to settle; use method='output-error' for any other input"
+            f"run '{case.names[0]}' holds no step that can be read: the input must stand still before it, and after it "
+            "for five time constants or more until the velocity has settled; method='output-error' takes any input"
         )
     models = _candidates(readings, case.structure)
     if not models:
@@ -48,7 +46,7 @@ def fit_by_steps(case: Case) -> AxisFit:
         )
     model, undecided = _choose(models)
     rows = [row for row in map(row_of, readings) if row is not None]
-    doubts = [*_doubts(everything, readings, model), *unevenness_doubts(rows, model.structure)]
+    doubts = [*_doubts(everything, model), *unevenness_doubts(rows, model.structure)]
     if undecided and case.structure is None:
         doubts.append(_undecided())
     extra = {
@@ -93,15 +91,14 @@ def _damps(model: StepModel) -> bool:
     return bool(np.all(model.theta[1:3] * model.theta[0] >= 0.0))
 
 
-def _doubts(everything: Sequence[StepReading], used: Sequence[StepReading], model: StepModel) -> list[Doubt]:
+def _doubts(everything: Sequence[StepReading], model: StepModel) -> list[Doubt]:
     found = []
     restless = [r for r in everything if not r.settled]
     if restless:
-        left_out = "left out" if not any(r in used for r in restless) else "used all the same"
         found.append(
             Doubt(
                 "not-settled",
-                f"{len(restless)} of {len(everything)} step(s) had not settled before the input changed; {left_out}",
+                f"{len(restless)} of {len(everything)} step(s) had not settled when the input changed: left out",
                 "hold each step for at least five time constants",
             )
         )

@@ -89,12 +89,22 @@ def _colour(left: Array) -> float:
 
 
 def rate_of(t: Array, angle: Array, width: float) -> Array:
-    """Return the slope of *angle* at every stamp: local quadratics over *width* seconds (five samples at least)."""
-    rate = np.empty(len(t))
-    for i, at in enumerate(t):
-        a, b = np.searchsorted(t, (at - 0.5 * width, at + 0.5 * width))
-        while b - a < min(5, len(t)):
-            a, b = max(a - 1, 0), min(b + 1, len(t))
-        s = t[a:b] - at
-        rate[i] = np.polyfit(s, angle[a:b], min(2, b - a - 1))[-2]
+    """Return the slope of *angle* at every stamp, by lines over *width* seconds (five samples at least).
+
+    A line's slope is that of the parabola where the window lies evenly about the stamp; where it cannot, near the ends
+    and beside holes, a parabola is fitted.
+    """
+    n = len(t)
+    a, b = np.searchsorted(t, t - 0.5 * width), np.searchsorted(t, t + 0.5 * width, side="right")
+    index = np.arange(n)
+    a, b = np.clip(np.minimum(a, index - 2), 0, None), np.clip(np.maximum(b, index + 3), None, n)
+    s, y = t - t.mean(), angle - angle.mean()
+    sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (np.ones(n), s, y, s * s, s * y)]
+    m, ms, my, mss, msy = (v[b] - v[a] for v in sums)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = (msy - ms * my / m) / (mss - ms * ms / m)
+    uneven = np.abs(ms / m - s) > 0.1 * (t[b - 1] - t[a])
+    for i in np.flatnonzero(uneven | ~np.isfinite(rate)):
+        first, last = max(min(a[i], n - 5), 0), min(max(b[i], 5), n)
+        rate[i] = np.polyfit(t[first:last] - t[i], angle[first:last], min(2, last - first - 1))[-2]
     return rate

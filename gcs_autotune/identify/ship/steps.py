@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,8 +115,8 @@ class _Reader:
         if len(self.t) < 2 * LEAST:
             return None
         nu_0, eta_0, known = self._origin()
-        start, settled = self._settled_from(nu_0.value, eta_0.value, known)
-        fit = self._fit_from(start)
+        start, settled, constant = self._settled_from(nu_0.value, eta_0.value, known)
+        fit = self._with_transient(self._fit_from(start), start, nu_0.value, constant)
         settled = settled and self._is_straight(start)
         self.tail = fit if settled else self._bent_tail()
         nan = Reading(math.nan, math.nan)
@@ -150,8 +150,8 @@ class _Reader:
         slope_std = math.sqrt(max(float(slopes @ fit.covariance @ slopes), 0.0))
         return Reading(slope, slope_std, self.velocity_unit), Reading(value, std, self.position_unit), True
 
-    def _settled_from(self, nu_0: float, eta_0: float, known: bool) -> tuple[float, bool]:
-        """Return where the settled part begins and whether the transient was over by then."""
+    def _settled_from(self, nu_0: float, eta_0: float, known: bool) -> tuple[float, bool, float]:
+        """Return where the settled part begins, whether the transient was over by then, and its time constant [s]."""
         end = float(self.t[-1])
         latest = end - 0.3 * (end - self.step)
         start = end - 0.4 * (end - self.step)
@@ -160,7 +160,24 @@ class _Reader:
             constant = self._time_constant(start, nu_0, eta_0, known)
             wanted = self.step + SETTLED * constant
             start = float(np.clip(wanted, self.step, latest))
-        return start, start >= self.step + ENOUGH * constant
+        return start, start >= self.step + ENOUGH * constant, constant
+
+    def _with_transient(self, fit: LocalFit, start: float, nu_0: float, constant: float) -> LocalFit:
+        """Return *fit* with what the rest of the transient may have done to it added to its covariance."""
+        if not constant > 0.0:
+            return fit
+        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+        t = self.t[first:] - self.step
+        rest = np.exp(-t / constant)
+        if self.is_position:
+            change = (
+                (float(fit.coefficients[1]) - nu_0)
+                * constant
+                * np.linalg.lstsq(np.vander(t, 2), rest, rcond=None)[0][::-1]
+            )
+        else:
+            change = (float(fit.coefficients[0]) - nu_0) * np.array([rest.mean()])
+        return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
     def _time_constant(self, start: float, nu_0: float, eta_0: float, known: bool) -> float:
         """Return how long the velocity takes for its change, as the area above the response over its height."""
@@ -186,7 +203,7 @@ class _Reader:
         return local_fit(self.t[first:], self.y[first:], self.hold.end, 2 if self.is_position else 1, self.floor)
 
     def _is_straight(self, start: float) -> bool:
-        """Whether the settled part is free of a bend worth one per cent of the velocity's change."""
+        """Whether the settled part is free of a bend larger than a settled transient leaves."""
         first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
         t, y = self.t[first:], self.y[first:]
         degree = 2 if self.is_position else 1
@@ -194,7 +211,7 @@ class _Reader:
         change = float(bend.coefficients[-1]) * float(t[-1] - t[0]) * degree
         std = math.sqrt(max(float(bend.covariance[-1, -1]), 0.0)) * float(t[-1] - t[0]) * degree
         scale = float(np.max(np.abs(np.gradient(self.y, self.t)))) if self.is_position else float(np.ptp(self.y))
-        return abs(change) < 3.0 * std or abs(change) < 0.02 * scale
+        return abs(change) < 3.0 * std or abs(change) < math.exp(-ENOUGH) * scale
 
     def _crossing(self, level: float, settled_from: float) -> Reading:
         """Return the seconds from the step to velocity *level*, from a local line across it."""

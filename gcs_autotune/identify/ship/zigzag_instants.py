@@ -25,7 +25,7 @@ WINDOW = 0.4
 """Width of the local fits as a fraction of the half period."""
 
 DEGREE = 3
-"""Of the local polynomials. A parabola would take the bend of the heading for a lower rate: K 4 % off at seven samples."""
+"""Of the local polynomials. A parabola takes the bend of the heading for a lower rate: K 4 % off at seven samples."""
 
 LEAST = 8
 """Fewest samples of a local fit."""
