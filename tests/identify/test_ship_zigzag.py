@@ -171,6 +171,11 @@ def test_the_measured_tanker_gives_positive_figures_whatever_the_sign_of_its_rud
     assert other.title.endswith("first to port")
 
 
+def test_as_many_numbers_as_half_periods_are_refused(tanker):
+    with pytest.raises(NotInformative, match="fly more"):
+        fit_axis(tanker("Z_10_10_S"), method="zig-zag", structure="affine")
+
+
 def test_a_tankers_zigzag_predicts_another_one(tanker):
     fit = fit_axis(tanker("Z_20_05"), method="zig-zag", length=7.0, speed=1.177)
     assert fit.model.beta < 0.0  # positive rudder turns to port in these files

@@ -92,7 +92,7 @@ def solve_zigzag(every: Sequence[Rows], structure: Structure) -> tuple[Array, Ar
     count = sum(len(rows.impulse) for rows in every)
     drags = FREE[structure][:3]
     free = (*drags, count > sum(drags) + 1)
-    if count < sum(free):
+    if count <= sum(free):  # nothing left to tell how well they fit
         raise NotInformative(
             f"{count} half-period equations cannot tell structure '{structure}': fly more half periods"
         )

@@ -102,7 +102,7 @@ def rate_of(t: Array, angle: Array, width: float) -> Array:
     sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (np.ones(n), s, y, s * s, s * y)]
     m, ms, my, mss, msy = (v[b] - v[a] for v in sums)
     with np.errstate(divide="ignore", invalid="ignore"):
-        rate = (msy - ms * my / m) / (mss - ms * ms / m)
+        rate: Array = (msy - ms * my / m) / (mss - ms * ms / m)
     uneven = np.abs(ms / m - s) > 0.1 * (t[b - 1] - t[a])
     for i in np.flatnonzero(uneven | ~np.isfinite(rate)):
         first, last = max(min(a[i], n - 5), 0), min(max(b[i], 5), n)
