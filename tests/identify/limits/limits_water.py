@@ -13,10 +13,10 @@ import numpy as np
 from gcs_autotune.trial import Channel, Trial
 
 BOAT = {
-    "X_udot": -25.0, "Y_vdot": -34.0, "N_rdot": -2.8,
-    "X_u": -1.5, "X_uu": -4.0, "Y_v": -18.0, "Y_r": -1.4, "N_v": 1.6, "N_r": -1.9, "N_rr": -1.5,
+    "X_udot": -25.0, "Y_vdot": -27.0, "N_rdot": -2.8,
+    "X_u": -3.5, "X_uu": -4.0, "Y_v": -30.0, "Y_r": -1.4, "N_v": 3.0, "N_r": -4.0, "N_rr": -1.5,
 }  # fmt: skip
-"""A small boat: forces in N, moments in N m."""
+"""A small boat that keeps its course: forces in N, moments in N m."""
 
 NOISE = {"x": 0.05, "y": 0.05, "psi": 0.005, "u": 0.02, "v": 0.02, "r": 0.005}
 UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
