@@ -12,8 +12,9 @@ __all__ = ["Direction", "Unseen"]
 class Direction:
     """A joint change of parameters that runs do not see, or hardly.
 
-    ``derivatives`` their SNAME names; ``changes`` relative to each value (0.4: 40 % larger in magnitude): for a practical direction what stays within
-    95 % of the noise, for an ``exact`` one only the ratios mean anything. ``scaling``: all by the same factor.
+    ``derivatives``: the members' SNAME names. ``changes`` relative to each value (0.4: 40 % larger in magnitude): for a
+    practical direction what stays within 95 % of the noise, for an ``exact`` one only the ratios mean anything.
+    ``scaling``: all by the same factor.
     """
 
     members: tuple[str, ...]

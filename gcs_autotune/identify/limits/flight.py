@@ -44,7 +44,7 @@ def fly(subject: Subject, helm: Helm, candidate: Candidate, seconds: float) -> F
     It starts from rest, or, when no input drives surge, at the median speed of the runs.
     """
     x_0 = _start(subject, helm)
-    t = np.arange(round(seconds / CONTROL_STEP)) * CONTROL_STEP
+    t: Array = np.arange(round(seconds / CONTROL_STEP), dtype=np.float64) * CONTROL_STEP
     inputs = _closed(subject, helm, candidate, t, x_0, seconds) if candidate.closed else _open(helm, candidate, seconds)
     if inputs is None:
         return None
@@ -69,9 +69,7 @@ def _open(helm: Helm, candidate: Candidate, seconds: float) -> Array:
     return np.array([helm.inputs(shares) for shares in candidate.pilot(seconds, CONTROL_STEP)])
 
 
-def _closed(
-    subject: Subject, helm: Helm, candidate: Candidate, t: Array, x_0: Array, seconds: float
-) -> Array | None:
+def _closed(subject: Subject, helm: Helm, candidate: Candidate, t: Array, x_0: Array, seconds: float) -> Array | None:
     simulator = Simulator(subject.form)
     states, x = simulator.states, x_0
     pilot = candidate.pilot(seconds, CONTROL_STEP)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -39,7 +40,7 @@ def folds_of(trials: Sequence[Trial], inputs: Sequence[str]) -> tuple[Fold, ...]
 def _in_time(trial: Trial, inputs: frozenset[str]) -> tuple[Fold, ...]:
     edges = np.linspace(trial.start, trial.end, BLOCKS + 1)
     edges[-1] = np.nextafter(edges[-1], np.inf)
-    parts = [_part(trial, float(a), float(b), k, inputs) for k, (a, b) in enumerate(zip(edges, edges[1:], strict=False))]
+    parts = [_part(trial, float(a), float(b), k, inputs) for k, (a, b) in enumerate(itertools.pairwise(edges))]
     return tuple(Fold(tuple(p for p in parts if p is not held), (held,)) for held in parts)
 
 

@@ -42,12 +42,6 @@ class Helm:
         held: Array = np.clip(total, self.low, self.high)
         return held
 
-    def table(self, shares: Mapping[str, Array]) -> Array:
-        """Return channel values (j, m) for shares (j,) per role."""
-        total = sum((np.outer(share, self.columns[role]) for role, share in shares.items()), np.zeros((1, 1)))
-        held: Array = np.clip(total, self.low, self.high)
-        return held
-
 
 def helm_of(form: Form, theta: Array, records: Sequence[CoupledRecord]) -> Helm:
     """Return the helm of a form whose gains have the values *theta*, limited to the inputs of *records*.
@@ -83,22 +77,18 @@ def helm_of(form: Form, theta: Array, records: Sequence[CoupledRecord]) -> Helm:
 
 
 def _gains(form: Form, theta: Array) -> Array:
-    """Return the force per channel value, (6, m); of derivatives with more factors (``N_uudelta``) their sign's worth."""
+    """Return the force per channel value (6, m); a derivative with more factors (``N_uudelta``) counts by its sign."""
     gains = np.zeros((6, len(form.inputs)))
+    named = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     for j, (channel, pairs) in enumerate(form.inputs.items()):
         for force, gain in pairs:
+            row = FORCES.index(force)
             if isinstance(gain, str):
                 value = float(theta[form.parameters.index(gain.lstrip("-"))])
-                gains[FORCES.index(force), j] += -value if gain.startswith("-") else value
+                gains[row, j] += -value if gain.startswith("-") else value
             else:
-                gains[FORCES.index(force), j] += gain
-        for name, value in zip(form.parameters, theta, strict=True):
-            if name[:2].endswith("_") and name[0] in FORCES and name.endswith(channel) and name != f"{name[0]}_{channel}":
-                gains[FORCES.index(name[0]), j] += float(value)
-            elif name == f"{name[0]}_{channel}" and name[0] in FORCES and not _is_gain(form, name):
-                gains[FORCES.index(name[0]), j] += float(value)
+                gains[row, j] += gain
+        for name, value in zip(form.parameters, theta.tolist(), strict=True):
+            if name not in named and name[0] in FORCES and name[1:2] == "_" and name[2:].endswith(channel):
+                gains[FORCES.index(name[0]), j] += value
     return gains
-
-
-def _is_gain(form: Form, name: str) -> bool:
-    return any(isinstance(g, str) and g.lstrip("-") == name for pairs in form.inputs.values() for _, g in pairs)

@@ -1,8 +1,8 @@
 """What runs cannot tell: parameters that move together, and parameters they hardly see.
 
 The root of the information, its columns scaled to length one, is decomposed into singular values and vectors. A value
-of zero is a joint change the measured signals do not answer to at all (*exact*: a matter of the model, the inputs or the
-signals, whatever the noise). A value below ``1/TOGETHER`` is a group whose members could stand in for one another
+of zero is a joint change the measured signals do not answer to at all (*exact*: a matter of the model, the inputs or
+the signals, whatever the noise). A value below ``1/TOGETHER`` is a group whose members could stand in for one another
 ("collinearity index" above 10: Brun, Reichert and Kuensch 2001, Water Resources Research 37, (11)); it is reported when
 the change the noise leaves open matters. A parameter whose standard error exceeds its value is *hardly seen*.
 """
@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.limits.findings import Direction, Unseen
 from gcs_autotune.identify.limits.information import BLIND, Information, information_on
 from gcs_autotune.identify.limits.reach import Reach, reach_of_runs
 from gcs_autotune.identify.limits.scales import Scales, scales_of
 from gcs_autotune.identify.limits.subject import Subject, subject_of
 from gcs_autotune.identify.limits.words import direction_doubt, unseen_doubt
-from gcs_autotune.identify.limits.findings import Direction, Unseen
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.trial import Trial
 

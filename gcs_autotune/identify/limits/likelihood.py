@@ -51,8 +51,8 @@ POLISH = 3
 class Profile:
     """``values`` (k,) increasing and ``deviance`` (k,) over the minimum; the interval at ``level``.
 
-    ``low`` or ``high`` infinite: that side is open, the runs do not bound the parameter there. ``estimate`` is where the
-    likelihood is largest.
+    ``low`` or ``high`` infinite: that side is open, the runs do not bound the parameter there. ``estimate`` is where
+    the likelihood is largest.
     """
 
     name: str

@@ -55,6 +55,10 @@ def _sine(periods: float) -> Callable[[float], float]:
     return lambda x: math.sin(2.0 * math.pi * periods * x)
 
 
+def _full(x: float) -> float:
+    return 1.0
+
+
 def _growing(x: float) -> float:
     return min(x / 0.9, 1.0)
 
@@ -91,11 +95,13 @@ def _zigzag(angle: float, thrust: float, seconds: float, step: float) -> Generat
         state = yield {**steady, "steer": sign}
 
 
-def _relay(role: str, position: str, width: float, thrust: float, seconds: float, step: float) -> Generator[
-    Shares, State, None
-]:
+def _relay(
+    role: str, position: str, width: float, thrust: float, seconds: float, step: float
+) -> Generator[Shares, State, None]:
     """Switch *role* with hysteresis *width* on its position: the self-oscillation of IS-O."""
-    sign, steady, state, zero = 1.0, ({"thrust": thrust} if thrust else {}), {}, None
+    sign, zero = 1.0, None
+    steady: Shares = {"thrust": thrust} if thrust else {}
+    state: State = {}
     for _ in range(round(seconds / step)):
         here = state.get(position, 0.0)
         zero = here if zero is None else zero
@@ -128,6 +134,7 @@ def _row(title: str, roles: str, pilot: Pilot, *, closed: bool = False) -> Candi
 
 
 _DEG = math.pi / 180.0
+_BOTH = ("steer", "thrust")
 
 CANDIDATES: Mapping[str, Candidate] = {
     c.name: c
@@ -137,26 +144,26 @@ CANDIDATES: Mapping[str, Candidate] = {
         _row("accelerations to three speeds and coast-down", "thrust", partial(_coast, (0.3, 0.6, 1.0))),
         _row("pseudo-random throttle", "thrust", partial(_random, ("thrust",), (0.1, 1.0), 1.5)),
         *(
-            _row(f"zig-zag {a:.0f}/{a:.0f} at {100 * p:.0f} % throttle", "thrust steer", partial(_zigzag, a, p), closed=True)
-            for a in (10.0, 20.0, 35.0)
-            for p in (0.3, 0.6, 1.0)
+            _row(f"zig-zag {a}/{a} at {p} % throttle", "thrust steer", partial(_zigzag, a, p / 100.0), closed=True)
+            for a in (10, 20, 35)
+            for p in (30, 60, 100)
         ),
         _row("zig-zag 20/20", "steer", partial(_zigzag, 20.0, 0.0), closed=True),
         _row("zig-zag 45/45", "steer", partial(_zigzag, 45.0, 0.0), closed=True),
         *(
-            _row(f"turning circle at {100 * p:.0f} % throttle", "thrust steer", partial(_timed, _levels(1.0), "steer", p))
-            for p in (0.3, 0.6, 1.0)
+            _row(f"turning circle at {p} % throttle", "thrust steer", partial(_timed, _full, "steer", p / 100.0))
+            for p in (30, 60, 100)
         ),
         _row("S-manoeuvre at 60 % throttle", "thrust steer", partial(_timed, _sine(3.0), "steer", 0.6)),
         _row("S-manoeuvre with changing throttle", "thrust steer", _s_throttle),
         _row("growing turn (spiral) at 60 % throttle", "thrust steer", partial(_timed, _growing, "steer", 0.6)),
         _row("growing turn (spiral) at 100 % throttle", "thrust steer", partial(_timed, _growing, "steer", 1.0)),
-        _row("steering step", "steer", partial(_timed, _levels(1.0), "steer", 0.0)),
+        _row("steering step", "steer", partial(_timed, _full, "steer", 0.0)),
         _row("steering steps", "steer", partial(_timed, _levels(1.0, 0.5, 0.0, -1.0, -0.5, 0.0), "steer", 0.0)),
         _row("steering doublet", "steer", partial(_timed, _levels(1.0, -1.0, 0.0), "steer", 0.0)),
         _row("pseudo-random steering", "steer", partial(_random, ("steer",), (0.0, 0.0), 1.0)),
         _row("pseudo-random steering at 60 % throttle", "thrust steer", partial(_random, ("steer",), (0.0, 0.6), 1.0)),
-        _row("pseudo-random steering and throttle", "thrust steer", partial(_random, ("steer", "thrust"), (0.1, 1.0), 1.5)),
+        _row("pseudo-random steering and throttle", "thrust steer", partial(_random, _BOTH, (0.1, 1.0), 1.5)),
         _row("yaw relay", "steer", partial(_relay, "steer", "psi", 10.0 * _DEG, 0.0), closed=True),
         _row("heave bob", "heave", partial(_relay, "heave", "z", 0.2, 0.0), closed=True),
         _row("heave steps", "heave", partial(_timed, _levels(1.0, 0.0, -1.0, 0.0, 0.5, -0.5), "heave", 0.0)),

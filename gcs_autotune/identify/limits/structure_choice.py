@@ -1,8 +1,8 @@
 """Which terms does a coupled model need? Forms fitted, weighed by criteria and by errors on data left out.
 
 A richer form is preferred to a simpler one only if both speak for it: its Bayesian criterion is lower by more than
-:data:`CLEAR`, and it predicts what was left out no worse. :func:`eliminate` walks from a rich form downwards: it drops the
-term the fit is least sure of (smallest value over standard error, the Wald statistic), fits again, and keeps the
+:data:`CLEAR`, and it predicts what was left out no worse. :func:`eliminate` walks from a rich form downwards: it drops
+the term the fit is least sure of (smallest value over standard error, the Wald statistic), fits again, and keeps the
 simpler form unless the loss is justified by that rule.
 """
 
@@ -26,6 +26,7 @@ from gcs_autotune.identify.limits.evidence import (
     swings_of,
 )
 from gcs_autotune.identify.limits.folds import Fold, folds_of
+from gcs_autotune.identify.limits.form_verdict import CLEAR, FormChoice, ScoredForm, best, compared, needed, said
 from gcs_autotune.identify.limits.sanity import complaints_about
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.result import Fit
@@ -33,65 +34,12 @@ from gcs_autotune.identify.validate import validate
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, inertia_of
 from gcs_autotune.registry import lookup
-from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = ["CLEAR", "FormChoice", "ScoredForm", "choose_form", "droppable", "eliminate"]
 
-CLEAR = 2.0
-"""Difference of the Bayesian criterion below which nothing is decided (Kass and Raftery 1995)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScoredForm:
-    """One form and what speaks for and against it.
-
-    ``parameters`` fitted; ``fit_percent`` of the free run on the runs fitted; ``left_out`` error on data left out,
-    in shares of the signals' swings, mean over folds, ``per_fold`` likewise; ``left_out_rms`` per signal [SI];
-    ``complaints`` what is unphysical in it. ``fit`` None: it could not be fitted.
-    """
-
-    form: Form
-    fit: Fit | None
-    parameters: int
-    fit_percent: float
-    log_likelihood: float
-    aic: float
-    bic: float
-    left_out: float
-    per_fold: tuple[float, ...]
-    left_out_rms: Mapping[str, float]
-    rms: Mapping[str, float]
-    complaints: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers as plain data."""
-        return {
-            "form": self.form.name,
-            "free": list(self.form.free),
-            "parameters": self.parameters,
-            "fit_percent": self.fit_percent,
-            "log_likelihood": self.log_likelihood,
-            "aic": self.aic,
-            "bic": self.bic,
-            "left_out": self.left_out,
-            "left_out_rms": dict(self.left_out_rms),
-            "complaints": list(self.complaints),
-        }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FormChoice:
-    """The verdict over all forms tried: ``chosen``, and ``reasons`` one sentence per rival or term dropped."""
-
-    chosen: ScoredForm
-    table: tuple[ScoredForm, ...]
-    reasons: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return verdict and table as plain data."""
-        rows = [row.to_dict() for row in self.table]
-        return {"chosen": self.chosen.form.name, "reasons": list(self.reasons), "table": rows}
+PATIENCE = 2
+"""Terms found to be needed after which no better-determined term is tried."""
 
 
 @dataclass(slots=True)
@@ -169,10 +117,12 @@ def choose_form(
         None could be fitted.
     """
     judge = _judge(trials, forms, method, delay, options)
-    table = [judge.score(form) for form in sorted(forms, key=lambda f: -len(f.free))]
-    best = _best(table)
-    reasons = [_compared(best, other) for other in table if other is not best]
-    return FormChoice(best, tuple(table), tuple(reasons))
+    table: list[ScoredForm] = []
+    for form in sorted(forms, key=lambda f: -len(f.free)):
+        table.append(judge.score(_near(form, table)))
+    chosen = best(table)
+    reasons = [compared(chosen, other) for other in table if other is not chosen]
+    return FormChoice(chosen, tuple(table), tuple(reasons))
 
 
 def eliminate(
@@ -203,19 +153,15 @@ def eliminate(
         name = _shorter(now.form.name, weakest)
         simpler = judge.score(_started(now.form, now.fit, name).without(weakest))
         table.append(simpler)
-        needed = _needed(now, simpler)
-        reasons.append(_said(weakest, now, simpler, needed))
-        if needed:
+        wanted = needed(now, simpler)
+        reasons.append(said(weakest, now, simpler, wanted))
+        if wanted:
             kept.add(weakest)
             if len(kept) >= PATIENCE:
                 break
         else:
             now = simpler
     return FormChoice(now, tuple(table), tuple(reasons))
-
-
-PATIENCE = 2
-"""Terms found to be needed, one after the other, after which no better-determined term is tried."""
 
 
 def droppable(form: Form) -> tuple[str, ...]:
@@ -247,8 +193,22 @@ def _started(form: Form, fit: Fit, name: str = "") -> Form:
     assert isinstance(model, CoupledModel)
     start = {n: model[n] for n in form.free}
     return Form(
-        name or form.name, form.title, form.dofs, form.free, form.known, form.inputs, form.coriolis, form.normalised, start
+        name or form.name,
+        form.title,
+        form.dofs,
+        form.free,
+        form.known,
+        form.inputs,
+        form.coriolis,
+        form.normalised,
+        start,
     )
+
+
+def _near(form: Form, table: Sequence[ScoredForm]) -> Form:
+    """Return *form* begun from the smallest richer form fitted before it, as it is when there is none."""
+    richer = [row for row in table if row.fit is not None and set(form.free) <= set(row.form.free)]
+    return _started(form, richer[-1].fit) if richer and richer[-1].fit is not None else form
 
 
 def _shorter(name: str, dropped: str) -> str:
@@ -263,54 +223,3 @@ def _weakest(scored: ScoredForm, kept: set[str]) -> str | None:
         if name not in kept:
             sure[name] = abs(parameter.value) / parameter.std if parameter.std > 0.0 else 0.0
     return min(sure, key=lambda n: sure[n]) if sure else None
-
-
-def _needed(richer: ScoredForm, simpler: ScoredForm) -> bool:
-    """Whether both the criterion and what was left out speak for the richer form."""
-    if simpler.fit is None:
-        return True
-    if len(simpler.complaints) > len(richer.complaints):
-        return True
-    return simpler.bic - richer.bic > CLEAR and not richer.left_out > simpler.left_out
-
-
-def _best(table: Sequence[ScoredForm]) -> ScoredForm:
-    fitted = [row for row in table if row.fit is not None]
-    if not fitted:
-        raise NotInformative(f"no form could be fitted: {table[0].complaints[0]}")
-    sane = [row for row in fitted if not row.complaints] or fitted
-    best = min(sane, key=lambda row: row.bic)
-    for row in sorted(sane, key=lambda row: row.parameters):
-        if row.parameters < best.parameters and not _needed(best, row):
-            return row
-    return best
-
-
-def _said(term: str, richer: ScoredForm, simpler: ScoredForm, needed: bool) -> str:
-    verdict = "is needed" if needed else "is not needed"
-    return f"{term} {verdict}: {_numbers(richer, simpler)}"
-
-
-def _compared(best: ScoredForm, other: ScoredForm) -> str:
-    if other.fit is None:
-        return f"'{other.form.name}' {other.complaints[0]}"
-    richer, simpler = (best, other) if best.parameters >= other.parameters else (other, best)
-    extra = [n for n in richer.form.free if n not in simpler.form.free]
-    told = f"{', '.join(extra)} ({'needed' if richer is best else 'not needed'}): " if extra else ""
-    bad = f"; '{other.form.name}': {', '.join(other.complaints)}" if other.complaints else ""
-    return f"'{best.form.name}' rather than '{other.form.name}': {told}{_numbers(richer, simpler)}{bad}"
-
-
-def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
-    """Return the comparison in numbers: error on data left out in the worst signal's unit, and the criterion."""
-    if simpler.fit is None:
-        return f"without it the form {simpler.complaints[0]}"
-    both = [n for n in richer.left_out_rms if n in simpler.left_out_rms]
-    said = ""
-    if both:
-        name = max(both, key=lambda n: abs(math.log(max(simpler.left_out_rms[n], 1e-300) / richer.left_out_rms[n])))
-        unit = SIGNALS[name][0]
-        scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
-        one, other = (scale * row.left_out_rms[name] for row in (simpler, richer))
-        said = f"error on data left out {one:.3g} {unit} of {name} without, {other:.3g} with, "
-    return f"{said}BIC {simpler.bic - richer.bic:+.1f} without"
