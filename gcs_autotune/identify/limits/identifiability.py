@@ -89,8 +89,7 @@ def look_into(subject: Subject) -> Identifiability:
     std = information.std
     relative = std / scales.size
     directions = (*_exact(subject, information, scales), *_practical(subject, information, scales))
-    grouped = {n for d in directions for n in d.members}
-    unseen = _unseen(subject, information, scales, std, grouped)
+    unseen = _unseen(subject, information, scales, std, {n for d in directions if d.exact for n in d.members})
     return Identifiability(information, scales, seen, relative, directions, unseen)
 
 
@@ -171,15 +170,15 @@ def _sparse(basis: Array) -> Array:
 
 
 def _unseen(
-    subject: Subject, information: Information, scales: Scales, std: Array, grouped: set[str]
+    subject: Subject, information: Information, scales: Scales, std: Array, told: set[str]
 ) -> tuple[Unseen, ...]:
+    """Return the parameters whose standard error exceeds their value, but for those *told* of already."""
     found = []
-    for i, name in enumerate(subject.names):
-        own = subject.free[i]
+    for i, (name, own) in enumerate(zip(subject.names, subject.free, strict=True)):
         if own.endswith("_0") and std[i] <= scales.felt[i]:
             continue  # a constant force of about zero is an answer
-        value, alone = abs(float(information.values[i])), float(information.alone[i])
-        if std[i] > value and (name not in grouped or alone > value):
-            felt = bool(std[i] <= scales.felt[i])
-            found.append(Unseen(name, own, float(information.values[i]), float(std[i]), subject.units[i], felt))
+        value = float(information.values[i])
+        if std[i] > abs(value) and name not in told:
+            slight = bool(std[i] <= scales.felt[i])
+            found.append(Unseen(name, own, value, float(std[i]), subject.units[i], slight))
     return tuple(found)

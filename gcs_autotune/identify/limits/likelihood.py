@@ -43,8 +43,8 @@ FARTHEST = 20.0
 GROWTH, FIRST = 1.6, 0.5
 """Steps outwards grow by this factor, from this many standard errors on."""
 
-POLISH = 3
-"""Secant steps that place the end of the interval."""
+POLISH, CLOSE = 12, 0.01
+"""Steps at most that place the end of an interval, until it is within this share of the parameter's size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,8 +158,8 @@ class _Walker:
                 outer = (middle, deviance)
             else:
                 inner, state = (middle, deviance), after
-            if abs(deviance - threshold) < 0.01 * threshold:
-                return middle, points
+            if abs(deviance - threshold) < CLOSE * threshold or abs(outer[0] - inner[0]) < CLOSE * size:
+                break
         return _crossing(inner, outer, threshold), points
 
     def at(

@@ -48,6 +48,7 @@ def profile_picture(profiles: Sequence[Profile]) -> Figure:
             if math.isfinite(end):
                 axes.axvline(end, lw=0.8, ls="--", color=RED)
         axes.set_ylim(0.0, 2.0 * found.threshold)
+        axes.locator_params(axis="x", nbins=4)
         axes.set_xlabel(f"{found.name} [{found.unit}]")
         axes.set_title("closed" if found.closed else "open", fontsize="small", loc="left")
     grid[0].set_ylabel("rise of -2 log L")

@@ -129,6 +129,8 @@ def _cure(derivatives: Sequence[str], seen: Reach) -> str:
         return "fly turns of different tightness at different speeds"
     if any(d.endswith("_0") for d in lines):
         return "fly the same manoeuvre to both sides, so that a constant force does not look like drag"
+    if squares and len(derivatives) > 1 and not inertia and letters & {"v", "r"}:
+        return "fly gentle and tight turns: linear and quadratic drag then part"
     if squares and len(derivatives) > 1 and not inertia:
         return "fly at clearly different speeds and coast down from the fastest: linear and quadratic drag then part"
     if inertia and len(derivatives) > 1:
