@@ -207,8 +207,11 @@ def _started(form: Form, fit: Fit, name: str = "") -> Form:
 
 def _near(form: Form, table: Sequence[ScoredForm]) -> Form:
     """Return *form* begun from the smallest richer form fitted before it, as it is when there is none."""
-    richer = [row for row in table if row.fit is not None and set(form.free) <= set(row.form.free)]
-    return _started(form, richer[-1].fit) if richer and richer[-1].fit is not None else form
+    for row in reversed(table):
+        alike = row.form.inputs == form.inputs and row.form.known == form.known
+        if row.fit is not None and alike and set(form.free) <= set(row.form.free):
+            return _started(form, row.fit)
+    return form
 
 
 def _shorter(name: str, dropped: str) -> str:

@@ -83,8 +83,10 @@ def test_drag_that_drives_is_complained_about_and_not_chosen() -> None:
 
 def test_coupled_terms_of_no_use_go_and_those_of_use_stay() -> None:
     runs = [recorded(Steps(seed), 20.0, seed, name=f"run {seed}", scale=2.0) for seed in (1, 2)]
-    form = FORMS["horizontal"].without("Y_rdot", "X_0", "Y_0", "Y_r", "Y_vv")
-    form = form.fixing({"X_udot": -25.0, "X_u": -3.5, "X_uu": -4.0, "Y_v": -30.0, "Y_vdot": -27.0, "N_r": -4.0})
+    form = FORMS["horizontal"].without("Y_rdot", "X_0", "Y_0", "Y_vv")
+    form = form.fixing(
+        {"X_udot": -25.0, "X_u": -3.5, "X_uu": -4.0, "Y_v": -30.0, "Y_vdot": -27.0, "N_r": -4.0, "Y_r": -1.4}
+    )
     form = replace(form, start={"N_rdot": -2.5, "N_v": 2.0, "N_rr": -1.0})
     choice = eliminate(runs, form)
     assert "N_0" not in choice.chosen.form.free
