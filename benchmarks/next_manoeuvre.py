@@ -3,8 +3,8 @@
     python -m benchmarks.next_manoeuvre [seeds]
 
 A small boat has flown a circle. For some of the manoeuvres proposed next, the standard errors foretold from the fit of
-that circle alone stand beside the scatter of estimates over many noisy repetitions of circle and manoeuvre, flown by the
-true boat under the proposed inputs.
+that circle alone stand beside the scatter of estimates over many noisy repetitions of circle and manoeuvre, flown by
+the true boat under the proposed inputs.
 """
 
 from __future__ import annotations
@@ -50,10 +50,8 @@ def main(seeds: int) -> None:
         print(f"\n{plan.candidate.title}: {seeds} seeds")
         print(f"{'':8s}{'truth':>9s}{'circle':>10s}{'foretold':>10s}{'scatter':>10s}{'ratio':>7s}")
         for i, n in enumerate(proposal.names):
-            before = proposal.now.information.std[i]
-            print(
-                f"{n:8s}{BOAT[n]:9.2f}{before:10.3g}{plan.std[i]:10.3g}{scatter[i]:10.3g}{scatter[i] / plan.std[i]:7.2f}"
-            )
+            before, after, found = proposal.now.information.std[i], plan.std[i], scatter[i]
+            print(f"{n:8s}{BOAT[n]:9.2f}{before:10.3g}{after:10.3g}{found:10.3g}{found / after:7.2f}")
 
 
 if __name__ == "__main__":
