@@ -50,6 +50,11 @@ class Signal:
     values: Array
     step: float
 
+    def since(self, start: float) -> Signal:
+        """Return the samples from *start* [s] on."""
+        keep = self.t >= start
+        return replace(self, t=self.t[keep], values=self.values[keep])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
@@ -250,12 +255,7 @@ def after_delay(record: Record, delay: float) -> Record:
     start = float(record.t_in[0]) + delay
     if delay <= 0.0 or start <= min(float(s.t[0]) for s in record.signals):
         return record
-    later = [None if s is None else _from(s, start) for s in (record.position, record.velocity)]
+    later = [None if s is None else s.since(start) for s in (record.position, record.velocity)]
     if any(s is not None and len(s.t) < MIN_SAMPLES for s in later):
         return record
     return replace(record, position=later[0], velocity=later[1])
-
-
-def _from(signal: Signal, start: float) -> Signal:
-    keep = signal.t >= start
-    return replace(signal, t=signal.t[keep], values=signal.values[keep])

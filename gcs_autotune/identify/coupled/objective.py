@@ -26,6 +26,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
+
+REMEMBERED = 3
+"""Vectors whose residuals are kept: every round of the noise begins where the one before ended."""
+
 _HELD = 1.0
 """Standard deviation of a lagged input's first value about the input itself, in units of that input's range."""
 
@@ -41,6 +45,16 @@ class Limits:
         """Return both (p,) in the order of *names*."""
         low = np.array([self.low.get(n, -np.inf) for n in names])
         return low, np.array([self.high.get(n, np.inf) for n in names])
+
+    def within(self, other: Limits) -> Limits:
+        """Return the limits that respect both, these first where they contradict each other."""
+        low, high = dict(self.low), dict(self.high)
+        for name in {*other.low, *other.high}:
+            least = max(self.low.get(name, -np.inf), other.low.get(name, -np.inf))
+            most = min(self.high.get(name, np.inf), other.high.get(name, np.inf))
+            if least < most:
+                low[name], high[name] = least, most
+        return Limits(low, high)
 
 
 def free_states(form: Form, record: CoupledRecord) -> tuple[str, ...]:
@@ -84,6 +98,7 @@ class CoupledObjective:
     places: Index = field(init=False)
     columns_of: tuple[Index, ...] = field(init=False)
     states_of: tuple[Index, ...] = field(init=False)
+    recent: dict[bytes, list[Residual] | None] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         simulators, columns, states, used = [], [], [], len(self.free)
@@ -132,6 +147,14 @@ class CoupledObjective:
 
     def residuals(self, x: Array) -> list[Residual] | None:
         """Return the residuals, Jacobians in the record's own columns; None when a simulation runs away."""
+        key = x.tobytes()
+        if key not in self.recent:
+            while len(self.recent) >= REMEMBERED:
+                del self.recent[next(iter(self.recent))]
+            self.recent[key] = self._simulated(x)
+        return self.recent[key]
+
+    def _simulated(self, x: Array) -> list[Residual] | None:
         theta, initial = self.unpack(x)
         found = []
         for i, record in enumerate(self.records):

@@ -22,7 +22,7 @@ __all__ = ["Motion", "first_levels_of", "smoothed_motion"]
 
 Array = NDArray[np.float64]
 
-HALF_WIDTHS = (2, 4, 8, 16, 32)
+HALF_WIDTHS = (2, 5, 12, 30)
 """Neighbours to each side a local polynomial may use."""
 
 MOST = 400
@@ -110,10 +110,12 @@ def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], fl
     at = first[:, None] + np.arange(width)
     span = signal.t[at[:, -1]] - signal.t[at[:, 0]]
     z = (signal.t[at] - signal.t[:, None]) / span[:, None]
-    V = z[:, :, None] ** np.arange(order + 1)
-    G = np.einsum("nwi,nwj->nij", V, V) + 1e-12 * np.eye(order + 1)
-    inverse = np.linalg.inv(G)
-    c = np.einsum("nij,nwj,nw->ni", inverse, V, signal.values[at])
+    V = np.ones((n, width, order + 1))
+    for i in range(1, order + 1):
+        V[:, :, i] = V[:, :, i - 1] * z
+    transposed = V.transpose(0, 2, 1)
+    inverse = np.linalg.inv(transposed @ V + 1e-12 * np.eye(order + 1))
+    c = (inverse @ (transposed @ signal.values[at][:, :, None]))[:, :, 0]
     left = (signal.values - c[:, 0]) / np.maximum(1.0 - inverse[:, 0, 0], 1e-6)
     return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(left**2))
 
