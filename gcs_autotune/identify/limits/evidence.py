@@ -13,8 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify.axis.uncertainty import autocorrelation
-from gcs_autotune.identify.colour import SIGNIFICANCE, whiteness
+from gcs_autotune.identify.colour import correlation_time
 from gcs_autotune.identify.limits.folds import Fold
 from gcs_autotune.identify.result import Fit, Trace
 from gcs_autotune.identify.validate import validate
@@ -37,14 +36,7 @@ def log_likelihood_of(traces: Sequence[Trace]) -> float:
 def correlation_of(traces: Sequence[Trace]) -> float:
     """Return how many samples make one independent one, 1 when no signal is coloured."""
     errors = [t.measured - t.fitted for t in traces if len(t.t) >= 20]
-    if not errors or all(whiteness(e) > SIGNIFICANCE / len(errors) for e in errors):
-        return 1.0
-    times = []
-    for own in errors:
-        rho = autocorrelation(own, len(own) // 4)
-        below = np.flatnonzero(rho < 0.05)
-        times.append(1.0 + 2.0 * float(rho[: int(below[0]) if len(below) else len(rho)].sum()))
-    return float(np.clip(np.median(times), 1.0, sum(len(e) for e in errors) / 20.0))
+    return correlation_time(errors) if errors else 1.0
 
 
 def rms_per_signal(traces: Sequence[Trace]) -> dict[str, float]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models.coupled import CoupledModel
-from gcs_autotune.sname import DOFS
+from gcs_autotune.models.coupled.derivatives import inertia_of
 
 __all__ = ["complaints_about"]
 
@@ -27,10 +28,8 @@ def complaints_about(fit: Fit) -> tuple[str, ...]:
     M = model.inertia
     if float(np.linalg.eigvalsh(0.5 * (M + M.T)).min()) <= 0.0:
         found.append("its inertia is not positive")
-    for dof in (DOFS[d] for d in model.form.dofs):
-        force, nu = dof.force, dof.velocity
-        for name in (f"{force}_{nu}", f"{force}_{nu}{nu}"):
-            parameter = fit.parameters.get(name)
-            if parameter is not None and parameter.value > SURE * parameter.std:
-                found.append(f"{name} drives instead of damping")
+    for name in physical(model.form).high:
+        parameter = fit.parameters.get(name)
+        if inertia_of(name) is None and parameter is not None and parameter.value > SURE * parameter.std:
+            found.append(f"{name} drives instead of damping")
     return tuple(found)

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.smoothing import Motion
-from gcs_autotune.identify.coupled.start import equation_error
 from gcs_autotune.identify.limits.subject import Subject, model_delay
+from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL
-from gcs_autotune.models.coupled.model import states_of
+from gcs_autotune.models.coupled.kernel import imbalances
+from gcs_autotune.models.coupled.model import inertia_matrix, program_of, states_of
 
 __all__ = ["FELT", "Scales", "scales_of"]
 
@@ -64,7 +65,7 @@ def _forces(subject: Subject) -> tuple[Array, Mapping[str, Array]]:
     form, k = subject.form, len(subject.form.dofs)
     motions = [_moving(subject, i) for i in range(len(subject.records))]
     zero = np.where([n in SPECIAL for n in form.parameters], subject.theta, 0.0)
-    inputs = [equation_error(form, zero, m) for m in motions]
+    inputs = [_imbalance(form, zero, m) for m in motions]
     strongest = np.max([np.abs(e).max(axis=0) for e in inputs], axis=0)
     effects = {}
     for place, name in enumerate(form.parameters):
@@ -74,10 +75,17 @@ def _forces(subject: Subject) -> tuple[Array, Mapping[str, Array]]:
         one[place] += 1.0
         unit = np.zeros(k)
         for motion, base in zip(motions, inputs, strict=True):
-            unit = np.maximum(unit, np.abs(equation_error(form, one, motion) - base).max(axis=0))
+            unit = np.maximum(unit, np.abs(_imbalance(form, one, motion) - base).max(axis=0))
         effects[name] = unit
         strongest = np.maximum(strongest, unit * abs(subject.theta[place]))
     return strongest, effects
+
+
+def _imbalance(form: Form, theta: Array, motion: Motion) -> Array:
+    """Return ``F - C nu - M nu_dot`` (s, k)."""
+    out = np.empty_like(motion.nu_dot)
+    imbalances(program_of(form), theta, inertia_matrix(form, theta), motion.X, motion.nu_dot, motion.inputs, out)
+    return out
 
 
 def _moving(subject: Subject, i: int) -> Motion:

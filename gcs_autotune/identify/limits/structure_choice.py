@@ -41,6 +41,9 @@ __all__ = ["CLEAR", "FormChoice", "ScoredForm", "choose_form", "droppable", "eli
 PATIENCE = 2
 """Terms found to be needed after which no better-determined term is tried."""
 
+CERTAIN = 10.0
+"""Standard errors from zero at which a term is needed without trial: the criterion would rise by about the square."""
+
 
 @dataclass(slots=True)
 class _Judge:
@@ -150,6 +153,12 @@ def eliminate(
         if weakest is None:
             break
         assert now.fit is not None
+        sure = _sureness(now.fit, weakest)
+        if sure > CERTAIN:
+            reasons.append(
+                f"{weakest} is needed, and what is left with it: {sure:.0f} standard errors from zero or more"
+            )
+            break
         name = _shorter(now.form.name, weakest)
         simpler = judge.score(_started(now.form, now.fit, name).without(weakest))
         table.append(simpler)
@@ -220,9 +229,11 @@ def _shorter(name: str, dropped: str) -> str:
 
 def _weakest(scored: ScoredForm, kept: set[str]) -> str | None:
     assert scored.fit is not None
-    sure = {}
-    for name in droppable(scored.form):
-        parameter = scored.fit.parameters[name]
-        if name not in kept:
-            sure[name] = abs(parameter.value) / parameter.std if parameter.std > 0.0 else 0.0
+    sure = {name: _sureness(scored.fit, name) for name in droppable(scored.form) if name not in kept}
     return min(sure, key=lambda n: sure[n]) if sure else None
+
+
+def _sureness(fit: Fit, name: str) -> float:
+    """Return how many standard errors a term is from zero; 0 for what is not determined at all."""
+    parameter = fit.parameters[name]
+    return abs(parameter.value) / parameter.std if parameter.std > 0.0 else 0.0

@@ -14,8 +14,7 @@ from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
 from gcs_autotune.identify.coupled.output_error import solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord, prepare_coupled, signals_of
-from gcs_autotune.identify.coupled.smoothing import first_levels_of
-from gcs_autotune.identify.coupled.start import first_states, motions_of
+from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.result import AxisFit, Fit
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
@@ -104,9 +103,8 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
     if not free:
         raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
     records = tuple(r for run in runs for r in prepare_coupled(run, form, _signals(fit, form, run)))
-    levels = first_levels_of(records)
-    start = first_states(form, records, motions_of(form, records, float(model_delay(form, theta))))
-    found = solve_coupled(form, records, theta, start, Limits({}, {}), levels=levels, free=())
+    ground = ground_of(form, records, model_delay(form, theta))
+    found = solve_coupled(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
         raise NotInformative(f"the model '{form.name}' runs away on run '{records[0].run}': its drag destabilises it")
     noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
