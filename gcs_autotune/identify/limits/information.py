@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import NotInformative
+from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.uncertainty import PHYSICAL, cramer_rao
 from gcs_autotune.identify.limits.subject import Subject, subject_of
 from gcs_autotune.identify.result import AxisFit, Fit
@@ -25,6 +26,7 @@ from gcs_autotune.trial import Trial
 __all__ = ["BLIND", "Information", "information_on", "root_of", "with_bounds"]
 
 Array = NDArray[np.float64]
+FitT = TypeVar("FitT", bound=Fit)
 
 BLIND = 1e-8
 """Singular value, relative to columns of length one, below which a direction is not seen at all. Chosen: sensitivities
@@ -153,19 +155,21 @@ def _without(J: Array, states: Array) -> Array:
     return left
 
 
-def with_bounds(fit: Fit, trials: Trial | Sequence[Trial]) -> Fit:
+def with_bounds(fit: FitT, trials: Trial | Sequence[Trial]) -> FitT:
     """Return *fit* with the Cramer-Rao bound of every fitted parameter, whatever method made it.
 
     One degree of freedom from its own likelihood, rounding sensors and inexact stamps included; several from
-    :func:`information_on`. A parameter the runs cannot tell has an infinite bound. A fit whose model runs away on the
-    runs stays as it is.
+    :func:`information_on`. A parameter the runs cannot tell has an infinite bound. A fit that knows its bounds, or whose
+    model cannot be simulated on the runs, stays as it is.
     """
+    if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
+        return fit
     try:
         if isinstance(fit, AxisFit) and isinstance(fit.model, SingleDof):
             bounds = _axis_bounds(fit, fit.model, trials)
         else:
             bounds = information_on(subject_of(fit, trials)).bounds
-    except NotInformative:
+    except (DataError, UsageError):
         return fit
     parameters = {n: replace(p, bound=bounds.get(n, p.bound)) for n, p in fit.parameters.items()}
     return replace(fit, parameters=parameters)
