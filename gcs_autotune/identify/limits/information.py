@@ -159,8 +159,8 @@ def with_bounds(fit: FitT, trials: Trial | Sequence[Trial]) -> FitT:
     """Return *fit* with the Cramer-Rao bound of every fitted parameter, whatever method made it.
 
     One degree of freedom from its own likelihood, rounding sensors and inexact stamps included; several from
-    :func:`information_on`. A parameter the runs cannot tell has an infinite bound. A fit that knows its bounds, or whose
-    model cannot be simulated on the runs, stays as it is.
+    :func:`information_on`. A parameter the runs cannot tell has an infinite bound. A fit that knows its bounds, or
+    whose model cannot be simulated on the runs, stays as it is.
     """
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
         return fit
