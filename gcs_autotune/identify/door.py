@@ -12,6 +12,7 @@ from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.limits.information import with_bounds
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
@@ -102,7 +103,7 @@ def _fit_coupled(
         trials=runs,
         options=options,
     )
-    return chosen.coupled(case)
+    return with_bounds(chosen.coupled(case), runs)
 
 
 def fit_axis(
@@ -133,20 +134,19 @@ def fit_axis(
     axis = _common_axis(runs, dof)
     records = [record for run in runs for record in prepare(run, axis)]
     _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
-    return chosen.axis(
-        Case(
-            records=records,
-            cycles=_cycles(runs, axis),
-            structure=structure,
-            delay=known_delay,
-            use=use,
-            robust=loss == "soft_l1",
-            names=tuple(run.name for run in runs),
-            dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
-            trials=runs,
-            options=options,
-        )
+    case = Case(
+        records=records,
+        cycles=_cycles(runs, axis),
+        structure=structure,
+        delay=known_delay,
+        use=use,
+        robust=loss == "soft_l1",
+        names=tuple(run.name for run in runs),
+        dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
+        trials=runs,
+        options=options,
     )
+    return with_bounds(chosen.axis(case), runs)
 
 
 def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
