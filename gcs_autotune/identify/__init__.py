@@ -18,7 +18,6 @@ from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.axis.validation import ResidualStatistics, free_run, residual_statistics
 from gcs_autotune.identify.cleaning import quantum
 from gcs_autotune.identify.door import fit, fit_axis
-from gcs_autotune.identify.files import load_runs
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
 from gcs_autotune.identify.relay.decision import decide
@@ -39,7 +38,6 @@ __all__ = [
     "fit",
     "fit_axis",
     "free_run",
-    "load_runs",
     "quantum",
     "residual_statistics",
 ]

@@ -13,7 +13,7 @@ from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
 from gcs_autotune.link.overrides import read_override_map
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rates import Rates
-from gcs_autotune.link.servo import read_servo_map
+from gcs_autotune.firmware import read_servo_map
 from gcs_autotune.link.session import Session
 
 __all__ = ["NEEDED_RATES", "WANTED_RATES", "open_craft"]
