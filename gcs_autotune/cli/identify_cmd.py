@@ -1,61 +1,109 @@
-"""``gcs-autotune identify``: a model from a recorded run."""
+"""``gcs-autotune identify``: a model from recorded runs, with a page of pictures."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from datetime import datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import UsageError
-from gcs_autotune.sname import DOFS
 
 __all__ = ["COMMAND"]
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "runs", nargs="+", type=Path, metavar="RUN", help="a run directory, CSV files with name[unit] heads, .tlog or .bin logs"
+        "runs",
+        nargs="*",
+        type=Path,
+        metavar="RUN",
+        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog) or a log on board (.bin)",
     )
-    parser.add_argument("--dof", choices=sorted(DOFS), help="degree of freedom (default: from the columns)")
-    parser.add_argument(
-        "--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)"
+    what = parser.add_argument_group("model")
+    what.add_argument("--dof", metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof")
+    what.add_argument(
+        "--structure",
+        metavar="S",
+        help="one axis: linear, nonlinear or affine drag (default: decided by data); several: form name or TOML file",
     )
-    parser.add_argument("--method", default="output-error", help="output-error (default) or iso")
-    parser.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
-    parser.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log to use, by number (default: all)")
-    parser.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
-    parser.add_argument(
+    what.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
+    how = parser.add_argument_group("method")
+    how.add_argument(
+        "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
+    )
+    how.add_argument("--use", metavar="A,B", help="signals to fit, e.g. psi,r (default: chosen)")
+    how.add_argument("--robust", action="store_true", help="bear with outliers (soft-L1 loss)")
+    how.add_argument(
+        "--option", action="append", default=[], metavar="K=V", help="an option of the method; --method list shows them"
+    )
+    read = parser.add_argument_group("reading")
+    read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
+    read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
+    read.add_argument(
         "--columns",
-        metavar="OLD=NEW[UNIT],...",
+        metavar="OLD=NEW,...",
         default="",
-        help="what a file's own column names mean, e.g. t_sim=t[s],heading_deg=psi[deg],cmd=N",
+        help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON on standard output")
+    check = parser.add_argument_group("check")
+    check.add_argument(
+        "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
+    )
+    check.add_argument("--no-check", action="store_true", help="skip the check on data left out (faster)")
+    out = parser.add_argument_group("output")
+    out.add_argument(
+        "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
+    )
+    out.add_argument("--no-page", action="store_true", help="write no page")
+    out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
 
 
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
+    from rich.text import Text
 
-    from gcs_autotune.identify import fit_axis
+    from gcs_autotune.identify import METHODS
     from gcs_autotune.logs import load_runs, parse_columns
-    from gcs_autotune.report import fit_summary
+    from gcs_autotune.report import render_study, study_summary, study_to_dict
+    from gcs_autotune.workflow import StudySettings, study
 
-    columns = parse_columns(args.columns) if args.columns else None
-    pick = _numbers(args.pick)
-    trials = [
-        trial
-        for path in args.runs
-        for trial in load_runs(path, pick=pick, system=args.system_id, columns=columns)
-    ]
+    if args.method == "list":
+        _list(METHODS)
+        return 0
+    if not args.runs:
+        raise UsageError("name at least one run: a run directory, a log, or a CSV file like t[s],psi[rad],N[N m]")
+    how = {
+        "system": args.system_id,
+        "columns": parse_columns(args.columns) if args.columns else None,
+    }
+    runs = [trial for path in args.runs for trial in load_runs(path, pick=_numbers(args.pick), **how)]
+    unseen = [trial for path in args.validate for trial in load_runs(path, **how)]
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
-    fit = fit_axis(trials, dof=args.dof, structure=args.structure, delay=delay, method=args.method)
+    settings = StudySettings(
+        dof=args.dof,
+        structure=args.structure,
+        method=args.method,
+        delay=delay,
+        use=tuple(args.use.split(",")) if args.use else None,
+        loss="soft_l1" if args.robust else "linear",
+        options=_options(args.option),
+        check=not args.no_check,
+    )
+    found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
+    page = _page(args)
+    if page is not None:
+        page.write_text(render_study(found), encoding="utf-8")
     if args.json:
-        sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")
-    else:
-        Console().print(fit_summary(fit))
+        sys.stdout.write(json.dumps(study_to_dict(found), indent=1) + "\n")
+        return 0
+    console = Console()
+    console.print(study_summary(found))
+    if page is not None:
+        console.print(Text(f"\nPage: {page}"), soft_wrap=True)
     return 0
 
 
@@ -66,12 +114,43 @@ def _numbers(text: str) -> tuple[int, ...]:
         raise UsageError(f"--pick {text}: give the numbers of stretches, e.g. --pick 2,3") from None
 
 
+def _page(args: argparse.Namespace) -> Path | None:
+    if args.page is not None:
+        path: Path = args.page
+        return path
+    if args.no_page or args.json:
+        return None
+    return Path(f"identify-{args.runs[0].resolve().stem}.html")
+
+
+def _options(pairs: list[str]) -> dict[str, Any]:
+    """Read ``K=V``: a number, true or false, a list with commas, or text."""
+    found: dict[str, Any] = {}
+    for pair in pairs:
+        key, sign, value = pair.partition("=")
+        if not sign or not key:
+            raise UsageError(f"--option {pair}: write it as name=value")
+        try:
+            found[key.replace("-", "_")] = json.loads(value)
+        except json.JSONDecodeError:
+            found[key.replace("-", "_")] = value
+    return found
+
+
+def _list(methods: Any) -> None:
+    from rich.console import Console
+
+    from gcs_autotune.report.study_terminal import method_list
+
+    Console().print(method_list(methods.values()))
+
+
 COMMAND = Command(
     name="identify",
-    help="identify inertia, drag and constant force from a recorded run",
-    description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, from a run "
-    "directory, CSV files with columns like t[s], psi[rad], r[rad/s], N[N m], telemetry logs (.tlog) or logs on board "
-    "(.bin).",
+    help="identify inertia, drag and constant force from recorded runs",
+    description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, or a coupled "
+    "model (--dof horizontal, --dof 6dof) from run directories, CSV files with columns like t[s], psi[rad], "
+    "r[rad/s], N[N m], telemetry logs (.tlog) or logs on board (.bin). Several runs are fitted together.",
     add_arguments=_add_arguments,
     run=_run,
 )

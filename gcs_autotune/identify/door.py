@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
@@ -92,9 +94,12 @@ def _fit_coupled(
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
+    runs, records, doubts = prepared_runs(runs, lambda run: prepare_coupled(run, form, use))
+    if doubts:
+        records[0] = replace(records[0], notes=(*records[0].notes, *doubts))
     case = CoupledCase(
         form=form,
-        records=tuple(record for run in runs for record in prepare_coupled(run, form, use)),
+        records=tuple(records),
         delay=None if delay == "auto" else _seconds(delay),
         robust=loss == "soft_l1",
         names=tuple(run.name for run in runs),
@@ -130,7 +135,9 @@ def fit_axis(
         lookup({str(name): name for name in FREE}, structure, "drag structure")
     known_delay = None if delay == "auto" else _seconds(delay)
     axis = _common_axis(runs, dof)
-    records = [record for run in runs for record in prepare(run, axis)]
+    runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
+    if doubts:
+        records[0] = replace(records[0], doubts=(*records[0].doubts, *doubts))
     _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
     return chosen.axis(
         Case(
@@ -152,7 +159,7 @@ def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     if not together:
         raise NotInformative("no run was given to identify from")
-    return together
+    return take_in(together)
 
 
 def _method(name: str, loss: str, options: dict[str, Any]) -> Method:

@@ -1,7 +1,7 @@
 """Runs as they are handed in, made fit for preparation: split where the clock restarts, checked for wrong units.
 
-What is found is written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do; :func:`told` gives
-it back as doubts when the run is prepared.
+What is found is written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do; :func:`.notes.told`
+gives it back as doubts when the run is prepared.
 """
 
 from __future__ import annotations
@@ -19,14 +19,9 @@ from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.unit_check import check_units
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["prepared_runs", "take_in", "told"]
+__all__ = ["prepared_runs", "take_in"]
 
 Record = TypeVar("Record")
-
-
-def told(trial: Trial) -> list[Doubt]:
-    """Return what is already doubtful about a run, from its ``meta["notes"]``."""
-    return [Doubt(*(str(part) for part in note)) for note in trial.meta.get("notes", ()) if len(note) == 3]
 
 
 def take_in(runs: Sequence[Trial]) -> tuple[Trial, ...]:
@@ -84,9 +79,7 @@ def _split(trial: Trial) -> list[Trial]:
     if not cuts or counts == {0}:
         return [trial]
     if len(counts) > 1:
-        where = next(
-            f"{float(trial[n].t[c[0] - 1]):.3f} s (channel {n})" for n, c in cuts.items() if len(c)
-        )
+        where = next(f"{float(trial[n].t[c[0] - 1]):.3f} s (channel {n})" for n, c in cuts.items() if len(c))
         raise BadFile(
             f"the clock of run '{trial.name}' jumps back after t = {where}, but not on every channel alike: "
             "cut the file there and identify the parts as two runs"

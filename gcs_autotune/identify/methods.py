@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 from gcs_autotune.identify.axis.by_iso import fit_by_iso
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
+from gcs_autotune.identify.coupled.by_output_error import fit_coupled_by_output_error
+from gcs_autotune.identify.coupled.limits import OPTIONS as OUTPUT_ERROR_OPTIONS
 from gcs_autotune.identify.method import Method
 
 __all__ = ["METHODS"]
@@ -13,7 +15,13 @@ __all__ = ["METHODS"]
 METHODS: Mapping[str, Method] = {
     m.name: m
     for m in (
-        Method("output-error", "simulated against measured motion, by maximum likelihood", axis=fit_by_output_error),
+        Method(
+            "output-error",
+            "simulated against measured motion, by maximum likelihood",
+            axis=fit_by_output_error,
+            coupled=fit_coupled_by_output_error,
+            options=OUTPUT_ERROR_OPTIONS,
+        ),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
     )
 }

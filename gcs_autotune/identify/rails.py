@@ -7,6 +7,8 @@ arises where the input still acts.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ from gcs_autotune.identify.cleaning import quantum
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Channel
 
-__all__ = ["at_rails", "clipped_doubt"]
+__all__ = ["at_rails", "within_range"]
 
 Array = NDArray[np.float64]
 
@@ -57,14 +59,18 @@ def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
     return bool(min(arriving, leaving) > least)
 
 
-def clipped_doubt(channel: Channel, rails: NDArray[np.bool_], run: str) -> Doubt | None:
-    """Return the doubt about a clipped channel, None when it is not."""
+def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
+    """Return *channel* without its samples at the rails of the sensor; what was left out is noted."""
+    rails = at_rails(channel)
     if not rails.any():
-        return None
+        return channel
     worst = ", ".join(f"{v:.4g}" for v in sorted({float(v) for v in channel.values[rails]}))
-    return Doubt(
-        "clipped",
-        f"{int(rails.sum())} samples of {channel.name} in run '{run}' stand at the end of its range "
-        f"({worst} {channel.unit})",
-        "use smaller inputs or a sensor of wider range; the samples were left out",
+    notes.append(
+        Doubt(
+            "clipped",
+            f"{int(rails.sum())} samples of {channel.name} in run '{run}' stand at the end of its range "
+            f"({worst} {channel.unit})",
+            "use smaller inputs or a sensor of wider range; the samples were left out",
+        )
     )
+    return replace(channel, t=channel.t[~rails], values=channel.values[~rails])

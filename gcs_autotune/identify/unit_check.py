@@ -161,8 +161,8 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
         return [
             Doubt(
                 "unit",
-                f"psi of run '{trial.name}' turns at {float(np.median(fast)):.1f} rad/s half of the time: is it in degrees?",
-                "correct the unit in the head",
+                f"psi of run '{trial.name}' turns at {float(np.median(fast)):.1f} rad/s half of the time",
+                "is it in degrees? correct the unit in the head",
             )
         ]
     return []

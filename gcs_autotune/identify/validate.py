@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.axis.validation import ResidualStatistics, free_run, residual_statistics
-from gcs_autotune.identify.coupled.free_run import free_runs
+from gcs_autotune.identify.axis import validation as axis
+from gcs_autotune.identify.axis.validation import ResidualStatistics, residual_statistics
+from gcs_autotune.identify.coupled import free_run as coupled
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.trial import Trial
 
-__all__ = ["Validation", "validate"]
+__all__ = ["Validation", "join", "validate"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,9 +54,16 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
     """
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     if isinstance(model, SingleDof):
-        traces = [free_run(model, run) for run in together]
+        traces = [trace for run in together for trace in axis.free_runs(model, run)]
     elif isinstance(model, CoupledModel):
-        traces = [trace for run in together for trace in free_runs(model, run)]
+        traces = [trace for run in together for trace in coupled.free_runs(model, run)]
     else:
         raise UsageError(f"a {type(model).__name__} cannot be validated on runs")
     return Validation(tuple(traces), tuple(residual_statistics(t) for t in traces))
+
+
+def join(parts: Sequence[Validation]) -> Validation:
+    """Return several validations as one."""
+    return Validation(
+        tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics)
+    )

@@ -67,9 +67,7 @@ def _from_servos(tape: Tape, servos: ServoMap) -> dict[str, Channel]:
     distinct, which = np.unique(table, axis=0, return_inverse=True)
     found = [servos.forces([float(v) for v in row]) for row in distinct]
     which = which.reshape(-1)
-    return {
-        name: Channel(name, "1", *_dated(t, np.array([f[name] for f in found])[which])) for name in servos.names
-    }
+    return {name: Channel(name, "1", *_dated(t, np.array([f[name] for f in found])[which])) for name in servos.names}
 
 
 def _dated(t: Array, values: Array) -> tuple[Array, Array]:

@@ -51,7 +51,7 @@ def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
         new, unit = parse_header(mapping.get(name, f"{name}[{channel.unit}]"))
         si, factor = column_unit(new, unit)
         if channel.unit not in ("1", si):
-            raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}: it cannot become {new}[{unit}]")
+            raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}: not {new}[{unit}]")
         if new in channels:
             raise UsageError(f"run '{trial.name}' would have two channels called {new}")
         scale = factor if channel.unit == "1" else 1.0

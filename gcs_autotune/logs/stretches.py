@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -91,7 +92,7 @@ def _stretches(tape: Tape) -> list[_Stretch]:
     modes = tape.modes or [(start, -1)]
     cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end})
     found: list[_Stretch] = []
-    for a, b in zip(cuts, cuts[1:], strict=False):
+    for a, b in itertools.pairwise(cuts):
         is_armed = _at(armed, a)
         if not is_armed or b <= a:
             continue
@@ -153,6 +154,6 @@ def _nothing(tapes: list[Tape], dropped: list[str]) -> str:
             "can be learnt; record a relay, a zig-zag or steps"
         )
     return (
-        f"{name} holds no stretch to identify from ({'; '.join(dropped[:6])}): record a relay, a zig-zag or steps, with "
+        f"{name} holds no stretch to identify from ({'; '.join(dropped[:6])}): record a relay or steps, with "
         "servo outputs and parameters in the log"
     )

@@ -1,7 +1,8 @@
 """The only room that formats for people: the report, the terminal tables, the live line, the wording.
 
 ``story`` is what there is to tell; ``tables``, ``figures`` and ``wording`` turn it into rows, pictures and
-sentences; ``html`` and ``terminal`` put those on a page or a screen; ``live`` shows a running manoeuvre;
+sentences; ``html`` and ``terminal`` put those on a page or a screen; ``study`` and what begins with it tell of an
+identification by itself; ``live`` shows a running manoeuvre;
 ``run_directory`` writes everything down.
 """
 
@@ -10,15 +11,24 @@ from __future__ import annotations
 from gcs_autotune.report.live import TerminalWatcher
 from gcs_autotune.report.run_directory import summarise, write_story
 from gcs_autotune.report.story import TuneStory
+from gcs_autotune.report.study import Outcome, RunRow, Study, study_to_dict
+from gcs_autotune.report.study_page import render_study
+from gcs_autotune.report.study_terminal import study_summary
 from gcs_autotune.report.terminal import fit_summary, show_tune
 from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
+    "Outcome",
+    "RunRow",
     "SilentWatcher",
+    "Study",
     "TerminalWatcher",
     "TuneStory",
     "fit_summary",
+    "render_study",
     "show_tune",
+    "study_summary",
+    "study_to_dict",
     "summarise",
     "write_story",
 ]

@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gcs_autotune.design.result import Prediction
+from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes, pens, to_svg
 from gcs_autotune.report.numbers import pretty_unit, to_people
@@ -195,19 +196,7 @@ def _draw_fit(trace: Trace, dof: Dof) -> Figure | None:
     if len(measured) < 2:
         return None
     figure, (top, bottom) = new_axes((1.9, 0.9))
-    scale = _people(dof)
-    what, unit, _ = _noun(dof)
-    start = float(measured.t[0])
-    index = np.unique(np.linspace(0, len(trace.t) - 1, min(len(trace.t), 900)).astype(int))
-    t, fitted, band = trace.t[index] - start, scale * trace.fitted[index], scale * trace.band[index]
-    top.fill_between(t, fitted - band, fitted + band, color=BAND, alpha=0.6, lw=0, label="95 % band")
-    dots = scale * trace.measured[index]
-    top.plot(t, fitted, color=AFTER, lw=1.4, label="model, from the inputs alone")
-    top.plot(t, dots, ".", ms=2.4, color=BEFORE, label="measured")
-    top.set_ylabel(f"{what} [{unit}]")
-    bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
-    bottom.plot(t, dots - fitted, color=INK, lw=0.8)
-    bottom.set_ylabel(f"residual [{unit}]")
+    draw_trace(top, bottom, trace, _noun(dof)[0])
     bottom.set_xlabel("time [s]")
     legend(top)
     return figure

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.report import tables
@@ -19,6 +16,7 @@ from gcs_autotune.report.numbers import (
     format_seconds,
     format_share,
 )
+from gcs_autotune.report.page import render_page
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.wording import (
     bound_sentence,
@@ -37,15 +35,7 @@ __all__ = ["render_report"]
 
 def render_report(story: TuneStory) -> str:
     """Return the whole page; the same story gives the same bytes."""
-    environment = Environment(
-        loader=PackageLoader("gcs_autotune.report", "templates"),
-        autoescape=select_autoescape(["html"]),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["glued"] = _glued
-    return environment.get_template("report.html").render(_context(story)) + "\n"
+    return render_page("report.html", _context(story))
 
 
 def _context(story: TuneStory) -> dict[str, Any]:
@@ -126,11 +116,6 @@ def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
 def _by_kind(pictures: tuple[Picture, ...]) -> Mapping[str, tuple[Picture, ...]]:
     kinds = ("step", "relay", "cycle", "fit")
     return {kind: tuple(p for p in pictures if p.kind == kind) for kind in kinds}
-
-
-def _glued(text: str) -> str:
-    """Keep a number and its unit on one line."""
-    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz)\b)", "\u00a0", text)
 
 
 def _moment(t: float) -> str:

@@ -32,7 +32,17 @@ from gcs_autotune.report.wording import (
     undo_command,
 )
 
-__all__ = ["fit_summary", "gains_summary", "render_text", "show_tune", "tune_summary"]
+__all__ = [
+    "doubts_block",
+    "fit_summary",
+    "gains_summary",
+    "grid",
+    "paragraph",
+    "render_text",
+    "show_tune",
+    "title",
+    "tune_summary",
+]
 
 _STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
 
@@ -47,42 +57,42 @@ def render_text(thing: RenderableType, width: int = 80) -> str:
 
 def fit_summary(fit: AxisFit) -> Group:
     """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
-    parts: list[RenderableType] = [_title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")]
-    parts.append(_grid(tables.model_table(fit)))
-    parts.extend(_paragraph(s) for s in model_sentences(fit))
-    parts.append(_paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
+    parts: list[RenderableType] = [title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")]
+    parts.append(grid(tables.model_table(fit)))
+    parts.extend(paragraph(s) for s in model_sentences(fit))
+    parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
     if fit.decision is not None:
-        parts.extend((_title("Which kind of drag"), _paragraph(decision_sentence(fit.decision))))
+        parts.extend((title("Which kind of drag"), paragraph(decision_sentence(fit.decision))))
     if fit.candidates:
-        parts.append(_grid(tables.candidate_table(fit)))
-    parts.extend(_doubts(doubt_sentence(d) for d in fit.doubts))
+        parts.append(grid(tables.candidate_table(fit)))
+    parts.extend(doubts_block(doubt_sentence(d) for d in fit.doubts))
     return Group(*parts)
 
 
 def gains_summary(proposal: Proposal) -> Group:
     """Return old and new gains side by side, what they promise, and how safe that is."""
-    parts: list[RenderableType] = [_title(f"Gains for {proposal.axis}"), _grid(tables.gains_table(proposal))]
-    parts.append(_paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
-    parts.append(_paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
-    parts.extend(_paragraph(note) for note in proposal.notes)
-    parts.append(_grid(tables.margins_table(proposal)))
-    parts.append(_paragraph(bound_sentence(proposal.bound)))
+    parts: list[RenderableType] = [title(f"Gains for {proposal.axis}"), grid(tables.gains_table(proposal))]
+    parts.append(paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
+    parts.append(paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
+    parts.extend(paragraph(note) for note in proposal.notes)
+    parts.append(grid(tables.margins_table(proposal)))
+    parts.append(paragraph(bound_sentence(proposal.bound)))
     return Group(*parts)
 
 
 def tune_summary(story: TuneStory) -> Group:
     """Return how a tune ended: the verdict, the measured step, the gains, the doubts."""
     verdict = headline(story)
-    parts: list[RenderableType] = [_title(verdict.text, _STYLES[verdict.tone])]
-    parts.extend(_paragraph(s) for s in verdict.sentences)
+    parts: list[RenderableType] = [title(verdict.text, _STYLES[verdict.tone])]
+    parts.extend(paragraph(s) for s in verdict.sentences)
     if story.metrics_before is not None:
-        parts.append(_grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
-    parts.extend(_bullet(reason) for reason in story.verdict_reasons)
+        parts.append(grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
+    parts.extend(bullet(reason) for reason in story.verdict_reasons)
     if story.proposal is not None:
-        parts.append(_grid(tables.gains_table(story.proposal)))
+        parts.append(grid(tables.gains_table(story.proposal)))
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
     if doubts or story.fit is not None:
-        parts.extend(_doubts(doubts))
+        parts.extend(doubts_block(doubts))
     return Group(*parts)
 
 
@@ -95,34 +105,38 @@ def show_tune(console: Console, story: TuneStory) -> None:
         console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
 
 
-def _doubts(texts: Iterable[str]) -> list[RenderableType]:
+def doubts_block(texts: Iterable[str]) -> list[RenderableType]:
+    """Return the block of doubts, or the sentence that there are none."""
     found = list(texts)
     if not found:
-        return [_paragraph("The fit raises no doubts.")]
-    return [_title("What to doubt", "bold yellow"), *(_bullet(text) for text in found)]
+        return [paragraph("The fit raises no doubts.")]
+    return [title("What to doubt", "bold yellow"), *(bullet(text) for text in found)]
 
 
-def _bullet(text: str) -> RichTable:
+def bullet(text: str) -> RichTable:
     line = RichTable.grid(padding=(0, 1))
     line.add_row(Text(" -"), Text(text))
     return line
 
 
-def _title(text: str, style: str = "bold") -> RenderableType:
+def title(text: str, style: str = "bold") -> RenderableType:
+    """Return a heading."""
     return Padding(Text(text, style=style), (1, 0, 0, 0))
 
 
-def _paragraph(text: str, style: str = "") -> Text:
+def paragraph(text: str, style: str = "") -> Text:
+    """Return a paragraph."""
     return Text(text, style=style)
 
 
-def _grid(table: tables.Table) -> Padding:
-    grid = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
+def grid(table: tables.Table) -> Padding:
+    """Return a table, without the columns that hold nothing."""
+    lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
     used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
     used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
     for i in used:
         right = table.align[i] == "r"
-        grid.add_column(Text(table.heads[i]), justify="right" if right else "left", no_wrap=right or i == 0)
+        lines.add_column(Text(table.heads[i]), justify="right" if right else "left", no_wrap=right or i == 0)
     for row in table.rows:
-        grid.add_row(*(Text(row[i]) for i in used))
-    return Padding(grid, (1, 0))
+        lines.add_row(*(Text(row[i]) for i in used))
+    return Padding(lines, (1, 0))

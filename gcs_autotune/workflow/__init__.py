@@ -6,12 +6,14 @@ from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.settings import EXPERIMENTS, Connection, TuneSettings
+from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [
     "EXPERIMENTS",
     "Connection",
     "Operator",
+    "StudySettings",
     "TuneSettings",
     "Unattended",
     "experiment",
@@ -20,5 +22,6 @@ __all__ = [
     "restore_parameters",
     "restore_run",
     "save_parameters",
+    "study",
     "tune",
 ]

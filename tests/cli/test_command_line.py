@@ -298,3 +298,29 @@ def test_a_boat_does_not_heave(capsys, tmp_path):
     code, _, err = run(capsys, "experiment", "depth", "--connect", "sitl:charlie", "--out", tmp_path / "run")
     assert code == 4
     assert "does not heave" in err
+
+
+def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run(capsys, "identify", write(tmp_path / "mine.csv", relay_rows()))
+    assert code == 0
+    assert "Page: identify-mine.html" in out
+    assert "<!DOCTYPE html>" in (tmp_path / "identify-mine.html").read_text()
+
+
+def test_identify_compares_all_methods_and_validates_on_a_run_kept_apart(capsys, tmp_path):
+    first, second = write(tmp_path / "a.csv", relay_rows()), write(tmp_path / "b.csv", relay_rows(500))
+    code, out, _ = run(capsys, "identify", first, "--validate", second, "--method", "all", "--json")
+    assert code == 0
+    data = json.loads(out)
+    assert {r["run"] for r in data["validation"]["runs"]} == {"b"}
+    assert {"output-error", "iso"} <= set(data["methods"])
+
+
+def test_identify_lists_its_methods_and_needs_a_run(capsys):
+    code, out, _ = run(capsys, "identify", "--method", "list")
+    assert code == 0
+    assert "output-error" in out
+    code, _, err = run(capsys, "identify")
+    assert code == 2
+    assert "name at least one run" in err

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.axis.doubts import Findings, collect
+from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
 from gcs_autotune.identify.relay import iso
@@ -53,7 +54,7 @@ def fit_by_iso(case: Case) -> AxisFit:
         "absent" if case.delay is None else "fixed",
     ]
     parameters = named_parameters(model, covariance, status)
-    runs = [run_freely(model, record) for record in case.records]
+    runs = [run_freely(model, r, first_names([r]))[0] for r in case.records]
     statistics = [residual_statistics(t) for t in runs]
     rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
     fit_percent = float(np.mean([s.fit_percent for s in statistics]))

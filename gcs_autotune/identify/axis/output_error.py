@@ -9,10 +9,8 @@ taken below ``step/sqrt(12)``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +18,16 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.likelihood import Law, Rounded, gaussian_laws
 from gcs_autotune.identify.axis.objective import DELAY, SHARED, Bounds, Mask, Objective, Timing, information_of
 from gcs_autotune.identify.axis.record import Record
-from gcs_autotune.identify.axis.residuals import Residual, first_levels, first_states, rounding_error
-from gcs_autotune.identify.least_squares import Minimum, descend, inverse_of
+from gcs_autotune.identify.axis.residuals import Residual, first_levels, first_states
+from gcs_autotune.identify.least_squares import Minimum, inverse_of
+from gcs_autotune.identify.rounds import NOISE_ROUNDS, alternate, errors_of, likeliest
 
 __all__ = ["Solution", "solve"]
 
 Array = NDArray[np.float64]
 
-NOISE_ROUNDS = 4
-"""Rounds of re-estimating the noise levels when two kinds of signal are weighed against each other."""
-
 ROUNDING_ROUNDS = 20
 """Rounds of parameters, then noise, for a rounding sensor; the noise comes down from the Gaussian fit's residuals."""
-
-SETTLED = 0.01
-"""Relative change of every noise level at which the rounds end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +84,7 @@ class Solution:
 
     def rms(self, name: str) -> float:
         """Return the root mean square residual of all signals called *name*."""
-        return float(np.sqrt(np.mean(_errors(self.residuals, name) ** 2)))
+        return float(np.sqrt(np.mean(errors_of(self.residuals, name) ** 2)))
 
 
 def solve(
@@ -122,28 +115,13 @@ def solve(
     levels = dict(noise) if noise is not None else first_levels(records, names)
     objective = Objective(records, names, theta, free, timing)
     rounds = NOISE_ROUNDS if len(levels) > 1 or robust else 1
-    fitted = _alternate(objective, objective.pack(theta, start), gaussian_laws(levels, robust=robust), bounds, rounds)
+    low, high = objective.limits(bounds)
+    laws = gaussian_laws(levels, robust=robust)
+    fitted = alternate(objective, objective.pack(theta, start), laws, low, high, rounds)
     if fitted is not None and quanta:
         laws = {n: _law(fitted[1][n], quanta.get(n, 0.0), _span(records, n)) for n in fitted[1]}
-        fitted = _alternate(objective, fitted[0].x, laws, bounds, ROUNDING_ROUNDS)
+        fitted = alternate(objective, fitted[0].x, laws, low, high, ROUNDING_ROUNDS)
     return None if fitted is None else _solution(objective, *fitted, bounds)
-
-
-def _alternate(
-    objective: Objective, x: Array, laws: Mapping[str, Law], bounds: Bounds, rounds: int
-) -> tuple[Minimum, dict[str, Law]] | None:
-    """Fit the parameters, then the noise, until the noise settles; None when nothing can be simulated."""
-    found: Minimum | None = None
-    for _ in range(rounds):
-        now = laws
-        found = descend(partial(objective.at, laws=now), x, *objective.limits(bounds))
-        residuals = None if found is None else objective.residuals(found.x)
-        if found is None or residuals is None:
-            return None
-        x, laws = found.x, _likeliest(residuals, now)
-        if all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws):
-            break
-    return None if found is None else (found, dict(laws))
 
 
 def _law(gaussian: Law, quantum: float, span: float) -> Law:
@@ -154,34 +132,11 @@ def _span(records: Sequence[Record], name: str) -> float:
     return max(float(np.ptp(s.values)) for r in records for s in r.signals if s.name == name)
 
 
-def _errors(residuals: Sequence[Residual], name: str) -> Array:
-    return np.concatenate([r.error for r in residuals if r.signal.name == name])
-
-
-def _likeliest(residuals: Sequence[Residual], laws: Mapping[str, Law], spent: float = 0.0) -> dict[str, Law]:
-    """Return the laws with their noise re-estimated, *spent* degrees of freedom shared out by sample counts."""
-    levels = _levels_of(residuals, spent)
-    return {name: law.likeliest(_errors(residuals, name), levels[name]) for name, law in laws.items()}
-
-
-def _levels_of(residuals: Sequence[Residual], spent: float) -> dict[str, float]:
-    """Return the noise level per signal, *spent* degrees of freedom shared out by sample counts."""
-    total = sum(len(r.error) for r in residuals)
-    levels = {}
-    for name in dict.fromkeys(r.signal.name for r in residuals):
-        errors = _errors(residuals, name)
-        left = max(len(errors) * (1.0 - spent / total), 1.0)
-        swing = max(float(np.ptp(r.signal.values)) for r in residuals if r.signal.name == name)
-        rms = math.sqrt(float(errors @ errors) / left)
-        levels[name] = max(rms, rounding_error(residuals, name), 1e-12 * swing, 1e-300)
-    return levels
-
-
 def _solution(objective: Objective, found: Minimum, laws: Mapping[str, Law], bounds: Bounds) -> Solution:
     theta, initial = objective.unpack(found.x)
     residuals = objective.residuals(found.x)
     assert residuals is not None
-    laws = _likeliest(residuals, laws, spent=float(len(found.x)))
+    laws = likeliest(residuals, laws, spent=float(len(found.x)))
     own = [laws[r.signal.name] for r in residuals]
     columns = [objective.columns(r) for r in residuals]
     at_bound = _at_bound(objective, theta, bounds)
@@ -198,7 +153,7 @@ def _solution(objective: Objective, found: Minimum, laws: Mapping[str, Law], bou
         scores=tuple(law.std * law.terms(r.error).slope for r, law in zip(residuals, own, strict=True)),
         rows=tuple(J / law.std for J, law in zip(columns, own, strict=True)),
         whole=whole,
-        log_likelihood=_log_likelihood(residuals, _likeliest(residuals, laws)),
+        log_likelihood=_log_likelihood(residuals, likeliest(residuals, laws)),
         n=sum(len(r.error) for r in residuals),
         parameters=len(found.x) - (objective.timing is not None),
         converged=found.converged,
@@ -225,7 +180,7 @@ def _covariance(
 
 
 def _log_likelihood(residuals: Sequence[Residual], laws: Mapping[str, Law]) -> float:
-    return sum(law.log_likelihood(_errors(residuals, name)) for name, law in laws.items())
+    return sum(law.log_likelihood(errors_of(residuals, name)) for name, law in laws.items())
 
 
 def _at_bound(objective: Objective, theta: Array, bounds: Bounds) -> tuple[str, ...]:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.notes import told
+from gcs_autotune.identify.rails import within_range
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
@@ -143,7 +145,7 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
             f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
         )
     source = next((n for n in names if _varies(trial[n])), names[0])
-    notes: list[Doubt] = []
+    notes = told(trial)
     drive = clean(trial[source], trial.name, notes)
     rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
@@ -188,9 +190,10 @@ def _stretches(
                 "fly within good radio range; the stretches were fitted with initial states of their own",
             )
         )
+    measured = [None if c is None else within_range(c, trial.name, notes) for c in (position, rate)]
     parts: list[Record] = []
     for start, end in itertools.pairwise(borders):
-        signals = [_signal(c, float(start), float(end)) for c in (position, rate)]
+        signals = [_signal(c, float(start), float(end)) for c in measured]
         if max((len(s.t) for s in signals if s is not None), default=0) < MIN_SAMPLES:
             continue
         name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.models.simulation import simulate_explicit
 
-__all__ = ["Residual", "first_levels", "first_states", "quanta_of", "residuals_of", "rounding_error"]
+__all__ = ["Residual", "first_levels", "first_states", "quanta_of", "residuals_of", "roughness", "rounding_error"]
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def first_levels(records: Sequence[Record], names: Sequence[str]) -> dict[str, f
     """Return noise levels to begin with: the scatter about a parabola through five neighbours."""
     levels = {}
     for name in names:
-        rough = [_roughness(s) for r in records for s in r.signals if s.name == name]
+        rough = [roughness(s) for r in records for s in r.signals if s.name == name]
         if rough:
             levels[name] = max(float(np.mean(rough)), 1e-9)
     return levels
@@ -93,7 +93,8 @@ def rounding_error(residuals: Sequence[Residual], name: str) -> float:
     return max((r.signal.step for r in residuals if r.signal.name == name), default=0.0) / math.sqrt(12.0)
 
 
-def _roughness(signal: Signal) -> float:
+def roughness(signal: Signal) -> float:
+    """Return the scatter of *signal* about a parabola through its neighbours."""
     third = np.diff(signal.values, n=3)
     return max(
         float(np.sqrt(np.mean(third**2) / 20.0)),

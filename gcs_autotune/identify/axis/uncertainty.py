@@ -10,12 +10,10 @@ themselves repeat with the limit cycle, their scores are white when the model is
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
@@ -24,6 +22,7 @@ from gcs_autotune.identify.axis.output_error import Solution, solve
 from gcs_autotune.identify.axis.record import Record, prepare
 from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.axis.start import bounds_of
+from gcs_autotune.identify.colour import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
@@ -42,12 +41,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-LAGS = 10
-"""Lags of the whiteness test. Chosen: a second at 10 Hz, where unmodelled lags show first."""
-
-SIGNIFICANCE = 0.01
-"""Chance of calling white residuals coloured."""
-
 PHYSICAL = ("alpha", "beta", "beta_quadratic", "delta", "delay")
 """The physical parameters, in the order of every covariance."""
 
@@ -63,23 +56,6 @@ def physical_values(theta: Array) -> Array:
     """Return (alpha, beta, beta_quadratic, delta, delay) of (b, a, c, d, T)."""
     b, a, c, d, delay = theta
     return np.array([1.0 / b, a / b, c / b, d / b, delay])
-
-
-def autocorrelation(errors: Array, lags: int) -> Array:
-    """Return the autocorrelation of *errors* at lags 1..*lags*."""
-    free = errors - errors.mean()
-    power = float(free @ free)
-    if power <= 0.0:
-        return np.zeros(lags)
-    return np.array([float(free[k:] @ free[:-k]) / power for k in range(1, lags + 1)])
-
-
-def whiteness(errors: Array) -> float:
-    """Return the probability that white residuals look at least this coloured (Ljung and Box 1978)."""
-    n, lags = len(errors), min(LAGS, len(errors) // 4)
-    rho = autocorrelation(errors, lags)
-    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return float(chi2.sf(statistic, lags))
 
 
 def is_white(solution: Solution) -> bool:
@@ -104,15 +80,7 @@ def inflation(solution: Solution) -> Array:
     factors = np.ones(5)
     if is_white(solution):
         return factors
-    p = solution.whole.shape[0]
-    S = np.zeros((p, p))
-    for own, rows in zip(solution.scores, solution.rows, strict=True):
-        scores = rows * own[:, None]
-        reach = min(math.ceil(2.0 * math.sqrt(len(scores))), len(scores) - 1)
-        S += scores.T @ scores
-        for k in range(1, reach + 1):
-            lagged = scores[k:].T @ scores[:-k]
-            S += (1.0 - k / (reach + 1.0)) * (lagged + lagged.T)
+    S = scores_covariance([rows * own[:, None] for own, rows in zip(solution.scores, solution.rows, strict=True)])
     sandwich = np.diag(solution.whole @ S @ solution.whole)
     fisher = np.diag(solution.whole)
     k = int(solution.free.sum())

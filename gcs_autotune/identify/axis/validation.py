@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
-__all__ = ["ResidualStatistics", "free_run", "residual_statistics", "run_freely"]
+__all__ = ["ResidualStatistics", "free_run", "free_runs", "residual_statistics", "run_freely"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class ResidualStatistics:
 
 
 def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
-    """Simulate *trial* with an identified model, only the initial state fitted to it.
+    """Simulate *trial* with an identified model, only the initial state fitted to it; the position, or else velocity.
 
     The run should be one the model was not identified from. Stretches between holes follow each other.
 
@@ -49,9 +50,21 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
         When the model runs away on this input; and as :func:`gcs_autotune.identify.axis.record.prepare`.
     """
     model = fit.model if isinstance(fit, AxisFit) else fit
-    parts = [run_freely(model, record) for record in prepare(trial, model.dof)]
+    parts = [run_freely(model, record, first_names([record])) for record in prepare(trial, model.dof)]
+    return _joined(trial.name, [p[0] for p in parts])
+
+
+def free_runs(model: SingleDof, trial: Trial) -> list[Trace]:
+    """Return one trace per signal measured, position first; otherwise as :func:`free_run`."""
+    records = prepare(trial, model.dof)
+    parts = [run_freely(model, record, tuple(s.name for s in record.signals)) for record in records]
+    names = dict.fromkeys(t.signal for traces in parts for t in traces)
+    return [_joined(trial.name, [t for traces in parts for t in traces if t.signal == n]) for n in names]
+
+
+def _joined(run: str, parts: Sequence[Trace]) -> Trace:
     return Trace(
-        trial.name,
+        run,
         np.concatenate([p.t for p in parts]),
         np.concatenate([p.measured for p in parts]),
         np.concatenate([p.fitted for p in parts]),
@@ -61,22 +74,21 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     )
 
 
-def run_freely(model: SingleDof, record: Record) -> Trace:
-    """Simulate one stretch; the band is 1.96 times the rms residual."""
-    names = first_names([record])
-    found = _with_initial_state(model, record, names)
-    residual = found.residuals[0]
-    band = np.full(len(residual.error), 1.96 * found.rms(names[0]))
-    values = residual.signal.values
-    return Trace(
-        record.run,
-        residual.signal.t,
-        values,
-        values - residual.error,
-        band,
-        residual.signal.name,
-        SIGNALS[residual.signal.name][0],
-    )
+def run_freely(model: SingleDof, record: Record, names: Sequence[str]) -> list[Trace]:
+    """Simulate one stretch; one trace per signal of *names*, its band 1.96 times the rms residual."""
+    found = _with_initial_state(model, record, tuple(names))
+    return [
+        Trace(
+            record.run,
+            r.signal.t,
+            r.signal.values,
+            r.signal.values - r.error,
+            np.full(len(r.error), 1.96 * found.rms(r.signal.name)),
+            r.signal.name,
+            SIGNALS[r.signal.name][0],
+        )
+        for r in found.residuals
+    ]
 
 
 def _with_initial_state(model: SingleDof, record: Record, names: tuple[str, ...]) -> Solution:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.axis.record import MIN_SAMPLES, Signal, edges
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.notes import told
+from gcs_autotune.identify.rails import within_range
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS
@@ -76,7 +78,7 @@ def prepare_coupled(trial: Trial, form: Form, use: Sequence[str] | None = None) 
         have = ", ".join(trial.channels) or "nothing"
         raise MissingChannel(f"run '{trial.name}' lacks the input {', '.join(absent)} of '{form.name}'; it has {have}")
     names = _names(trial, form, use)
-    notes: list[Doubt] = []
+    notes = told(trial)
     drives = [clean(trial[c], trial.name, notes) for c in form.inputs]
     channels = {n: clean(trial[n], trial.name, notes) for n in names}
     for name, channel in channels.items():
@@ -147,6 +149,7 @@ def _cut(
                 "fly within good radio range; the stretches were fitted with initial states of their own",
             )
         )
+    channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}
     parts: list[CoupledRecord] = []
     for start, end in itertools.pairwise(borders):
         signals = {}

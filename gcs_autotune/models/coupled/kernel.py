@@ -17,7 +17,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["ETA", "INPUT", "INPUT_SIZE", "NU", "NU_SIZE", "SIN_PHI", "SIN_THETA", "Program", "evaluate", "sweep"]
+__all__ = [
+    "ETA",
+    "INPUT",
+    "INPUT_SIZE",
+    "NU",
+    "NU_SIZE",
+    "SIN_PHI",
+    "SIN_THETA",
+    "Program",
+    "evaluate",
+    "imbalances",
+    "sweep",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,16 +87,17 @@ def _cross(momentum: Array, nu: Array, out: Array) -> None:
 @njit(cache=True)
 def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A: Array) -> None:
     """Fill the eta rows of *f* and *A*; ``full`` (12,) is nu, then eta."""
-    k = len(P.active)
+    active, place = P.active, P.column
+    k = len(active)
     vx = theta[P.current_x] if P.current_x >= 0 else 0.0
     vy = theta[P.current_y] if P.current_y >= 0 else 0.0
     u, v, w, q, r = full[0], full[1], full[2], full[4], full[5]
     phi, tht, psi = full[9], full[10], full[11]
     cs, sn = np.cos(psi), np.sin(psi)
     if P.spatial == 0:
+        cu, cv, cr, cpsi = place[0], place[1], place[5], place[11]
         for i in range(k):
-            d = P.active[i]
-            cu, cv, cr, cpsi = P.column[0], P.column[1], P.column[5], P.column[11]
+            d = active[i]
             if d == 0:
                 f[i] = u * cs - v * sn + vx
                 if deriv:
@@ -110,7 +123,7 @@ def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A:
             else:
                 f[i] = full[d]
                 if deriv:
-                    A[i, P.column[d]] = 1.0
+                    A[i, place[d]] = 1.0
         return
     cp, sp, ct, st = np.cos(phi), np.sin(phi), np.cos(tht), np.sin(tht)
     R = np.empty((3, 3))
@@ -129,7 +142,7 @@ def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A:
     out[0] += vx
     out[1] += vy
     for i in range(k):
-        f[i] = out[P.active[i]]
+        f[i] = out[active[i]]
     if not deriv:
         return
     by = np.zeros((6, 3))  # derivatives by phi, theta, psi
@@ -147,39 +160,70 @@ def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A:
     by[5, 0] = (cp * q - sp * r) / ct
     by[5, 1] = (sp * q + cp * r) * st / (ct * ct)
     for i in range(k):
-        d = P.active[i]
+        d = active[i]
         for j in range(3):
-            c = P.column[j if d < 3 else 3 + j]
+            c = place[j if d < 3 else 3 + j]
             if c >= 0:
                 A[i, c] = R[d, j] if d < 3 else T[d - 3, j]
-            c = P.column[9 + j]
+            c = place[9 + j]
             if c >= 0:
                 A[i, c] = by[d, j]
 
 
 @njit(cache=True)
-def _factor(P: Program, code: int, full: Array, u: Array, lagged: Array) -> tuple[float, float, int]:
-    """Return value, derivative and state column (-1: none) of one factor."""
+def _factor(code: int, full: Array, place: Index, u: Array, lagged: Array, first: int) -> tuple[float, float, int]:
+    """Return value, derivative and state column (-1: none) of one factor; *first* lagged input's column, or -1."""
     if code < 6:
-        return full[code], 1.0, P.column[code]
+        return full[code], 1.0, place[code]
     if code < 12:
         x = full[code - 6]
-        return abs(x), (1.0 if x >= 0.0 else -1.0), P.column[code - 6]
+        return abs(x), (1.0 if x >= 0.0 else -1.0), place[code - 6]
     if code < 18:
-        return full[code - 6], 1.0, P.column[code - 6]
+        return full[code - 6], 1.0, place[code - 6]
     if code == 18:
-        return np.sin(full[9]), np.cos(full[9]), P.column[9]
+        return np.sin(full[9]), np.cos(full[9]), place[9]
     if code == 19:
-        return np.sin(full[10]), np.cos(full[10]), P.column[10]
+        return np.sin(full[10]), np.cos(full[10]), place[10]
     i = code - 60 if code >= 60 else code - 30
-    column = -1
-    x = u[i]
-    if P.lag >= 0:
-        x = lagged[i]
-        column = 2 * len(P.active) + i
+    x = u[i] if first < 0 else lagged[i]
+    column = first + i if first >= 0 else -1
     if code >= 60:
         return abs(x), (1.0 if x >= 0.0 else -1.0), column
     return x, 1.0, column
+
+
+class Scratch(NamedTuple):
+    """Room to compute in, so that nothing is allocated per evaluation; see :func:`_scratch`."""
+
+    full: Array
+    force: Array
+    momentum: Array
+    c: Array
+    unit: Array
+    column: Array
+    by_x: Array
+    by_p: Array
+    values: Array
+    slopes: Array
+    columns: Index
+
+
+@njit(cache=True)
+def _scratch(n: int, q: int) -> Scratch:
+    """Return scratch for *n* states and *q* sensitivities."""
+    return Scratch(
+        np.zeros(12),
+        np.zeros(6),
+        np.zeros(6),
+        np.zeros(6),
+        np.zeros(6),
+        np.zeros(6),
+        np.zeros((6, n)),
+        np.zeros((6, q)),
+        np.ones(3),
+        np.zeros(3),
+        np.zeros(3, dtype=np.int64),
+    )
 
 
 @njit(cache=True)
@@ -201,112 +245,146 @@ def evaluate(
     M : (6, 6); M_inverse : (k, k) of its active part. free : (p,) column of ``B`` per parameter, -1 if not wanted.
     The column of the delay stays zero: a delay acts at the jumps only.
     """
-    k = len(P.active)
-    n = len(x)
-    full = np.zeros(12)
+    _evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, _scratch(len(x), B.shape[1]))
+
+
+@njit(cache=True)
+def _evaluate(
+    P: Program,
+    theta: Array,
+    M: Array,
+    M_inverse: Array,
+    x: Array,
+    u: Array,
+    free: Index,
+    deriv: bool,
+    f: Array,
+    A: Array,
+    B: Array,
+    W: Scratch,
+) -> None:
+    """As :func:`evaluate`, in the scratch *W*."""
+    active, place, inertia, inertia_coefs = P.active, P.column, P.inertia, P.inertia_coefs
+    momentum, c = W.momentum, W.c
+    k, n, q = len(active), len(x), B.shape[1]
+    full, force, by_x, by_p = W.full, W.force, W.by_x, W.by_p
     for j in range(12):
-        if P.column[j] >= 0:
-            full[j] = x[P.column[j]]
-    lagged = x[2 * k :]
+        full[j] = x[place[j]] if place[j] >= 0 else 0.0
+    force[:] = 0.0
     if deriv:
         A[:, :] = 0.0
         B[:, :] = 0.0
+        by_x[:, :] = 0.0
+        by_p[:, :] = 0.0
     _kinematics(P, theta, full, deriv, f, A)
     if deriv:
         for i in range(k):
-            if P.active[i] == 0 and P.current_x >= 0 and free[P.current_x] >= 0:
+            if active[i] == 0 and P.current_x >= 0 and free[P.current_x] >= 0:
                 B[i, free[P.current_x]] = 1.0
-            if P.active[i] == 1 and P.current_y >= 0 and free[P.current_y] >= 0:
+            if active[i] == 1 and P.current_y >= 0 and free[P.current_y] >= 0:
                 B[i, free[P.current_y]] = 1.0
-    force = np.zeros(6)
-    by_x = np.zeros((6, n if deriv else 1))
-    by_p = np.zeros((6, B.shape[1] if deriv else 1))
-    nu = full[:6]
-    for t in range(len(P.rows)):
-        row, par = P.rows[t], P.pars[t]
-        weight = P.coefs[t] * (theta[par] if par >= 0 else 1.0)
-        product = 1.0
-        for s in range(3):
-            if P.factors[t, s] >= 0:
-                product *= _factor(P, P.factors[t, s], full, u, lagged)[0]
-        force[row] += weight * product
-        if deriv:
-            if par >= 0 and free[par] >= 0:
-                by_p[row, free[par]] += P.coefs[t] * product
-            for s in range(3):
-                if P.factors[t, s] < 0:
-                    continue
-                _, slope, column = _factor(P, P.factors[t, s], full, u, lagged)
-                if column < 0:
-                    continue
-                rest = weight * slope
-                for o in range(3):
-                    if o != s and P.factors[t, o] >= 0:
-                        rest *= _factor(P, P.factors[t, o], full, u, lagged)[0]
-                by_x[row, column] += rest
-    momentum = np.zeros(6)
+    _forces(P, theta, x[2 * k :], u, free, deriv, W)
     if P.coriolis == 1:
-        for i in range(6):
-            for j in range(6):
-                momentum[i] += M[i, j] * nu[j]
-        c = np.zeros(6)
-        _cross(momentum, nu, c)
-        for i in range(6):
-            force[i] -= c[i]
-        if deriv:
-            unit = np.zeros(6)
-            for j in range(6):
-                if P.column[j] < 0:
-                    continue
-                c[:] = 0.0
-                unit[j] = 1.0
-                _cross(M[:, j].copy(), nu, c)
-                _cross(momentum, unit, c)
-                unit[j] = 0.0
-                for i in range(6):
-                    by_x[i, P.column[j]] -= c[i]
+        _coriolis(place, M, deriv, W)
     for i in range(k):
         rate = 0.0
         for j in range(k):
-            rate += M_inverse[i, j] * force[P.active[j]]
+            rate += M_inverse[i, j] * force[active[j]]
         f[k + i] = rate
     if P.lag >= 0:
         T = theta[P.lag]
         for i in range(P.m):
-            f[2 * k + i] = (u[i] - lagged[i]) / T
+            f[2 * k + i] = (u[i] - x[2 * k + i]) / T
     if not deriv:
         return
-    for e in range(len(P.inertia_coefs)):
-        row, col, par = P.inertia[e, 0], P.inertia[e, 1], P.inertia[e, 2]
+    for e in range(len(inertia_coefs)):
+        row, col, par = inertia[e, 0], inertia[e, 1], inertia[e, 2]
         if par < 0 or free[par] < 0:
             continue
-        q, weight = free[par], P.inertia_coefs[e]
-        place = P.column[col]
-        if place >= 0:
-            by_p[row, q] -= weight * f[place]
+        at, weight = free[par], inertia_coefs[e]
+        if place[col] >= 0:
+            by_p[row, at] -= weight * f[place[col]]
         if P.coriolis == 1:
             momentum[:] = 0.0
-            momentum[row] = weight * nu[col]
-            c = np.zeros(6)
-            _cross(momentum, nu, c)
+            momentum[row] = weight * full[col]
+            c[:] = 0.0
+            _cross(momentum, full, c)
             for i in range(6):
-                by_p[i, q] -= c[i]
+                by_p[i, at] -= c[i]
     for i in range(k):
         for j in range(k):
             g = M_inverse[i, j]
             if g == 0.0:
                 continue
-            d = P.active[j]
-            for c_ in range(n):
-                A[k + i, c_] += g * by_x[d, c_]
-            for c_ in range(B.shape[1]):
-                B[k + i, c_] += g * by_p[d, c_]
+            d = active[j]
+            for o in range(n):
+                A[k + i, o] += g * by_x[d, o]
+            for o in range(q):
+                B[k + i, o] += g * by_p[d, o]
     if P.lag >= 0:
         T = theta[P.lag]
         for i in range(P.m):
             A[2 * k + i, 2 * k + i] = -1.0 / T
             if free[P.lag] >= 0:
                 B[2 * k + i, free[P.lag]] = -f[2 * k + i] / T
+
+
+@njit(cache=True)
+def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deriv: bool, W: Scratch) -> None:
+    """Add all terms to ``W.force``, with *deriv* their derivatives to ``W.by_x`` and ``W.by_p``."""
+    rows, pars, coefs, factors, place = P.rows, P.pars, P.coefs, P.factors, P.column
+    values, slopes, columns, full = W.values, W.slopes, W.columns, W.full
+    force, by_x, by_p = W.force, W.by_x, W.by_p
+    first = 2 * len(P.active) if P.lag >= 0 else -1
+    for t in range(len(rows)):
+        row, par = rows[t], pars[t]
+        count = 0
+        for s in range(3):
+            values[s] = 1.0
+            if factors[t, s] >= 0:
+                values[s], slopes[s], columns[s] = _factor(factors[t, s], full, place, u, lagged, first)
+                count = s + 1
+        product = coefs[t] * values[0] * values[1] * values[2]
+        weight = theta[par] if par >= 0 else 1.0
+        force[row] += weight * product
+        if not deriv:
+            continue
+        if par >= 0 and free[par] >= 0:
+            by_p[row, free[par]] += product
+        for s in range(count):
+            if columns[s] >= 0:
+                rest = values[1] * values[2] if s == 0 else values[0] * values[3 - s]
+                by_x[row, columns[s]] += weight * coefs[t] * slopes[s] * rest
+
+
+@njit(cache=True)
+def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
+    """Take ``C(nu) nu`` off ``W.force``, with *deriv* its derivative off ``W.by_x``."""
+    momentum, c, unit, column = W.momentum, W.c, W.unit, W.column
+    full, force, by_x = W.full, W.force, W.by_x
+    for i in range(6):
+        momentum[i] = 0.0
+        c[i] = 0.0
+        unit[i] = 0.0
+        for j in range(6):
+            momentum[i] += M[i, j] * full[j]
+    _cross(momentum, full, c)
+    for i in range(6):
+        force[i] -= c[i]
+    if not deriv:
+        return
+    for j in range(6):
+        if place[j] < 0:
+            continue
+        for i in range(6):
+            c[i] = 0.0
+            column[i] = M[i, j]
+        unit[j] = 1.0
+        _cross(column, full, c)
+        _cross(momentum, unit, c)
+        unit[j] = 0.0
+        for i in range(6):
+            by_x[i, place[j]] -= c[i]
 
 
 @njit(cache=True)
@@ -337,6 +415,11 @@ def _advance(
     f: Array,
     A: Array,
     B: Array,
+    kx: Array,
+    ks: Array,
+    y: Array,
+    Y: Array,
+    W: Scratch,
 ) -> float:
     """Advance state and sensitivities by *span*; return the fastest rate met, negative when it ran away."""
     n, q = S.shape
@@ -346,17 +429,13 @@ def _advance(
     if steps > MAX_STEPS:
         return -1.0
     h = span / steps
-    kx = np.zeros((4, n))
-    ks = np.zeros((4, n, q)) if deriv else np.zeros((1, 1, 1))
-    y = np.empty(n)
-    Y = np.empty((n, q))
     fastest = 0.0
     for _ in range(steps):
         for stage in range(4):
             c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
             for i in range(n):
                 y[i] = x[i] + (c * h * kx[stage - 1, i] if stage > 0 else 0.0)
-            evaluate(P, theta, M, M_inverse, y, u, free, deriv, f, A, B)
+            _evaluate(P, theta, M, M_inverse, y, u, free, deriv, f, A, B, W)
             for i in range(n):
                 kx[stage, i] = f[i]
             if deriv:
@@ -411,9 +490,11 @@ def sweep(
     x = x_0.copy()
     S = np.zeros((n, q))
     for i in range(n):
-        if state_column[i] >= 0:
+        if deriv and state_column[i] >= 0:
             S[i, state_column[i]] = 1.0
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))
+    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q))
+    W = _scratch(n, q)
     before = np.zeros(n)
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     delay_column = free[P.delay] if P.delay >= 0 else -1
@@ -425,15 +506,16 @@ def sweep(
             jump = j + 1 < len(t_in) and t_in[j + 1] + delay <= t_out[s]
             stop = t_in[j + 1] + delay if jump else t_out[s]
             if stop > t:
-                rate = _advance(P, theta, M, M_inverse, x, S, inputs[j], free, stop - t, deriv, pace, f, A, B)
+                span, held = stop - t, inputs[j]
+                rate = _advance(P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W)
                 if rate < 0.0:
                     return -1.0
                 fastest = max(fastest, rate)
                 t = stop
             if jump:
                 if deriv and delay_column >= 0:
-                    evaluate(P, theta, M, M_inverse, x, inputs[j], free, False, before, A, B)
-                    evaluate(P, theta, M, M_inverse, x, inputs[j + 1], free, False, f, A, B)
+                    _evaluate(P, theta, M, M_inverse, x, inputs[j], free, False, before, A, B, W)
+                    _evaluate(P, theta, M, M_inverse, x, inputs[j + 1], free, False, f, A, B, W)
                     for i in range(n):
                         S[i, delay_column] += before[i] - f[i]
                 j += 1
@@ -443,3 +525,22 @@ def sweep(
                 for c in range(q):
                     S_out[s, i, c] = S[i, c]
     return fastest
+
+
+@njit(cache=True)
+def imbalances(P: Program, theta: Array, M: Array, X: Array, nu_dot: Array, inputs: Array, out: Array) -> None:
+    """Fill *out* (s, k) with ``F - C nu - M nu_dot`` at states ``X`` (s, n), rates (s, k) and inputs (s, m).
+
+    It is zero where the equations of motion hold, and linear in all parameters that are not delay, lag or current.
+    """
+    k, n = len(P.active), X.shape[1]
+    unit = np.eye(k)
+    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
+    W = _scratch(n, 1)
+    free = np.full(len(theta), -1, dtype=np.int64)
+    for s in range(len(X)):
+        _evaluate(P, theta, M, unit, X[s], inputs[s], free, False, f, A, B, W)
+        for i in range(k):
+            out[s, i] = f[k + i]
+            for j in range(k):
+                out[s, i] -= M[P.active[i], P.active[j]] * nu_dot[s, j]

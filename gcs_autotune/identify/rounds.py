@@ -1,0 +1,75 @@
+"""Maximum likelihood with unknown noise levels: parameters, then noise, in turn until the noise settles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.axis.likelihood import Law
+from gcs_autotune.identify.axis.residuals import Residual, rounding_error
+from gcs_autotune.identify.least_squares import Local, Minimum, descend
+
+__all__ = ["NOISE_ROUNDS", "alternate", "errors_of", "likeliest"]
+
+Array = NDArray[np.float64]
+
+NOISE_ROUNDS = 4
+"""Rounds of re-estimating the noise levels when two kinds of signal are weighed against each other."""
+
+SETTLED = 0.01
+"""Relative change of every noise level at which the rounds end."""
+
+
+class Cost(Protocol):
+    """What :func:`alternate` minimises: minus twice a log-likelihood of one vector, given the noise."""
+
+    def at(self, x: Array, laws: Mapping[str, Law]) -> Local | None:
+        """Return cost, gradient and curvature at *x*, None when it has no value there."""
+
+    def residuals(self, x: Array) -> list[Residual] | None:
+        """Return the residuals at *x*, None when there are none."""
+
+
+def alternate(
+    cost: Cost, x: Array, laws: Mapping[str, Law], low: Array, high: Array, rounds: int
+) -> tuple[Minimum, dict[str, Law]] | None:
+    """Fit *x* within its limits, then the noise of every law, *rounds* times at most; None when *x* has no value."""
+    found: Minimum | None = None
+    for _ in range(rounds):
+        now = laws
+        found = descend(partial(cost.at, laws=now), x, low, high)
+        residuals = None if found is None else cost.residuals(found.x)
+        if found is None or residuals is None:
+            return None
+        x, laws = found.x, likeliest(residuals, now)
+        if all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws):
+            break
+    return None if found is None else (found, dict(laws))
+
+
+def errors_of(residuals: Sequence[Residual], name: str) -> Array:
+    """Return measured minus simulated of all signals called *name*, one after the other."""
+    return np.concatenate([r.error for r in residuals if r.signal.name == name])
+
+
+def likeliest(residuals: Sequence[Residual], laws: Mapping[str, Law], spent: float = 0.0) -> dict[str, Law]:
+    """Return the laws with their noise re-estimated, *spent* degrees of freedom shared out by sample counts."""
+    levels = _levels_of(residuals, spent)
+    return {name: law.likeliest(errors_of(residuals, name), levels[name]) for name, law in laws.items()}
+
+
+def _levels_of(residuals: Sequence[Residual], spent: float) -> dict[str, float]:
+    total = sum(len(r.error) for r in residuals)
+    levels = {}
+    for name in dict.fromkeys(r.signal.name for r in residuals):
+        errors = errors_of(residuals, name)
+        left = max(len(errors) * (1.0 - spent / total), 1.0)
+        swing = max(float(np.ptp(r.signal.values)) for r in residuals if r.signal.name == name)
+        rms = math.sqrt(float(errors @ errors) / left)
+        levels[name] = max(rms, rounding_error(residuals, name), 1e-12 * swing, 1e-300)
+    return levels

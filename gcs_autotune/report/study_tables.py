@@ -1,0 +1,184 @@
+"""The rows of an identification's tables: parameters of any model, methods side by side, runs, validation."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_autotune.identify import AxisFit, Fit
+from gcs_autotune.identify.result import Parameter
+from gcs_autotune.report.numbers import (
+    UNKNOWN,
+    format_number,
+    format_percent,
+    format_quantity,
+    format_seconds,
+    format_value,
+    pretty_unit,
+)
+from gcs_autotune.report.study import Outcome, Study
+from gcs_autotune.report.tables import Table, model_table
+from gcs_autotune.sname import SIGNALS
+
+__all__ = [
+    "choice_table",
+    "estimate_tables",
+    "method_table",
+    "parameter_table",
+    "proposal_table",
+    "run_table",
+    "unseen_table",
+]
+
+ABREAST = 3
+"""Parameters side by side in one table of estimates: what 80 columns hold."""
+
+_FORCES = {
+    "X": "surge force",
+    "Y": "sway force",
+    "Z": "heave force",
+    "K": "roll moment",
+    "M": "pitch moment",
+    "N": "yaw moment",
+}
+_STATES = {
+    "u": "surge",
+    "v": "sway",
+    "w": "heave",
+    "p": "roll rate",
+    "q": "pitch rate",
+    "r": "yaw rate",
+    "phi": "roll angle",
+    "theta": "pitch angle",
+    "z": "depth",
+}
+_NAMED = {
+    "m": "mass",
+    "I_x": "moment of inertia in roll",
+    "I_y": "moment of inertia in pitch",
+    "I_z": "moment of inertia in yaw",
+    "I_xz": "product of inertia",
+    "x_G": "centre of gravity, ahead",
+    "y_G": "centre of gravity, to starboard",
+    "z_G": "centre of gravity, down",
+    "delay": "input to force",
+    "lag": "first-order lag of the force",
+    "V_x": "current towards north",
+    "V_y": "current towards east",
+}
+
+
+def parameter_table(fit: Fit) -> Table:
+    """Every parameter rounded to its standard error, beside the bound no method can beat."""
+    if isinstance(fit, AxisFit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
+        return model_table(fit)
+    rows = tuple(
+        (
+            p.name,
+            "0" if p.status == "absent" else format_value(p.value, p.std),
+            pretty_unit(p.unit) or "1",
+            _relative(p),
+            _over_bound(p),
+            meaning_of(p.name),
+            _remark(p),
+        )
+        for p in fit.parameters.values()
+    )
+    return Table(("parameter", "value ± std", "unit", "std", "std / bound", "meaning", "remark"), "lrlrrll", rows)
+
+
+def _relative(p: Parameter) -> str:
+    if p.std <= 0.0 or not math.isfinite(p.std) or p.value == 0.0:
+        return ""
+    return format_percent(100.0 * p.std / abs(p.value))
+
+
+def _over_bound(p: Parameter) -> str:
+    return format_number(p.std / p.bound, 3) if p.bound > 0.0 and math.isfinite(p.std) else ""
+
+
+def _remark(p: Parameter) -> str:
+    if p.status == "fitted" and p.std > abs(p.value) > 0.0:
+        return "not told from zero"
+    return {"fitted": "", "absent": "not in this structure", "fixed": "known"}.get(p.status, "AT ITS BOUND")
+
+
+def meaning_of(name: str) -> str:
+    """Return what a derivative stands for, in words; empty for what has none."""
+    if name in _NAMED:
+        return _NAMED[name]
+    force, _, rest = name.partition("_")
+    if force not in _FORCES or not rest:
+        return ""
+    if rest == "0":
+        return f"constant {_FORCES[force]}"
+    if rest.endswith("dot"):
+        return f"added mass: {_FORCES[force]} by {_STATES.get(rest[:-3], rest[:-3])} acceleration"
+    if rest in _STATES:
+        return f"{_FORCES[force]} by {_STATES[rest]}"
+    if len(rest) == 2 and rest[0] == rest[1] and rest[0] in _STATES:
+        return f"{_FORCES[force]} by {_STATES[rest[0]]} squared"
+    return f"{_FORCES[force]} by {rest}"
+
+
+def method_table(study: Study) -> Table:
+    """How well each method explains and predicts the same runs, or why it refused them."""
+    return Table(("method", "fit", "unseen", "time", "remark"), "lrrrl", tuple(_method_row(o) for o in study.outcomes))
+
+
+def _method_row(outcome: Outcome) -> tuple[str, ...]:
+    if outcome.fit is None:
+        return (outcome.method, "", "", "", outcome.refusal)
+    unseen = "" if outcome.unseen is None else format_percent(outcome.unseen.fit_percent)
+    doubts = ", ".join(d.slug for d in outcome.fit.doubts)
+    return (outcome.method, format_percent(outcome.fit.fit_percent), unseen, format_seconds(outcome.seconds), doubts)
+
+
+def estimate_tables(study: Study) -> tuple[Table, ...]:
+    """What each method found for each parameter, a few parameters to a table."""
+    fits = [o.fit for o in study.outcomes if o.fit is not None]
+    names = list(dict.fromkeys(n for f in fits for n, p in f.parameters.items() if p.std > 0.0))
+    tables = []
+    for first in range(0, len(names), ABREAST):
+        some = names[first : first + ABREAST]
+        rows = tuple((f.method, *(_estimate(f, n) for n in some)) for f in fits)
+        tables.append(Table(("method", *some), "l" + "r" * len(some), rows))
+    return tuple(tables)
+
+
+def _estimate(fit: Fit, name: str) -> str:
+    found = fit.parameters.get(name)
+    return "" if found is None or found.status == "absent" else format_value(found.value, found.std)
+
+
+def run_table(study: Study) -> Table:
+    """The runs, what they hold and what they were used for."""
+    rows = tuple((r.name, format_seconds(r.duration), str(r.samples), " ".join(r.signals), r.role) for r in study.runs)
+    return Table(("run", "length", "samples", "channels", "used for"), "lrrll", rows)
+
+
+def unseen_table(outcome: Outcome) -> Table:
+    """Free-run prediction of data the fit had not seen."""
+    found = outcome.unseen
+    pairs = () if found is None else zip(found.traces, found.statistics, strict=True)
+    rows = tuple(
+        (
+            t.run,
+            f"{t.signal}, {SIGNALS.get(t.signal, ('', t.signal))[1]}",
+            format_percent(s.fit_percent) if math.isfinite(s.fit_percent) else UNKNOWN,
+            format_quantity(s.rms, t.unit, 3),
+            format_quantity(s.worst, t.unit, 3),
+        )
+        for t, s in pairs
+    )
+    return Table(("run", "signal", "fit", "rms error", "worst"), "llrrr", rows)
+
+
+def choice_table(study: Study) -> Table:
+    """How the structure was decided."""
+    heads = ("structure", "fitted", "fit", "unseen", "BIC - best", "verdict")
+    return Table(heads, "lrrrrl", study.choice)
+
+
+def proposal_table(study: Study) -> Table:
+    """What to fly next, best first."""
+    return Table(("manoeuvre", "how", "what it buys", "needs"), "llll", study.proposals)

@@ -1,0 +1,142 @@
+"""An identification from end to end: runs in, fits by one or all methods, checks on unseen data, what to fly next."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from gcs_autotune.errors import AutotuneError, UsageError
+from gcs_autotune.identify import METHODS, Fit, fit
+from gcs_autotune.identify.validate import Validation, join, validate
+from gcs_autotune.report.study import Outcome, RunRow, Study
+from gcs_autotune.trial import Trial
+
+__all__ = ["StudySettings", "study"]
+
+HELD_BACK = 0.3
+"""Share of a single run held back for the check on unseen data: its end."""
+
+MOST_FOLDS = 8
+"""Runs left out in turn; with more of them they are left out in groups."""
+
+ALL = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class StudySettings:
+    """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`."""
+
+    dof: str | None = None
+    structure: str | Path | None = None
+    method: str = "output-error"
+    delay: Literal["auto"] | float = "auto"
+    use: tuple[str, ...] | None = None
+    loss: Literal["linear", "soft_l1"] = "linear"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    check: bool = True
+
+
+def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str) -> Study:
+    """Identify from *runs*, check on *unseen* ones; without any, on parts of *runs* left out in turn.
+
+    Raises
+    ------
+    AutotuneError
+        What the method asked for raised; with ``method="all"`` only when every method refused.
+    """
+    methods = _methods(settings)
+    outcomes = [_outcome(name, runs, unseen, settings, lenient=len(methods) > 1) for name in methods]
+    fitted = [o for o in outcomes if o.fit is not None]
+    if not fitted:
+        raise UsageError(f"no method could identify these runs; output-error says: {outcomes[0].refusal}")
+    outcomes.sort(key=lambda o: o.fit is None)
+    answer = next(o for o in outcomes if o.fit is not None)
+    assert answer.fit is not None
+    return Study(
+        title=f"Identification of {answer.fit.dof}: {', '.join(dict.fromkeys(t.name for t in runs))}",
+        when=when,
+        runs=(*(_row(t, "identification") for t in runs), *(_row(t, "check only") for t in unseen)),
+        outcomes=tuple(outcomes),
+        how_unseen=_how(runs, unseen) if answer.unseen is not None else "",
+    )
+
+
+def _methods(settings: StudySettings) -> list[str]:
+    return list(METHODS) if settings.method == ALL else [settings.method]
+
+
+def _outcome(
+    method: str, runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, *, lenient: bool
+) -> Outcome:
+    begun = time.perf_counter()
+
+    def identify(trials: Sequence[Trial]) -> Fit:
+        options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
+        return fit(
+            trials,
+            settings.structure,
+            method,
+            dof=settings.dof,
+            delay=settings.delay,
+            use=settings.use,
+            loss=settings.loss,
+            **options,
+        )
+
+    try:
+        found = identify(runs)
+    except AutotuneError as error:
+        if not lenient:
+            raise
+        return Outcome(method, None, time.perf_counter() - begun, refusal=str(error))
+    seconds = time.perf_counter() - begun
+    check = _check(found, identify, runs, unseen) if settings.check else None
+    return Outcome(method, found, seconds, check)
+
+
+def _check(
+    found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
+) -> Validation | None:
+    """Return how the model predicts what it has not seen, None when there is nothing to check on."""
+    try:
+        if unseen:
+            return found.validate(unseen)
+        return _left_out(identify, runs)
+    except AutotuneError:
+        return None
+
+
+def _left_out(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Validation:
+    if len(runs) == 1:
+        run = runs[0]
+        cut = run.end - HELD_BACK * run.duration
+        return validate(identify([run.between(run.start, cut)]).model, run.between(cut, run.end))
+    folds = min(len(runs), MOST_FOLDS)
+    parts = []
+    for k in range(folds):
+        rest = [r for i, r in enumerate(runs) if i % folds != k]
+        parts.append(validate(identify(rest).model, [r for i, r in enumerate(runs) if i % folds == k]))
+    return join(parts)
+
+
+def _how(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
+    if unseen:
+        return f"Predicted from the inputs alone, only the initial state fitted: {', '.join(t.name for t in unseen)}."
+    if len(runs) == 1:
+        share = round(100 * HELD_BACK)
+        return (
+            f"One run only: identified once more without its last {share} %, which that model then predicts "
+            "(the answer above uses the whole run)."
+        )
+    return (
+        "Each run predicted by a model identified from the others (the answer above uses all of them). "
+        "Only the initial state is fitted to the run predicted."
+    )
+
+
+def _row(trial: Trial, role: str) -> RunRow:
+    samples = max((len(c) for c in trial.channels.values()), default=0)
+    return RunRow(trial.name, str(trial.meta.get("source", "")), trial.duration, samples, tuple(trial.channels), role)

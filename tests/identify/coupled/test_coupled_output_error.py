@@ -1,0 +1,46 @@
+"""Coupled output error on water of our own: right numbers, honest errors, and doubts where they are due."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from coupled_water import BOAT, horizontal, levels, sail
+
+from gcs_autotune.identify import Fit, fit
+from gcs_autotune.models.coupled import FORMS
+from gcs_autotune.trial import Channel, Trial
+
+NOISE = {"x": 0.05, "y": 0.05, "psi": 0.005, "u": 0.02, "v": 0.02, "r": 0.005}
+UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
+FORM = FORMS["horizontal"].without("Y_0")
+
+
+def sailed(seed: int, *, seconds: float = 40.0, delay: float = 0.0, boat: dict[str, float] = BOAT) -> Trial:
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.1)
+    tau = np.column_stack([levels(rng, t, 6.0, 5.0, 40.0), levels(rng, t, 4.0, -8.0, 8.0)])
+    X = sail(horizontal(boat), np.zeros(6), t, t, tau, delay=delay)
+    channels = {n: Channel(n, UNITS[n], t, X[:, i] + rng.normal(0.0, NOISE[n], len(t))) for i, n in enumerate(UNITS)}
+    channels["X"], channels["N"] = Channel("X", "N", t, tau[:, 0]), Channel("N", "N m", t, tau[:, 1])
+    return Trial(f"run {seed}", channels)
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Trial]:
+    return [sailed(seed) for seed in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def fitted(runs: list[Trial]) -> Fit:
+    return fit(runs, FORM, delay=0.0)
+
+
+def test_fourteen_parameters_come_out_within_their_standard_errors(fitted: Fit) -> None:
+    misses = [(fitted.parameters[n].value - BOAT[n]) / fitted.parameters[n].std for n in FORM.free]
+    assert np.max(np.abs(misses)) < 4.0
+    assert np.sqrt(np.mean(np.square(misses))) < 1.7
+
+
+def test_noise_levels_are_those_that_were_added(fitted: Fit) -> None:
+    for name in ("u", "v", "r", "psi"):
+        assert fitted.noise[name] == pytest.approx(NOISE[name], rel=0.1)

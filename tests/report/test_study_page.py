@@ -1,0 +1,84 @@
+"""The page of an identification."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from gcs_autotune.identify import fit
+from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report.study_tables import meaning_of
+from gcs_autotune.report.terminal import render_text
+from gcs_autotune.trial import Channel, Trial
+
+
+def trial() -> Trial:
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 40.0, 0.1)
+    tau = np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+    r = np.zeros(len(t))
+    for k in range(len(t) - 1):
+        r[k + 1] = tau[k] + (r[k] - tau[k]) * np.exp(-0.05)
+    noisy = r + rng.normal(0.0, 0.02, len(t))
+    return Trial("run <1>", {"r": Channel("r", "rad/s", t, noisy), "N": Channel("N", "N m", t, tau)})
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    run = trial()
+    found = fit(run, "linear")
+    outcomes = (
+        Outcome("output-error", found, 0.2, found.validate(run)),
+        Outcome("iso", None, 0.0, None, "no relay here"),
+    )
+    row = RunRow(run.name, "run.csv", run.duration, 400, ("r", "N"), "identification")
+    return Study("Identification of yaw", "2026-11-21T10:00:00", (row,), outcomes, how_unseen="Predicted.")
+
+
+def test_the_page_fetches_nothing_and_is_the_same_twice(study: Study) -> None:
+    page = render_study(study)
+    assert page == render_study(study)
+    assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", page)
+    assert "<script" not in page
+
+
+def test_the_page_is_well_formed_and_names_are_escaped(study: Study) -> None:
+    open_tags: list[str] = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag: str, attrs: object) -> None:
+            if tag not in ("meta", "br", "path", "use", "rect", "link"):
+                open_tags.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            if tag in open_tags:
+                while open_tags.pop() != tag:
+                    pass
+
+    Reader().feed(render_study(study))
+    assert open_tags == []
+    assert "run &lt;1&gt;" in render_study(study)
+
+
+def test_page_and_terminal_tell_value_check_and_refusal(study: Study) -> None:
+    for text in (render_study(study), render_text(study_summary(study))):
+        assert "alpha_r" in text
+        assert "no relay here" in text
+        assert "not seen" in text
+
+
+def test_derivatives_are_explained_in_words() -> None:
+    assert meaning_of("X_u") == "surge force by surge"
+    assert meaning_of("N_rr") == "yaw moment by yaw rate squared"
+    assert meaning_of("Y_rdot") == "added mass: sway force by yaw rate acceleration"
+    assert meaning_of("Z_0") == "constant heave force"
+    assert meaning_of("k_thrust") == ""
+
+
+def test_a_fit_draws_itself_for_a_notebook(study: Study) -> None:
+    figure = study.fit.plot()
+    assert len(figure.axes) == 2 * len(study.fit.traces)
+    assert any("model" in (line.get_label() or "") for line in figure.axes[0].lines)

@@ -1,0 +1,76 @@
+"""The study behind ``identify``: what is checked on what, and what is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.report import study_to_dict
+from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow import StudySettings, study
+
+ALPHA, BETA = 0.04, 0.02
+
+
+def steps(seed: int, alpha: float = ALPHA, beta: float = BETA, name: str = "") -> Trial:
+    """Random steps on alpha r' + beta r = N, exact between samples, with noise on psi and r."""
+    rng = np.random.default_rng(seed)
+    t, dt = np.arange(0.0, 60.0, 0.1), 0.1
+    tau = np.repeat(rng.uniform(-0.06, 0.06, 30), 20)
+    psi, r = np.zeros(len(t)), np.zeros(len(t))
+    decay = np.exp(-beta / alpha * dt)
+    for k in range(len(t) - 1):
+        steady = tau[k] / beta
+        psi[k + 1] = psi[k] + steady * dt + (r[k] - steady) * alpha / beta * (1.0 - decay)
+        r[k + 1] = steady + (r[k] - steady) * decay
+    channels = {
+        "psi": Channel("psi", "rad", t, psi + rng.normal(0.0, 0.01, len(t))),
+        "r": Channel("r", "rad/s", t, r + rng.normal(0.0, 0.01, len(t))),
+        "N": Channel("N", "N m", t, tau),
+    }
+    return Trial(name or f"steps-{seed}", channels)
+
+
+def test_one_run_is_checked_on_its_own_last_third_and_the_answer_uses_it_whole() -> None:
+    found = study([steps(1)], [], StudySettings(), "2026-01-01T00:00:00")
+    assert "without its last 30 %" in found.how_unseen
+    assert found.answer.unseen is not None
+    assert found.answer.unseen.fit_percent > 90.0
+    assert all(t.t[0] >= 60.0 * 0.7 - 0.2 for t in found.answer.unseen.traces)
+    assert found.fit.traces[0].t[0] == pytest.approx(0.0)
+
+
+def test_of_several_runs_each_is_predicted_from_the_others() -> None:
+    found = study([steps(1), steps(2), steps(3)], [], StudySettings(), "2026-01-01T00:00:00")
+    assert found.answer.unseen is not None
+    told = [(t.run, t.signal) for t in found.answer.unseen.traces]
+    assert told == [(f"steps-{k}", s) for k in (1, 2, 3) for s in ("psi", "r")]
+
+
+def test_a_run_of_another_vehicle_is_predicted_badly_and_says_so() -> None:
+    other = steps(9, alpha=0.12, beta=0.02, name="other")
+    found = study([steps(1), steps(2)], [other], StudySettings(), "2026-01-01T00:00:00")
+    assert found.answer.unseen is not None
+    assert found.answer.unseen.fit_percent < found.fit.fit_percent - 20.0
+
+
+def test_all_methods_are_compared_and_one_that_refuses_says_why() -> None:
+    found = study([steps(1)], [], StudySettings(method="all"), "2026-01-01T00:00:00")
+    names = [o.method for o in found.outcomes]
+    assert names[0] == "output-error"
+    refused = {o.method: o.refusal for o in found.outcomes if o.fit is None}
+    assert "relay" in refused["iso"]
+    data = study_to_dict(found)
+    assert data["methods"]["iso"] == {"refused": refused["iso"]}
+    assert data["methods"]["output-error"]["parameters"]["alpha_r"]["value"] == pytest.approx(ALPHA, rel=0.02)
+
+
+def test_one_method_that_refuses_ends_the_study_with_its_reason() -> None:
+    with pytest.raises(NotInformative, match="relay"):
+        study([steps(1)], [], StudySettings(method="iso"), "2026-01-01T00:00:00")
+
+
+def test_an_option_no_method_has_is_refused_by_name() -> None:
+    with pytest.raises(UsageError, match="no option 'sparkle'"):
+        study([steps(1)], [], StudySettings(options={"sparkle": 1}), "2026-01-01T00:00:00")
