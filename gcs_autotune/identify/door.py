@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_craft import runs_of_another_craft
 from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
-from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.models.coupled import FORMS, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
@@ -95,8 +96,6 @@ def _fit_coupled(
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
     runs, records, doubts = prepared_runs(runs, lambda run: prepare_coupled(run, form, use))
-    if doubts:
-        records[0] = replace(records[0], notes=(*records[0].notes, *doubts))
     case = CoupledCase(
         form=form,
         records=tuple(records),
@@ -106,7 +105,9 @@ def _fit_coupled(
         trials=runs,
         options=options,
     )
-    return chosen.coupled(case)
+    found = chosen.coupled(case)
+    apart = runs_of_another_craft(case, found, chosen.coupled)
+    return _with_doubts(found, [*doubts, *(d for r in records for d in r.notes), *apart])
 
 
 def fit_axis(
@@ -136,10 +137,8 @@ def fit_axis(
     known_delay = None if delay == "auto" else _seconds(delay)
     axis = _common_axis(runs, dof)
     runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
-    if doubts:
-        records[0] = replace(records[0], doubts=(*records[0].doubts, *doubts))
     _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
-    return chosen.axis(
+    found = chosen.axis(
         Case(
             records=records,
             cycles=_cycles(runs, axis),
@@ -153,6 +152,17 @@ def fit_axis(
             options=options,
         )
     )
+    return _with_doubts(found, [*doubts, *(d for r in records for d in r.doubts)])
+
+
+_Kind = TypeVar("_Kind", bound=Fit)
+
+
+def _with_doubts(fit: _Kind, doubts: Sequence[Doubt]) -> _Kind:
+    """Add what is doubtful about the runs themselves, each once."""
+    known = {(d.slug, d.cause) for d in fit.doubts}
+    new = {(d.slug, d.cause): d for d in doubts if (d.slug, d.cause) not in known}
+    return replace(fit, doubts=(*new.values(), *fit.doubts)) if new else fit
 
 
 def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
+from gcs_autotune.identify.axis.track import along_track
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
 from gcs_autotune.identify.notes import told
 from gcs_autotune.identify.rails import within_range
@@ -149,6 +150,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
     drive = clean(trial[source], trial.name, notes)
     rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
+    if position is not None and rate is None:
+        position = along_track(trial, axis, position, notes)
     _check_excitation(trial, drive, [c for c in (position, rate) if c is not None])
     if position is not None and axis.angular:
         position = replace(position, values=unwrap(position.t, position.values, rate))
