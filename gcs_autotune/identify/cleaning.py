@@ -23,6 +23,10 @@ LATE = 0.05
 """Largest share of late samples that may be left out. Chosen: beyond it the clock is not to be trusted."""
 
 
+OVERTAKEN = 5.0
+"""Median steps that a sample may come late and still be believed."""
+
+
 def jumps_back(t: Array) -> NDArray[np.intp]:
     """Return the indices of the samples at which the clock restarts at an earlier time."""
     known = np.flatnonzero(np.isfinite(t))
@@ -36,7 +40,7 @@ def jumps_back(t: Array) -> NDArray[np.intp]:
 
 
 def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Drop what is not a number, repeated stamps (the first stays) and samples that came late.
+    """Drop what is not a number, repeated stamps (the first stays); put late samples in order.
 
     Raises
     ------
@@ -53,7 +57,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             f"the clock of run '{run}' jumps back after t = {where:.3f} s (channel {channel.name}): "
             "cut the file there and identify the parts as two runs"
         )
-    t, values = t[~late], values[~late]
+    t, values = _in_order(t, values, late)
     first = np.concatenate([[True], np.diff(t) > 0.0]) if len(t) else np.zeros(0, dtype=bool)
     lost, repeated = int((~good).sum()), int((~first).sum())
     if lost:
@@ -69,7 +73,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             Doubt(
                 "late-samples",
                 f"{int(late.sum())} samples of {channel.name} in run '{run}' are older than the one before them",
-                "log with the vehicle's own time stamps; the samples were left out",
+                "log with the vehicle's own time stamps; they were put in order, or left out when far too old",
             )
         )
     if repeated > 0.02 * len(t):
@@ -81,6 +85,16 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             )
         )
     return replace(channel, t=t[first], values=values[first])
+
+
+def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Put late samples where their stamps say; leave out those too late to have been merely overtaken."""
+    if not late.any():
+        return t, values
+    behind = np.maximum.accumulate(t) - t
+    keep = behind <= OVERTAKEN * float(np.median(np.diff(t[~late])))
+    order = np.argsort(t[keep], kind="stable")
+    return t[keep][order], values[keep][order]
 
 
 def unwrap(t: Array, angle: Array, rate: Channel | None) -> Array:

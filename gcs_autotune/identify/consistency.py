@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from gcs_autotune.identify.result import Doubt, Fit
 
-__all__ = ["Apart", "Estimate", "apart_doubts", "estimate_of", "runs_apart"]
+__all__ = ["Apart", "Estimate", "apart_doubts", "belongs", "estimate_of", "runs_apart"]
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,12 @@ class Apart:
     sigmas: float
     change: float
     pair: tuple[str, str] | None = None
+
+
+def belongs(stretch: str, run: str, runs: Sequence[str]) -> bool:
+    """Whether the record *stretch* is one of *run*, of all *runs*: its name may carry ``#`` and a number."""
+    fitting = [n for n in runs if stretch == n or stretch.startswith(n + "#")]
+    return bool(fitting) and max(fitting, key=len) == run
 
 
 def runs_apart(

@@ -7,7 +7,7 @@ spoil single windows, so the median ratio counts, and only when most windows agr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from gcs_autotune.trial import Channel, Trial
 __all__ = ["check_units"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 DEG = 180.0 / math.pi
 FACTORS: Mapping[str, Mapping[float, str]] = {
@@ -57,7 +58,7 @@ def check_units(trial: Trial) -> list[Doubt]:
             ratio = _track_ratio(trial["x"], trial["y"], speed)
             found += _judged(trial, "x, y", name, ratio, "length")
     if "psi" in trial:
-        found += _heading_alone(trial, trial["psi"])
+        _check_heading_alone(trial, trial["psi"])
     return found
 
 
@@ -98,7 +99,7 @@ def _track_ratio(north: Channel, east: Channel, speed: Channel) -> float:
     return _median_ratio(t, lambda a, b: np.hypot(x[b] - x[a], y[b] - y[a]), tv, v)
 
 
-def _median_ratio(t: Array, change: object, tv: Array, v: Array) -> float:
+def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Array, v: Array) -> float:
     if len(t) < 20 or len(tv) < 20:
         return math.nan
     step = float(np.median(np.diff(t)))
@@ -113,7 +114,6 @@ def _median_ratio(t: Array, change: object, tv: Array, v: Array) -> float:
         return math.nan
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(tv))])
     travelled = np.interp(t[end], tv, integral) - np.interp(t[start], tv, integral)
-    assert callable(change)
     moved = change(start, end)
     strong = np.abs(travelled) > max(float(np.median(np.abs(travelled))), 1e-12)
     if int(strong.sum()) < 10:
@@ -141,11 +141,11 @@ def _known(channel: Channel) -> tuple[Array, Array]:
     return t, channel.values[good][first]
 
 
-def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
+def _check_heading_alone(trial: Trial, psi: Channel) -> None:
     """Judge a heading by itself: by the height of its wraps, and by how fast it would turn."""
     t, x = _known(psi)
     if len(t) < 20:
-        return []
+        return
     steps = np.abs(np.diff(x))
     usual = float(np.median(steps))
     wraps = steps[steps > max(0.5 * float(np.ptp(x)), 20.0 * usual)]
@@ -155,14 +155,13 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
                 f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head says {said} but "
                 f"the numbers are {really}; correct the unit in the head"
             )
-    unwrapped = np.minimum(steps, np.abs(steps - 2.0 * math.pi))
-    fast = unwrapped[steps > 0.0] / np.diff(t)[steps > 0.0]
-    if len(fast) >= 20 and float(np.median(fast)) > TURN:
-        return [
-            Doubt(
-                "unit",
-                f"psi of run '{trial.name}' turns at {float(np.median(fast)):.1f} rad/s half of the time",
-                "is it in degrees? correct the unit in the head",
-            )
-        ]
-    return []
+    lag = max(1, round(0.5 * WINDOW / max(float(np.median(np.diff(t))), 1e-6)))
+    turned = np.concatenate([[0.0], np.cumsum(np.angle(np.exp(1j * np.diff(x))))])
+    if len(t) <= lag + 20:
+        return
+    rate = float(np.median(np.abs(turned[lag:] - turned[:-lag]) / (t[lag:] - t[:-lag])))
+    if rate > TURN:
+        raise BadFile(
+            f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s): its numbers "
+            "are degrees and its head says radians; correct the unit in the head"
+        )

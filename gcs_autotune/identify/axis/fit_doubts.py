@@ -11,10 +11,9 @@ from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.evidence import UNDECIDED
 from gcs_autotune.identify.axis.objective import Bounds
 from gcs_autotune.identify.axis.output_error import Solution, solve
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.structure import Selection
 from gcs_autotune.identify.axis.uncertainty import autocorrelation, inflation, is_white
-from gcs_autotune.identify.consistency import Estimate, apart_doubts, runs_apart
+from gcs_autotune.identify.consistency import Estimate, apart_doubts, belongs, runs_apart
 from gcs_autotune.identify.result import Doubt
 
 __all__ = ["fit_doubts"]
@@ -133,7 +132,7 @@ def _outliers(solution: Solution) -> Doubt | None:
 
 def _runs_apart(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
     """Compare what each run says alone with what the others say, all with the drag structure chosen."""
-    stretches = [[i for i, r in enumerate(chosen.records) if _is_of(r, name, case.names)] for name in case.names]
+    stretches = [[i for i, r in enumerate(chosen.records) if belongs(r.run, name, case.names)] for name in case.names]
     craft = np.flatnonzero(chosen.solution.free[:3])
 
     def estimate(runs: tuple[int, ...]) -> Estimate | None:
@@ -146,12 +145,6 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str,
     if len(case.names) < 2 or not all(stretches):
         return []
     return apart_doubts(runs_apart(case.names, estimate))
-
-
-def _is_of(record: Record, name: str, names: Sequence[str]) -> bool:
-    """Whether a stretch belongs to the run called *name* (its own name may carry ``#`` and a number)."""
-    fitting = [n for n in names if record.run == n or record.run.startswith(n + "#")]
-    return bool(fitting) and max(fitting, key=len) == name
 
 
 def _solved(chosen: Selection, bounds: Bounds, names: tuple[str, ...], which: Sequence[int]) -> Solution | None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.axis.track import along_track
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.input_holes import holes_of, outside
 from gcs_autotune.identify.notes import told
 from gcs_autotune.identify.rails import within_range
 from gcs_autotune.identify.result import Doubt
@@ -152,6 +153,9 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
     if position is not None and rate is None:
         position = along_track(trial, axis, position, notes)
+    hidden = holes_of(drive, trial.name, notes)
+    rate = None if rate is None else outside(rate, hidden)
+    position = None if position is None else outside(position, hidden)
     _check_excitation(trial, drive, [c for c in (position, rate) if c is not None])
     if position is not None and axis.angular:
         position = replace(position, values=unwrap(position.t, position.values, rate))

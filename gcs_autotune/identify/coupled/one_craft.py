@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.consistency import Estimate, apart_doubts, estimate_of, runs_apart
+from gcs_autotune.identify.consistency import Estimate, apart_doubts, belongs, estimate_of, runs_apart
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.result import Doubt, Fit
 
@@ -25,7 +25,7 @@ def runs_of_another_craft(case: CoupledCase, fit: Fit, method: Callable[[Coupled
 
     def estimate(runs: tuple[int, ...]) -> Estimate | None:
         names = [case.names[i] for i in runs]
-        records = tuple(r for r in case.records if any(r.run == n or r.run.startswith(n + "#") for n in names))
+        records = tuple(r for r in case.records if any(belongs(r.run, n, case.names) for n in names))
         part = replace(case, names=tuple(names), records=records, trials=tuple(case.trials[i] for i in runs))
         try:
             found = estimate_of(method(part))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.axis.record import MIN_SAMPLES, Signal, edges
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.input_holes import holes_of, outside
 from gcs_autotune.identify.notes import told
 from gcs_autotune.identify.rails import within_range
 from gcs_autotune.identify.result import Doubt
@@ -85,6 +86,9 @@ def prepare_coupled(trial: Trial, form: Form, use: Sequence[str] | None = None) 
         dof = next(d for d in DOFS.values() if name in (d.position, d.velocity))
         if name == dof.position and dof.angular:
             channels[name] = replace(channel, values=unwrap(channel.t, channel.values, channels.get(dof.velocity)))
+    for drive in drives:
+        hidden = holes_of(drive, trial.name, notes)
+        channels = {n: outside(c, hidden) for n, c in channels.items()}
     _check(trial, form, drives, channels)
     t_in, table = _joined(drives)
     return _cut(trial, t_in, table, tuple(d.unit for d in drives), channels, notes)
