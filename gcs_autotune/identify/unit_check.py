@@ -120,7 +120,8 @@ def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Arr
         return math.nan
     ratios = moved[strong] / travelled[strong]
     median = float(np.median(ratios))
-    return median if float(np.mean(np.abs(ratios / median - 1.0) < 0.25)) >= AGREE else math.nan
+    agreeing = float(np.mean(np.abs(ratios - median) < 0.25 * abs(median)))
+    return median if agreeing >= AGREE else math.nan
 
 
 def _speed(trial: Trial) -> tuple[Channel | None, str]:
@@ -162,6 +163,6 @@ def _check_heading_alone(trial: Trial, psi: Channel) -> None:
     rate = float(np.median(np.abs(turned[lag:] - turned[:-lag]) / (t[lag:] - t[:-lag])))
     if rate > TURN:
         raise BadFile(
-            f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s): its numbers "
-            "are degrees and its head says radians; correct the unit in the head"
+            f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s): "
+            "its numbers are degrees and its head says radians; correct the unit in the head"
         )

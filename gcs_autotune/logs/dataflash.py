@@ -64,23 +64,24 @@ def _messages(path: Path) -> Iterator[Message]:
         raise BadFile(f"{path} is no ArduPilot log: it begins with neither a binary message nor a FMT line")
     reader = DFReader.DFReader_binary if is_binary else DFReader.DFReader_text
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        log: Any = reader.__new__(reader)  # in two steps, so that what it opened can be closed when it fails
         try:
-            log = reader(str(path))
-        except (ValueError, IndexError, KeyError, TypeError, OSError, AttributeError) as error:
-            raise BadFile(f"{path} cannot be read as an ArduPilot log: {error}") from error
-        try:
+            try:
+                log.__init__(str(path))
+            except Exception as error:
+                raise BadFile(f"{path} cannot be read as an ArduPilot log: {error}") from error
             while True:
                 try:
                     message = log.recv_msg()
-                except (ValueError, IndexError, KeyError, TypeError, AttributeError):
+                except Exception:  # noqa: BLE001  # pymavlink raises bare Exception, among others
                     return
                 if message is None:
                     return
                 yield message
         finally:
-            closer = getattr(log, "close", None)
-            if closer is not None:
-                closer()
+            opened = getattr(log, "filehandle", None)
+            if opened is not None:
+                opened.close()
 
 
 def _write(tape: Tape, m: Message) -> None:
