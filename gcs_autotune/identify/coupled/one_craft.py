@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from gcs_autotune.errors import AutotuneError
+from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify.consistency import Estimate, apart_doubts, belongs, estimate_of, runs_apart
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.result import Doubt, Fit
 
-__all__ = ["runs_of_another_craft"]
+__all__ = ["blamed", "runs_of_another_craft"]
 
 UNEXPLAINED = 0.3
 """Autocorrelation of neighbouring residuals above which it is worth fitting every run by itself."""
@@ -20,8 +20,25 @@ MOST_RUNS = 8
 
 def runs_of_another_craft(case: CoupledCase, fit: Fit, method: Callable[[CoupledCase], Fit]) -> list[Doubt]:
     """Return a doubt per run that does not belong to the others; none when the common fit explains them all."""
-    if not 2 <= len(case.names) <= MOST_RUNS or not _unexplained(fit):
+    common = estimate_of(fit)
+    if common is None or not _unexplained(fit):
         return []
+    return _compared(case, method, len(common.values))
+
+
+def blamed(case: CoupledCase, error: NotInformative, method: Callable[[CoupledCase], Fit]) -> NotInformative:
+    """Return *error*, with the run of another craft named where the runs cannot be fitted together for that reason."""
+    doubts = _compared(case, method, None)
+    if not doubts:
+        return error
+    return NotInformative(f"{error}; fitted one by one, {'; '.join(d.cause for d in doubts)}; {doubts[0].cure}")
+
+
+def _compared(case: CoupledCase, method: Callable[[CoupledCase], Fit], size: int | None) -> list[Doubt]:
+    """Compare the runs; only estimates of *size* parameters count, those of the first fit when None."""
+    if not 2 <= len(case.names) <= MOST_RUNS:
+        return []
+    sizes = [] if size is None else [size]
 
     def estimate(runs: tuple[int, ...]) -> Estimate | None:
         names = [case.names[i] for i in runs]
@@ -31,12 +48,9 @@ def runs_of_another_craft(case: CoupledCase, fit: Fit, method: Callable[[Coupled
             found = estimate_of(method(part))
         except AutotuneError:
             return None
-        return found if found is not None and len(found.values) == size else None
+        sizes.extend([len(found.values)] if found is not None and not sizes else [])
+        return found if found is not None and len(found.values) == sizes[0] else None
 
-    common = estimate_of(fit)
-    if common is None:
-        return []
-    size = len(common.values)
     return apart_doubts(runs_apart(case.names, estimate))
 
 
