@@ -51,6 +51,8 @@ SIGNALS: dict[str, tuple[str, str]] = {
     "N": ("N m", "yaw moment, or fraction of full output"),
     "delta": ("rad", "rudder angle"),
     "n": ("rad/s", "propeller speed"),
+    "d": ("m", "distance to a flat surface ahead"),
+    "psi_ref": ("rad", "commanded heading"),
 }
 """Signal name -> (SI unit, meaning)."""
 
@@ -80,6 +82,7 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "deg/s^2": ("rad/s^2", math.pi / 180.0),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
+    "kgf": ("N", 9.80665),
     "N m": ("N m", 1.0),
     "Nm": ("N m", 1.0),
     "kN m": ("N m", 1e3),

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from gcs_autotune import __version__
-from gcs_autotune.cli import experiment_cmd, identify_cmd, params_cmd, restore_cmd, sitl_cmd, tune_cmd
+from gcs_autotune.cli import experiment_cmd, identify_cmd, params_cmd, restore_cmd, sitl_cmd, thrusters_cmd, tune_cmd
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, exit_code
 
@@ -19,6 +19,7 @@ COMMANDS: Mapping[str, Command] = {
         tune_cmd.COMMAND,
         identify_cmd.COMMAND,
         experiment_cmd.COMMAND,
+        thrusters_cmd.COMMAND,
         params_cmd.COMMAND,
         restore_cmd.COMMAND,
         sitl_cmd.COMMAND,

@@ -5,8 +5,13 @@
 ===========  ==================================================================================================
 axis         one degree of freedom, exactly: records, likelihood, structure decision, doubts
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
+frequency    the empirical frequency response with coherence, and Nomoto's models
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
+thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of propellers
+plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all
 result       what comes out: ``Fit``, its parameters, traces and doubts
+intake       runs as handed in: split at clock jumps, units checked, useless ones left out by name
+cleaning     one channel; ``rails`` clipped sensors, ``input_holes``; ``consistency`` are the runs of one craft?
 validate     free run on runs the model has not seen
 uncertainty  (in ``axis``) covariance, correlated residuals, Cramer-Rao bound
 ===========  ==================================================================================================
@@ -21,7 +26,9 @@ from gcs_autotune.identify.door import fit, fit_axis
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
 from gcs_autotune.identify.relay.decision import decide
+from gcs_autotune.identify.relay.heading_loop import heading_loop, loop_cycles, simplify
 from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState
+from gcs_autotune.identify.relay.matrix_iso import identify_process, process_from_response
 from gcs_autotune.identify.result import AxisFit, Fit, Structure
 
 __all__ = [
@@ -38,6 +45,11 @@ __all__ = [
     "fit",
     "fit_axis",
     "free_run",
+    "heading_loop",
+    "identify_process",
+    "loop_cycles",
+    "process_from_response",
     "quantum",
     "residual_statistics",
+    "simplify",
 ]

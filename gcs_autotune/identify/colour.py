@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-__all__ = ["SIGNIFICANCE", "autocorrelation", "scores_covariance", "whiteness"]
+__all__ = ["all_white", "autocorrelation", "correlation_time", "scores_covariance", "whiteness"]
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,23 @@ def whiteness(errors: Array) -> float:
     rho = autocorrelation(errors, lags)
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     return float(chi2.sf(statistic, lags))
+
+
+def all_white(scores: Sequence[Array]) -> bool:
+    """Return whether no series is coloured (Bonferroni over the series)."""
+    return all(whiteness(s) > SIGNIFICANCE / len(scores) for s in scores)
+
+
+def correlation_time(scores: Sequence[Array]) -> float:
+    """Return how many samples make one independent one: ``1 + 2 sum rho_k`` over the initial positive lags."""
+    if all_white(scores):
+        return 1.0
+    times = []
+    for own in scores:
+        rho = autocorrelation(own, len(own) // 4)
+        below = np.flatnonzero(rho < 0.05)
+        times.append(1.0 + 2.0 * float(rho[: int(below[0]) if len(below) else len(rho)].sum()))
+    return float(np.clip(np.median(times), 1.0, sum(len(s) for s in scores) / 20.0))
 
 
 def scores_covariance(scores: Sequence[Array]) -> Array:

@@ -8,6 +8,8 @@ from gcs_autotune.identify.axis.by_iso import fit_by_iso
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.coupled.by_output_error import fit_coupled_by_output_error
 from gcs_autotune.identify.coupled.limits import OPTIONS as OUTPUT_ERROR_OPTIONS
+from gcs_autotune.identify.frequency.by_frequency import OPTIONS as FREQUENCY_OPTIONS
+from gcs_autotune.identify.frequency.by_frequency import fit_by_frequency
 from gcs_autotune.identify.method import Method
 
 __all__ = ["METHODS"]
@@ -21,6 +23,12 @@ METHODS: Mapping[str, Method] = {
             axis=fit_by_output_error,
             coupled=fit_coupled_by_output_error,
             options=OUTPUT_ERROR_OPTIONS,
+        ),
+        Method(
+            "frequency",
+            "Bode response of a sweep or relay, Nomoto fitted",
+            axis=fit_by_frequency,
+            options=FREQUENCY_OPTIONS,
         ),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
     )

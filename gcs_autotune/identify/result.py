@@ -73,7 +73,8 @@ class LimitCycle:
     ``x_0`` bias [rad or m], ``omega`` [rad/s], ``T_H``/``T_L`` [s] times in high and low position,
     ``periods`` used, ``scatter`` largest relative spread of maxima and minima (the 10 % rule),
     ``valid`` condition (7.12). ``C`` is negative when the high position (of ``T_H``, the one that drives the
-    position up) has the lower input; ``offset`` is the input midway between the two positions.
+    position up) has the lower input; ``offset`` is the input midway between the two positions; ``nu_0`` the mean
+    velocity it rides on, when the relay works on an integrated velocity (surge, thesis (6.48)), else 0.
     """
 
     C: float
@@ -88,11 +89,15 @@ class LimitCycle:
     scatter: float
     valid: bool
     offset: float = 0.0
+    nu_0: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class IsoEstimate:
-    """IS-O's answer for one limit cycle: both drag structures come from the same reading (Table 6.3)."""
+    """IS-O's answer for one limit cycle: both drag structures come from the same reading (Table 6.3).
+
+    ``delta`` goes with ``beta``; it depends on the drag only when the cycle rides on a mean velocity.
+    """
 
     cycle: LimitCycle
     alpha: float

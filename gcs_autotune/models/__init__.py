@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from gcs_autotune.models.nomoto import Nomoto1, Nomoto2
 from gcs_autotune.models.single_dof import SingleDof
+from gcs_autotune.models.transfer_function import TransferFunction
 
-__all__ = ["SingleDof"]
+__all__ = ["Nomoto1", "Nomoto2", "SingleDof", "TransferFunction"]

@@ -11,7 +11,7 @@ from gcs_autotune.identify.method import Method
 from gcs_autotune.report import study_tables, tables
 from gcs_autotune.report.study import Study
 from gcs_autotune.report.study_wording import answer_sentences, structure_title
-from gcs_autotune.report.terminal import doubts_block, grid, paragraph, title
+from gcs_autotune.report.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.wording import decision_sentence, doubt_sentence
 
 __all__ = ["method_list", "study_summary"]
@@ -41,7 +41,7 @@ def study_summary(study: Study) -> Group:
     if study.proposals:
         parts += [title("What to fly next"), paragraph(study.proposal_verdict)]
         parts.append(grid(study_tables.proposal_table(study)))
-    parts.extend(doubts_block(doubt_sentence(d) for d in fit.doubts))
+    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
     return Group(*parts)
 
 

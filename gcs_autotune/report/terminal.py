@@ -33,7 +33,7 @@ from gcs_autotune.report.wording import (
 )
 
 __all__ = [
-    "doubts_block",
+    "doubts_shown",
     "fit_summary",
     "gains_summary",
     "grid",
@@ -65,7 +65,7 @@ def fit_summary(fit: AxisFit) -> Group:
         parts.extend((title("Which kind of drag"), paragraph(decision_sentence(fit.decision))))
     if fit.candidates:
         parts.append(grid(tables.candidate_table(fit)))
-    parts.extend(doubts_block(doubt_sentence(d) for d in fit.doubts))
+    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
     return Group(*parts)
 
 
@@ -87,12 +87,12 @@ def tune_summary(story: TuneStory) -> Group:
     parts.extend(paragraph(s) for s in verdict.sentences)
     if story.metrics_before is not None:
         parts.append(grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
-    parts.extend(bullet(reason) for reason in story.verdict_reasons)
+    parts.extend(_bullet(reason) for reason in story.verdict_reasons)
     if story.proposal is not None:
         parts.append(grid(tables.gains_table(story.proposal)))
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
     if doubts or story.fit is not None:
-        parts.extend(doubts_block(doubts))
+        parts.extend(doubts_shown(doubts))
     return Group(*parts)
 
 
@@ -105,15 +105,15 @@ def show_tune(console: Console, story: TuneStory) -> None:
         console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
 
 
-def doubts_block(texts: Iterable[str]) -> list[RenderableType]:
+def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
     """Return the block of doubts, or the sentence that there are none."""
     found = list(texts)
     if not found:
         return [paragraph("The fit raises no doubts.")]
-    return [title("What to doubt", "bold yellow"), *(bullet(text) for text in found)]
+    return [title("What to doubt", "bold yellow"), *(_bullet(text) for text in found)]
 
 
-def bullet(text: str) -> RichTable:
+def _bullet(text: str) -> RichTable:
     line = RichTable.grid(padding=(0, 1))
     line.add_row(Text(" -"), Text(text))
     return line

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.relay.describing_function import relay
-from gcs_autotune.identify.relay.matrix_iso import experiments_needed, identify_transfer_function
+from gcs_autotune.identify.relay.matrix_iso import experiments_needed, identify_process
 from gcs_autotune.identify.result import LimitCycle
 
 
@@ -32,7 +32,7 @@ def test_poles_and_a_zero_are_recovered_from_exactly_balanced_cycles(integrators
         return (b[0] + b[1] * s) / (a[0] + a[1] * s + a[2] * s**2) * np.exp(-s * delay) / s**integrators
 
     cycles = [balanced_cycle(complex(response(w)), w, X) for w, X in ((1.0, 0.3), (2.0, 0.2))]
-    found = identify_transfer_function(cycles, n=2, m=1, integrators=integrators, delay=delay)
+    found = identify_process(cycles, n=2, m=1, integrators=integrators, delay=delay)
     assert found.numerator == pytest.approx(b, rel=1e-9)
     assert found.denominator == pytest.approx(a, rel=1e-9)
 
@@ -46,6 +46,6 @@ def test_the_closed_heading_loop_needs_three_cycles_by_the_count_of_unknowns() -
 def test_too_few_or_equal_cycles_are_refused_with_advice() -> None:
     cycle = balanced_cycle(complex(-0.5, -0.4), 1.0, 0.3)
     with pytest.raises(NotInformative, match="need 2 limit cycles"):
-        identify_transfer_function([cycle], n=2, m=0)
+        identify_process([cycle], n=2, m=0)
     with pytest.raises(NotInformative, match="too alike"):
-        identify_transfer_function([cycle, cycle], n=2, m=1)
+        identify_process([cycle, cycle], n=2, m=1)

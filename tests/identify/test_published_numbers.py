@@ -14,7 +14,7 @@ from identify_water import DEG, Relay
 from gcs_autotune.identify import find_cycles
 from gcs_autotune.identify.relay.decision import MARGINS, decide
 from gcs_autotune.identify.relay.iso import estimate
-from gcs_autotune.identify.relay.matrix_iso import identify_transfer_function
+from gcs_autotune.identify.relay.matrix_iso import identify_process
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 from gcs_autotune.trial import Trial
 
@@ -79,7 +79,7 @@ PROCESS = (LAG / GAIN, 1.0 / GAIN, 0.0, 0.0)
 
 def gain_and_lag(cycle: LimitCycle, delay: float = 0.0) -> tuple[float, float]:
     """K and T found by the matrix algorithm."""
-    found = identify_transfer_function([cycle], n=1, m=0, integrators=1, delay=delay)
+    found = identify_process([cycle], n=1, m=0, integrators=1, delay=delay)
     return found.numerator[0], found.denominator[1]
 
 

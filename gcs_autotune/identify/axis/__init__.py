@@ -1,7 +1,7 @@
 """One degree of freedom, exactly: the model ``SingleDof`` fitted to whole records by maximum likelihood.
 
 ==================  ===========================================================================
-record              signals chosen, cleaned and cut
+record              signals chosen, cleaned and cut; ``ahead``: surge read off a distance to a wall
 start               where the exact fit starts
 output_error        the exact fit: ``objective`` what it minimises, ``likelihood`` of noise and rounding,
                     ``residuals`` measured minus simulated

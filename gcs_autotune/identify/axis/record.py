@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
+from gcs_autotune.identify.axis.ahead import DISTANCE, ahead_doubt, with_ahead
 from gcs_autotune.identify.axis.track import along_track
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
 from gcs_autotune.identify.input_holes import holes_of, outside
@@ -53,6 +54,11 @@ class Signal:
     t: Array
     values: Array
     step: float
+
+    def since(self, start: float) -> Signal:
+        """Return the samples from *start* [s] on."""
+        keep = self.t >= start
+        return replace(self, t=self.t[keep], values=self.values[keep])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +126,8 @@ def _input_names(trial: Trial, dof: Dof) -> list[str]:
 
 
 def _output_names(trial: Trial, dof: Dof) -> list[str]:
-    return [n for n in (dof.position, dof.velocity) if n in trial and len(trial[n])]
+    other = (DISTANCE,) if dof.name == "surge" else ()
+    return [n for n in (dof.position, dof.velocity, *other) if n in trial and len(trial[n])]
 
 
 def _varies(channel: Channel) -> bool:
@@ -140,6 +147,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
         Too few samples, a constant input, or an output that never moves.
     """
     axis = lookup(DOFS, dof, "degree of freedom") if isinstance(dof, str) else dof
+    measured = trial
+    trial = with_ahead(trial) if axis.name == "surge" else trial
     names, outputs = _input_names(trial, axis), _output_names(trial, axis)
     if not names or not outputs:
         want = f"{' or '.join(INPUTS[axis.name])} with {axis.position} or {axis.velocity}"
@@ -147,11 +156,12 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
             f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
         )
     source = next((n for n in names if _varies(trial[n])), names[0])
-    notes = told(trial)
+    doubt = ahead_doubt(trial) if trial is not measured else None
+    notes = [*told(trial), *([] if doubt is None else [doubt])]
     drive = clean(trial[source], trial.name, notes)
     rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
-    if position is not None and rate is None:
+    if position is not None and rate is None and trial is measured:
         position = along_track(trial, axis, position, notes)
     hidden = holes_of(drive, trial.name, notes)
     rate = None if rate is None else outside(rate, hidden)
@@ -260,12 +270,7 @@ def after_delay(record: Record, delay: float) -> Record:
     start = float(record.t_in[0]) + delay
     if delay <= 0.0 or start <= min(float(s.t[0]) for s in record.signals):
         return record
-    later = [None if s is None else _from(s, start) for s in (record.position, record.velocity)]
+    later = [None if s is None else s.since(start) for s in (record.position, record.velocity)]
     if any(s is not None and len(s.t) < MIN_SAMPLES for s in later):
         return record
     return replace(record, position=later[0], velocity=later[1])
-
-
-def _from(signal: Signal, start: float) -> Signal:
-    keep = signal.t >= start
-    return replace(signal, t=signal.t[keep], values=signal.values[keep])

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify import colour
 from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
 from gcs_autotune.identify.axis.objective import Timing, information_of, timing_of
 from gcs_autotune.identify.axis.output_error import Solution, solve
 from gcs_autotune.identify.axis.record import Record, prepare
 from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.colour import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
+from gcs_autotune.identify.colour import all_white, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
@@ -60,19 +61,12 @@ def physical_values(theta: Array) -> Array:
 
 def is_white(solution: Solution) -> bool:
     """Return whether no signal of any stretch is coloured (Bonferroni over the stretches)."""
-    return all(whiteness(s) > SIGNIFICANCE / len(solution.scores) for s in solution.scores)
+    return all_white(solution.scores)
 
 
 def correlation_time(solution: Solution) -> float:
-    """Return how many samples make one independent one: ``1 + 2 sum rho_k`` over the initial positive lags."""
-    if is_white(solution):
-        return 1.0
-    times = []
-    for scores in solution.scores:
-        rho = autocorrelation(scores, len(scores) // 4)
-        below = np.flatnonzero(rho < 0.05)
-        times.append(1.0 + 2.0 * float(rho[: int(below[0]) if len(below) else len(rho)].sum()))
-    return float(np.clip(np.median(times), 1.0, solution.n / 20.0))
+    """Return how many samples make one independent one; see :func:`gcs_autotune.identify.colour.correlation_time`."""
+    return colour.correlation_time(solution.scores)
 
 
 def inflation(solution: Solution) -> Array:

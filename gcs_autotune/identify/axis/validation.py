@@ -20,7 +20,7 @@ from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
-__all__ = ["ResidualStatistics", "free_run", "free_runs", "residual_statistics", "run_freely"]
+__all__ = ["ResidualStatistics", "free_run", "free_runs", "residual_statistics", "run_freely", "run_signals"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +50,13 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
         When the model runs away on this input; and as :func:`gcs_autotune.identify.axis.record.prepare`.
     """
     model = fit.model if isinstance(fit, AxisFit) else fit
-    parts = [run_freely(model, record, first_names([record])) for record in prepare(trial, model.dof)]
-    return _joined(trial.name, [p[0] for p in parts])
+    return _joined(trial.name, [run_freely(model, record) for record in prepare(trial, model.dof)])
 
 
 def free_runs(model: SingleDof, trial: Trial) -> list[Trace]:
     """Return one trace per signal measured, position first; otherwise as :func:`free_run`."""
     records = prepare(trial, model.dof)
-    parts = [run_freely(model, record, tuple(s.name for s in record.signals)) for record in records]
+    parts = [run_signals(model, record, tuple(s.name for s in record.signals)) for record in records]
     names = dict.fromkeys(t.signal for traces in parts for t in traces)
     return [_joined(trial.name, [t for traces in parts for t in traces if t.signal == n]) for n in names]
 
@@ -74,7 +73,12 @@ def _joined(run: str, parts: Sequence[Trace]) -> Trace:
     )
 
 
-def run_freely(model: SingleDof, record: Record, names: Sequence[str]) -> list[Trace]:
+def run_freely(model: SingleDof, record: Record) -> Trace:
+    """Simulate one stretch; the position, or else velocity."""
+    return run_signals(model, record, first_names([record]))[0]
+
+
+def run_signals(model: SingleDof, record: Record, names: Sequence[str]) -> list[Trace]:
     """Simulate one stretch; one trace per signal of *names*, its band 1.96 times the rms residual."""
     found = _with_initial_state(model, record, tuple(names))
     return [

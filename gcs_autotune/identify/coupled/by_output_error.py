@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.residuals import rounding_error
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.delay import Delayed, fit_with_delay
+from gcs_autotune.identify.coupled.fit_doubts import doubts_of, fit_percent_of
 from gcs_autotune.identify.coupled.limits import limits_of
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
-from gcs_autotune.identify.coupled.record import CoupledRecord
-from gcs_autotune.identify.coupled.smoothing import first_levels_of
-from gcs_autotune.identify.coupled.start import first_states, motions_of, regression_start
+from gcs_autotune.identify.coupled.local import local_fit
+from gcs_autotune.identify.coupled.output_error import CoupledSolution
+from gcs_autotune.identify.coupled.record import CoupledRecord, later
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.sname import SIGNALS
 
-__all__ = ["fit_coupled_by_output_error", "fit_of"]
+__all__ = ["fit_coupled_by_output_error", "fit_of", "with_known_delay"]
 
 Array = NDArray[np.float64]
 
@@ -33,35 +33,37 @@ def fit_coupled_by_output_error(case: CoupledCase) -> Fit:
     NotInformative
         No model of this form can be simulated on these runs.
     """
-    form = _with_delay(case.form, case.delay)
+    form = with_known_delay(case.form, case.delay)
     limits = limits_of(form, case)
-    solution = local_fit(form, case.records, limits, robust=case.robust)
-    return fit_of(case, solution, "output-error", ())
+    if case.delay is None and "delay" not in form.parameters:
+        chosen = fit_with_delay(form, case.records, limits, robust=case.robust)
+    else:
+        records = tuple(later(r, form.known.get("delay", 0.0)) for r in case.records)
+        chosen = Delayed(local_fit(form, records, limits, robust=case.robust), records, 0.0)
+    doubts = doubts_of(case, chosen, limits)
+    return fit_of(case, chosen.solution, chosen.records, "output-error", doubts, {"delay_evidence": chosen.evidence})
 
 
-def _with_delay(form: Form, delay: float | None) -> Form:
+def with_known_delay(form: Form, delay: float | None) -> Form:
+    """Return *form* with this delay [s] known, unless there is none to speak of."""
     if delay is None or (delay == 0.0 and "delay" not in form.parameters):
         return form
     return form.fixing({"delay": delay})
 
 
-def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool) -> CoupledSolution:
-    """Fit *form* from the regression's start."""
-    motions = motions_of(form, records, form.known.get("delay", 0.0))
-    theta = regression_start(form, motions, limits)
-    initial = first_states(form, records, motions)
-    found = solve_coupled(form, records, theta, initial, limits, levels=first_levels_of(records), robust=robust)
-    if found is None:
-        raise NotInformative(f"no model '{form.name}' could be simulated on run '{records[0].run}'")
-    return found
-
-
-def fit_of(case: CoupledCase, solution: CoupledSolution, method: str, doubts: Sequence[Doubt]) -> Fit:
+def fit_of(
+    case: CoupledCase,
+    solution: CoupledSolution,
+    records: Sequence[CoupledRecord],
+    method: str,
+    doubts: Sequence[Doubt],
+    extra: Mapping[str, Any],
+) -> Fit:
     """Return what was found, in the words of :class:`Fit`."""
     form, names = solution.form, solution.form.parameters
     units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
     model = CoupledModel(form, dict(zip(names, solution.theta.tolist(), strict=True)))
-    covariance, bounds, k = np.zeros((len(names),) * 2), {}, len(solution.free)
+    covariance, bounds = np.zeros((len(names),) * 2), {}
     places = [names.index(n) for n in solution.free]
     covariance[np.ix_(places, places)] = solution.covariance
     for i, name in enumerate(solution.free):
@@ -85,24 +87,20 @@ def fit_of(case: CoupledCase, solution: CoupledSolution, method: str, doubts: Se
         model=model,
         parameters=parameters,
         covariance=covariance,
-        fit_percent=_fit_percent(solution),
+        fit_percent=fit_percent_of(solution),
         used=case.names,
         noise=solution.noise,
         doubts=tuple(doubts),
-        traces=_traces(case.records, solution),
-        extra={"rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise}, "fitted": k},
+        traces=_traces(records, solution),
+        extra={
+            "signals": list(solution.noise),
+            "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
+            "std_inflation": float(solution.factors.max(initial=1.0)),
+            "residual_correlation_time": solution.correlation,
+            "log_likelihood": solution.log_likelihood,
+            **extra,
+        },
     )
-
-
-def _fit_percent(solution: CoupledSolution) -> float:
-    shares = []
-    for name in solution.laws:
-        own = [r for r in solution.residuals if r.signal.name == name]
-        power = sum(float(np.var(r.signal.values)) * len(r.error) for r in own)
-        left = sum(float(r.error @ r.error) for r in own)
-        if power > 0.0:
-            shares.append(100.0 * (1.0 - np.sqrt(left / power)))
-    return float(np.mean(shares)) if shares else 0.0
 
 
 def _traces(records: Sequence[CoupledRecord], solution: CoupledSolution) -> tuple[Trace, ...]:

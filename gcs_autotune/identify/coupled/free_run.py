@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 ROUNDS = 8
 """Gauss-Newton steps for the initial states; the motion depends on them almost linearly."""
 
+SETTLED = 1e-6
+"""Relative decrease of the misfit at which the steps end early."""
+
 
 def free_runs(model: CoupledModel, trial: Trial) -> list[Trace]:
     """Return one trace per signal of *trial*, its stretches one after the other."""
@@ -82,8 +85,11 @@ def run_freely(model: CoupledModel, record: CoupledRecord) -> list[Trace]:
             break
         error = np.concatenate([(record.signals[n].values - y) / scale[n] for n, (y, _) in found.items()])
         J = np.vstack([by / scale[n] for n, (_, by) in found.items()])
-        if float(error @ error) < cost * (1.0 - 1e-9):
-            best, cost = found, float(error @ error)
+        before, now = cost, float(error @ error)
+        if now < cost * (1.0 - 1e-9):
+            best, cost = found, now
+        if not now < before * (1.0 - SETTLED):
+            break
         step = inverse_of(J.T @ J + 1e-9 * np.eye(J.shape[1])) @ (J.T @ error)
         x_0 = x_0.copy()
         x_0[columns] += step

@@ -12,7 +12,7 @@ from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, STATES, inertia_of
 
-__all__ = ["LONGEST_DELAY", "OPTIONS", "limits_of"]
+__all__ = ["LONGEST_DELAY", "OPTIONS", "limits_of", "physical"]
 
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
@@ -36,14 +36,10 @@ def limits_of(form: Form, case: CoupledCase) -> Limits:
         Bounds for what is not a free parameter, or the wrong way round.
     """
     step = min(float(np.median(np.diff(s.t))) for r in case.records for s in r.signals.values())
-    low, high = {"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY}
+    limits = Limits({"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY})
     if case.options.get("physical", False):
-        for name in form.free:
-            side = _physical_side(name)
-            if side < 0:
-                high[name] = 0.0
-            elif side > 0:
-                low[name] = 0.0
+        limits = limits.within(physical(form))
+    low, high = dict(limits.low), dict(limits.high)
     bounds = case.options.get("bounds") or {}
     for name, (least, most) in bounds.items():
         if name not in (*form.free, "delay"):
@@ -52,6 +48,12 @@ def limits_of(form: Form, case: CoupledCase) -> Limits:
             raise UsageError(f"the bounds of {name} are the wrong way round: {least}, {most}")
         low[name], high[name] = max(float(least), low.get(name, -math.inf)), min(float(most), high.get(name, math.inf))
     return Limits(low, high)
+
+
+def physical(form: Form) -> Limits:
+    """Return the limits that keep inertia positive and let every drag damp."""
+    sides = {n: _physical_side(n) for n in form.free}
+    return Limits({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
 
 
 def _physical_side(name: str) -> int:

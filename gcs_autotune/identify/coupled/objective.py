@@ -46,6 +46,16 @@ class Limits:
         low = np.array([self.low.get(n, -np.inf) for n in names])
         return low, np.array([self.high.get(n, np.inf) for n in names])
 
+    def within(self, other: Limits) -> Limits:
+        """Return the limits that respect both, these first where they contradict each other."""
+        low, high = dict(self.low), dict(self.high)
+        for name in {*other.low, *other.high}:
+            least = max(self.low.get(name, -np.inf), other.low.get(name, -np.inf))
+            most = min(self.high.get(name, np.inf), other.high.get(name, np.inf))
+            if least < most:
+                low[name], high[name] = least, most
+        return Limits(low, high)
+
 
 def free_states(form: Form, record: CoupledRecord) -> tuple[str, ...]:
     """Return the initial states to fit: all that some measured signal depends on."""

@@ -6,6 +6,7 @@ runs, initial states of their own for every stretch, one noise level per kind of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
 from gcs_autotune.identify.axis.objective import information_of
 from gcs_autotune.identify.axis.residuals import Residual
-from gcs_autotune.identify.colour import SIGNIFICANCE, scores_covariance, whiteness
+from gcs_autotune.identify.colour import all_white, correlation_time, scores_covariance
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import inverse_of
@@ -72,8 +73,18 @@ class CoupledSolution:
 
     @property
     def white(self) -> bool:
-        """Whether no signal of any stretch is coloured (Bonferroni over the stretches)."""
-        return all(whiteness(s) > SIGNIFICANCE / len(self.scores) for s in self.scores)
+        """Whether no signal of any stretch is coloured."""
+        return all_white(self.scores)
+
+    @property
+    def correlation(self) -> float:
+        """How many samples make one independent one."""
+        return correlation_time(self.scores)
+
+    def bic(self, correlation: float = 1.0) -> float:
+        """Bayesian information criterion, tempered by a *correlation* time (see ``axis.evidence``)."""
+        n = self.n / correlation
+        return -2.0 * self.log_likelihood / correlation + self.parameters * math.log(n)
 
     def value(self, name: str) -> float:
         """Return a parameter's value."""
@@ -175,7 +186,7 @@ def _covariance(
 
 def _inflation(whole: Array, scores: Sequence[Array], rows: Sequence[Array], k: int) -> Array:
     """Return the factors (k,), 1 or more, by which coloured residuals raise the standard errors."""
-    if all(whiteness(s) > SIGNIFICANCE / len(scores) for s in scores):
+    if all_white(scores):
         return np.ones(k)
     S = scores_covariance([J * s[:, None] for J, s in zip(rows, scores, strict=True)])
     sandwich, fisher = np.diag(whole @ S @ whole)[:k], np.diag(whole)[:k]

@@ -20,7 +20,7 @@ from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["CoupledRecord", "prepare_coupled", "signals_of"]
+__all__ = ["CoupledRecord", "later", "prepare_coupled", "signals_of"]
 
 Array = NDArray[np.float64]
 
@@ -167,3 +167,17 @@ def _cut(
     if not parts:
         raise NotInformative(f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples")
     return tuple(parts)
+
+
+def later(record: CoupledRecord, delay: float) -> CoupledRecord:
+    """Return *record* without the samples that answer to inputs from before the first input stamp.
+
+    What was commanded before the record began is unknown. As it is when too little would be left.
+    """
+    start = float(record.t_in[0]) + delay
+    if delay <= 0.0 or start <= record.start:
+        return record
+    kept = {n: s.since(start) for n, s in record.signals.items()}
+    if any(len(s.t) < MIN_SAMPLES for s in kept.values()):
+        return record
+    return replace(record, signals=kept)

@@ -110,7 +110,9 @@ def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], fl
     at = first[:, None] + np.arange(width)
     span = signal.t[at[:, -1]] - signal.t[at[:, 0]]
     z = (signal.t[at] - signal.t[:, None]) / span[:, None]
-    V = z[:, :, None] ** np.arange(order + 1)
+    V = np.ones((n, width, order + 1))
+    for i in range(1, order + 1):
+        V[:, :, i] = V[:, :, i - 1] * z
     transposed = V.transpose(0, 2, 1)
     inverse = np.linalg.inv(transposed @ V + 1e-12 * np.eye(order + 1))
     c = (inverse @ (transposed @ signal.values[at][:, :, None]))[:, :, 0]

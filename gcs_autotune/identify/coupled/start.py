@@ -1,97 +1,112 @@
-"""Start values of a coupled model: the equations of motion as a linear regression on smoothed motion.
-
-The equations are linear in the parameters (seed 000 (10)-(12)), so ``F - C nu - M nu_dot`` at one unit value after the
-other gives the regressors of every form without writing any of them out.
-"""
+"""Where a coupled fit begins: the regression, and sturdier starts for when the regression leads nowhere."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.objective import Limits, first_input
+from gcs_autotune.identify.axis.likelihood import gaussian_laws
+from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits, first_input
 from gcs_autotune.identify.coupled.record import CoupledRecord
-from gcs_autotune.identify.coupled.smoothing import Motion, smoothed_motion
+from gcs_autotune.identify.coupled.regression import Regression, regression_of
+from gcs_autotune.identify.coupled.smoothing import Motion, first_levels_of, smoothed_motion
+from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import SPECIAL
-from gcs_autotune.models.coupled.kernel import imbalances
-from gcs_autotune.models.coupled.model import inertia_matrix, program_of, states_of
+from gcs_autotune.models.coupled.derivatives import inertia_of
 
-__all__ = ["equation_error", "first_states", "known_theta", "motions_of", "regression_start"]
+__all__ = ["Ground", "ground_of"]
 
 Array = NDArray[np.float64]
 
-RIDGE = 1e-6
-"""Share of each regressor's power added to its own, so that what is not excited stays small."""
+PIECES = 15
+"""Pieces a record is cut into for a start: each begins where the craft was measured to be, so nothing runs away."""
 
-ROUNDS = 3
-"""Rounds of weighing each driven equation by what it leaves. An equation without inputs keeps its weight: it would
-be satisfied best by parameters that are all zero."""
+SHORTEST = 12
+"""Fewest stamps of a piece."""
 
-LEAST = 1e-3
-"""Smallest remainder of an equation, in shares of the largest known force, that its weight is taken from."""
-
-
-def known_theta(form: Form) -> Array:
-    """Return all parameters (p,): known ones as they are, free ones from ``form.start`` or 0."""
-    values = {"lag": 0.2, **form.start, **form.known}
-    return np.array([values.get(n, 0.0) for n in form.parameters])
+LOOSE = 5.0
+"""How much larger than its roughness a signal's noise is taken while the pieces begin at smoothed states."""
 
 
-def regression_start(form: Form, motions: Sequence[Motion], limits: Limits) -> Array:
-    """Return start values (p,): least squares of the equations, each row weighed by what it leaves."""
-    theta = known_theta(form)
-    free = [n for n in form.free if n not in SPECIAL and n not in form.start]
-    if not free:
-        return theta
-    places = [form.parameters.index(n) for n in free]
-    base = np.vstack([equation_error(form, theta, m) for m in motions])
-    columns = []
-    for place in places:
-        one = theta.copy()
-        one[place] += 1.0
-        columns.append(np.vstack([equation_error(form, one, m) for m in motions]) - base)
-    J = np.stack(columns, axis=2)
-    usable = np.all([m.known for m in motions], axis=0)
-    if not usable.any():
-        usable[:] = True
-    low, high = limits.of(free)
-    rms = np.sqrt(np.mean(base**2, axis=0))
-    driven = usable & (rms > 1e-9 * max(float(rms.max()), 1e-300))
-    weight = np.where(usable, 1.0 / np.where(driven, rms, max(float(rms.max()), 1e-12)), 0.0)
-    found = np.zeros(len(free))
-    for _ in range(ROUNDS):
-        A = (J * weight[None, :, None]).reshape(-1, len(free))
-        b = -(base * weight).ravel()
-        G = A.T @ A
-        found = np.clip(np.linalg.lstsq(G + RIDGE * np.diag(np.diag(G)), A.T @ b, rcond=None)[0], low, high)
-        left = np.sqrt(np.mean((base + J @ found) ** 2, axis=0))
-        weight = np.where(driven, 1.0 / np.maximum(left, LEAST * rms.max()), weight)
-    theta[places] = found
-    return theta
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """What is known before any simulation: smoothed motions, the regression, first states and noise levels."""
+
+    form: Form
+    records: tuple[CoupledRecord, ...]
+    motions: tuple[Motion, ...]
+    regression: Regression
+    initial: tuple[Array, ...]
+    levels: Mapping[str, float]
+
+    def starts(self, limits: Limits) -> Iterator[Array]:
+        """Yield start values (p,), the likeliest first.
+
+        The regression; the regression with positive inertia and drag that damps, made better on short pieces; a craft
+        of the right size without any coupling, likewise.
+        """
+        yield self.regression.solve(limits)
+        sturdy = limits.within(physical(self.form))
+        for theta in (self.regression.solve(sturdy), self._plain(sturdy)):
+            better = self.on_pieces(theta, sturdy)
+            if better is not None:
+                yield better
+
+    def on_pieces(self, theta: Array, limits: Limits) -> Array | None:
+        """Fit the parameters from *theta* on to short pieces that begin at smoothed states; None if even these fail."""
+        pieces, initial = [], []
+        for record, motion in zip(self.records, self.motions, strict=True):
+            for piece in _pieces(record):
+                pieces.append(piece)
+                x_0 = np.array([np.interp(piece.start, motion.t, column) for column in motion.X.T])
+                initial.append(_lagged(x_0, piece, self.form))
+        objective = CoupledObjective(self.form, tuple(pieces), self.form.free, theta, tuple(initial), fixed_states=True)
+        laws = gaussian_laws({n: LOOSE * level for n, level in self.levels.items()}, robust=True)
+        found = descend(partial(objective.at, laws=laws), objective.pack(), *objective.limits(limits))
+        return None if found is None else objective.unpack(found.x)[0]
+
+    def _plain(self, limits: Limits) -> Array:
+        """Return values (p,) of a craft without coupling whose inertia and drag are of the size of its forces."""
+        r = self.regression
+        low, high = limits.of(r.names)
+        values = np.where(high <= 0.0, -0.5, np.where(low >= 0.0, 0.5, 0.0)) * r.scales
+        for i, name in enumerate(r.names):
+            inertia = inertia_of(name) if name.endswith("dot") else None
+            if inertia is not None and inertia.row == inertia.column and values[i] == 0.0:
+                values[i] = -1e-3
+        return r.with_values(np.clip(values, low, high))
 
 
-def equation_error(form: Form, theta: Array, motion: Motion) -> Array:
-    """Return ``F - C nu - M nu_dot`` (s, k) on a smoothed motion."""
-    out = np.empty_like(motion.nu_dot)
-    imbalances(program_of(form), theta, inertia_matrix(form, theta), motion.X, motion.nu_dot, motion.inputs, out)
-    return out
+def ground_of(form: Form, records: Sequence[CoupledRecord], delay: float | None = None) -> Ground:
+    """Look at *records* once; *delay* [s] is where a free delay begins."""
+    known = form.known.get("delay", 0.0) if delay is None else delay
+    motions = tuple(smoothed_motion(form, record, known) for record in records)
+    initial = tuple(_lagged(m.X[0].copy(), r, form) for r, m in zip(records, motions, strict=True))
+    regression = regression_of(form, motions, delay)
+    return Ground(form, tuple(records), motions, regression, initial, first_levels_of(records))
 
 
-def first_states(form: Form, records: Sequence[CoupledRecord], motions: Sequence[Motion]) -> tuple[Array, ...]:
-    """Return the states (n,) at every record's start, off the smoothed motion."""
-    k, found = 2 * len(form.dofs), []
-    for record, motion in zip(records, motions, strict=True):
-        x_0 = motion.X[0].copy()
-        if len(x_0) > k:
-            x_0[k:] = first_input(record)
-        assert len(x_0) == len(states_of(form))
-        found.append(x_0)
-    return tuple(found)
+def _lagged(x_0: Array, record: CoupledRecord, form: Form) -> Array:
+    k = 2 * len(form.dofs)
+    if len(x_0) > k:
+        x_0[k:] = first_input(record)
+    return x_0
 
 
-def motions_of(form: Form, records: Sequence[CoupledRecord], delay: float) -> tuple[Motion, ...]:
-    """Return the smoothed motion of every record."""
-    return tuple(smoothed_motion(form, record, delay) for record in records)
+def _pieces(record: CoupledRecord) -> Iterator[CoupledRecord]:
+    """Cut a record into pieces of equal length."""
+    stamps = record.stamps
+    count = max(1, min(PIECES, len(stamps) // SHORTEST))
+    for part in np.array_split(stamps, count):
+        signals = {}
+        for name, signal in record.signals.items():
+            keep = (signal.t >= part[0]) & (signal.t <= part[-1])
+            if keep.any():
+                signals[name] = replace(signal, t=signal.t[keep], values=signal.values[keep])
+        if signals:
+            yield replace(record, signals=signals)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from gcs_autotune.identify.result import LimitCycle
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["cycles_of", "find_cycles"]
+__all__ = ["Settled", "cycles_of", "find_cycles", "settled_cycles"]
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,14 @@ LEVEL_TOLERANCE = 0.05
 
 RELAY_SPREAD = 0.2
 """Largest scatter of a relay's switching positions, as a fraction of the distance between the two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """A limit cycle with the times [s] at which its periods begin and the last one ends, ``(periods + 1,)``."""
+
+    cycle: LimitCycle
+    edges: Array
 
 
 def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
@@ -38,19 +46,21 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     MissingChannel, NotInformative, BadFile
         As :func:`gcs_autotune.identify.axis.record.prepare`.
     """
+    return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
+
+
+def settled_cycles(trial: Trial, record: Record) -> list[Settled]:
+    """Return the limit cycles in *record*, a stretch of *trial*, with the times of their periods."""
     told = trial.meta.get("x_a")
     x_a = float(told) if isinstance(told, (int, float)) else None
     marked = [m.t for m in trial.marks if m.kind == "switch"]
     declared = bool(marked) or trial.meta.get("manoeuvre") == "relay"
-    found: list[LimitCycle] = []
-    for record in prepare(trial, dof):
-        found.extend(cycles_of(record, x_a, marked, declared=declared))
-    return tuple(found)
+    return cycles_of(record, x_a, marked, declared=declared)
 
 
 def cycles_of(
     record: Record, x_a: float | None = None, marked: Sequence[float] = (), *, declared: bool = False
-) -> list[LimitCycle]:
+) -> list[Settled]:
     """Return the limit cycles in one stretch.
 
     Parameters
@@ -58,15 +68,16 @@ def cycles_of(
     marked : switching times [s] that serve when the input itself shows none.
     declared : the run is known to be a relay experiment; else only what behaves like a relay is taken.
     """
-    t, x = _position(record)
-    halves = _half_periods(t, x, record, _switchings(record))
+    switchings = _switchings(record)
+    t, x, nu_0 = _position(record, switchings)
+    halves = _half_periods(t, x, record, switchings)
     if len(halves) < 2 and len(marked) > 2:
         halves = _half_periods(t, x, record, np.asarray(marked, dtype=np.float64))
     found = []
     for group in _groups(halves):
         best = _settled(group, x_a) if declared or _is_relay(group) else None
         if best is not None:
-            found.append(best)
+            found.append(replace(best, cycle=replace(best.cycle, nu_0=nu_0)))
     return found
 
 
@@ -79,14 +90,25 @@ def _is_relay(halves: Sequence[HalfPeriod]) -> bool:
     return max(float(np.median(np.abs(s - np.median(s)))) for s in (one, other)) < RELAY_SPREAD * apart
 
 
-def _position(record: Record) -> tuple[Array, Array]:
-    """Return the position; without one the integral of velocity less its mean, thesis (6.48)."""
-    if record.position is not None:
-        return record.position.t, record.position.values
-    velocity = record.main
-    free = velocity.values - velocity.values.mean()
-    steps = 0.5 * (free[1:] + free[:-1]) * np.diff(velocity.t)
-    return velocity.t, np.concatenate([[0.0], np.cumsum(steps)])
+def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
+    """Return stamps, position, and the mean velocity taken out of it.
+
+    Without a position, and in surge and sway whose ``x`` and ``y`` need not be ahead and starboard, it is the
+    velocity integrated about its mean, thesis (6.48). The mean is taken over whole periods, later ones only:
+    over anything else the integral would drift.
+    """
+    ashore = record.dof.name in ("surge", "sway") and record.velocity is not None
+    if record.position is not None and not ashore:
+        return record.position.t, record.position.values, 0.0
+    velocity = record.main if record.velocity is None else record.velocity
+    t, nu = velocity.t, velocity.values
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (nu[1:] + nu[:-1]) * np.diff(t))])
+    inside = switchings[(switchings >= t[0]) & (switchings <= t[-1])]
+    periods = (len(inside) - 1) // 2
+    first, last = (inside[-1 - 2 * ((periods + 1) // 2)], inside[-1]) if periods >= 1 else (t[0], t[-1])
+    from_, to = np.interp([first, last], t, area)
+    nu_0 = float((to - from_) / (last - first))
+    return t, area - nu_0 * (t - t[0]), nu_0
 
 
 def _switchings(record: Record) -> Array:
@@ -151,7 +173,7 @@ def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
     return [g for g in groups if len(g) >= 2]
 
 
-def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> LimitCycle | None:
+def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> Settled | None:
     """Return the mean of the last periods, as many (five or more) as make it most certain.
 
     Scatter over the square root of their number: more periods help until the first ones bring in the transient.
@@ -161,4 +183,6 @@ def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> LimitCycle | No
     if not cycles:
         return None
     best = min(cycles, key=lambda c: c.scatter / math.sqrt(c.periods))
-    return best if best.X_m > 0.0 else replace(best, valid=False)
+    used = halves[-2 * best.periods :]
+    edges = np.array([h.start for h in used[::2]] + [used[-1].end])
+    return Settled(best if best.X_m > 0.0 else replace(best, valid=False), edges)

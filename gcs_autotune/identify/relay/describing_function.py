@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["from_delay", "from_integrators", "is_valid", "relay", "relay_bias"]
+__all__ = ["from_delay", "from_integrators", "is_valid", "quadratic_drag", "relay", "relay_bias"]
 
 
 def is_valid(X_m: float, x_a: float, x_0: float = 0.0) -> bool:
@@ -43,3 +43,18 @@ def from_delay(P: float, Q: float, omega: float, delay: float) -> tuple[float, f
     """Return ``(P, Q)`` with a known *delay* [s] of the process joined to the relay, thesis (6.31)."""
     cosine, sine = math.cos(omega * delay), math.sin(omega * delay)
     return P * cosine + Q * sine, Q * cosine - P * sine
+
+
+def quadratic_drag(nu_0: float, amplitude: float) -> tuple[float, float]:
+    """Return mean and gain of ``|nu| nu`` for ``nu = nu_0 + amplitude sin(omega t)``, amplitude > 0.
+
+    The thesis gives the gain for ``nu_0 = 0``, ``8/(3 pi) amplitude`` in (6.41)-(6.43); here its Fourier integrals
+    are taken for any *nu_0*, because surge may oscillate around a speed (6.48). Beyond ``|nu_0| = amplitude`` the
+    velocity never changes sign and the gain is ``2 |nu_0|``.
+    """
+    if abs(nu_0) >= amplitude:
+        return math.copysign(nu_0**2 + 0.5 * amplitude**2, nu_0), 2.0 * abs(nu_0)
+    s = nu_0 / amplitude
+    theta, c = math.asin(s), math.sqrt(1.0 - s * s)
+    mean = amplitude**2 / math.pi * ((2.0 * s * s + 1.0) * theta + 3.0 * s * c)
+    return mean, 4.0 * amplitude / math.pi * (s * theta + c - c**3 / 3.0)

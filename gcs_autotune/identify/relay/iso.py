@@ -7,12 +7,10 @@ Both drag structures come from the same reading. All corrections are applied: bi
 
 from __future__ import annotations
 
-import math
-
-from gcs_autotune.identify.relay.describing_function import from_delay, relay
+from gcs_autotune.identify.relay.describing_function import from_delay, quadratic_drag, relay
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 
-__all__ = ["estimate"]
+__all__ = ["constant_force", "estimate"]
 
 
 def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
@@ -28,12 +26,22 @@ def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
     """
     P, Q = relay(cycle.C, cycle.X_m, cycle.x_a_star, cycle.x_0)
     P, Q = from_delay(P, Q, cycle.omega, delay)
-    mean = cycle.offset + cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)
+    beta = -Q / cycle.omega
     return IsoEstimate(
         cycle=cycle,
         alpha=P / cycle.omega**2,
-        beta=-Q / cycle.omega,
-        beta_quadratic=-3.0 * math.pi / 8.0 * Q / (cycle.X_m * cycle.omega**2),
-        delta=-mean,
+        beta=beta,
+        beta_quadratic=beta / quadratic_drag(cycle.nu_0, cycle.omega * cycle.X_m)[1],
+        delta=constant_force(cycle, beta, 0.0),
         delay=delay,
     )
+
+
+def constant_force(cycle: LimitCycle, beta: float, beta_quadratic: float) -> float:
+    """Return what balances drag and input in the mean over *cycle*, on the side of the input; thesis (6.47).
+
+    With no mean velocity it is minus the input's mean, whatever the drag.
+    """
+    lost, _ = quadratic_drag(cycle.nu_0, cycle.omega * cycle.X_m)
+    given = cycle.offset + cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)
+    return beta * cycle.nu_0 + beta_quadratic * lost - given

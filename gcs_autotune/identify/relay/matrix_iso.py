@@ -2,77 +2,146 @@
 
 ``G(s) = sum b_i s^i / sum a_i s^i * exp(-s T_d) / s^k`` with ``a_0 = 1``. Each experiment balances one complex
 equation, ``sum a_i (j omega)^i + (P* + j Q*) sum b_i (j omega)^i = 0``; its real and imaginary parts are two rows.
+What stands for ``P + j Q`` is the relay's describing function, good to the first harmonic
+(:func:`identify_process`), or ``-1/G`` measured at any frequency (:func:`process_from_response`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.relay.describing_function import from_delay, from_integrators, relay
 from gcs_autotune.identify.result import LimitCycle
+from gcs_autotune.models.transfer_function import TransferFunction
 
-__all__ = ["TransferFunction", "experiments_needed", "identify_transfer_function"]
+__all__ = ["experiments_needed", "identify_process", "process_from_response"]
 
+Array = NDArray[np.float64]
 
-@dataclass(frozen=True, slots=True)
-class TransferFunction:
-    """``numerator`` b_0..b_m, ``denominator`` a_0..a_n (rising powers, a_0 = 1), *integrators*, *delay* [s]."""
-
-    numerator: tuple[float, ...]
-    denominator: tuple[float, ...]
-    integrators: int
-    delay: float
+ROUNDS = 12
+"""Solutions of the weighted equations. Chosen: the weights settle in five to eight."""
 
 
-def experiments_needed(n: int, m: int) -> int:
-    """Return how many limit cycles determine *n* poles and *m* zeros, thesis (6.11)."""
-    return math.ceil((n + m + 1) / 2)
+def experiments_needed(n: int, m: int, *, gain_known: bool = False) -> int:
+    """Return how many limit cycles determine *n* poles and *m* zeros, thesis (6.11); one unknown less with b_0."""
+    return math.ceil((n + m + (0 if gain_known else 1)) / 2)
 
 
-def identify_transfer_function(
-    cycles: Sequence[LimitCycle], n: int, m: int, integrators: int = 0, delay: float = 0.0
+def identify_process(
+    cycles: Sequence[LimitCycle],
+    n: int,
+    m: int,
+    integrators: int = 0,
+    delay: float = 0.0,
+    *,
+    gain: float | None = None,
 ) -> TransferFunction:
-    """Identify the coefficients by least squares over all *cycles*.
+    """Identify a linear process from limit cycles, to the first harmonic.
 
-    Columns are scaled before the pseudo-inverse (6.19), because powers of omega differ by orders of magnitude.
+    Bias ``x_0`` and real switching value ``x_a*`` of each cycle are used; *integrators* as (6.25), *delay* [s] as
+    (6.31).
+
+    Parameters
+    ----------
+    n, m : poles (integrators not counted) and zeros, n > m unless there are integrators.
+    gain : b_0 where it is known, such as 1 for a closed loop with integral action, thesis (6.51).
 
     Raises
     ------
     NotInformative
         Too few cycles, or cycles too alike for the order asked for.
     """
-    needed = experiments_needed(n, m)
-    if len(cycles) < needed:
+    balance = [complex(*relay(c.C, c.X_m, c.x_a_star, c.x_0)) for c in cycles]
+    return _solve([c.omega for c in cycles], balance, n, m, integrators, delay, gain, np.ones(len(cycles)))
+
+
+def process_from_response(
+    omega: ArrayLike,
+    response: ArrayLike,
+    n: int,
+    m: int,
+    integrators: int = 0,
+    delay: float = 0.0,
+    *,
+    gain: float | None = None,
+    std: ArrayLike | None = None,
+) -> TransferFunction:
+    """Identify a linear process from its measured frequency response by the same matrices.
+
+    Three harmonics of one limit cycle are three points: what the describing function leaves out is put to use.
+
+    Parameters
+    ----------
+    omega : (k,) [rad/s]. response : (k,) complex, of the whole process with its integrators and delay.
+    std : (k,) standard deviation of *response*; the rows are weighted by it, relative to the response.
+
+    Raises
+    ------
+    NotInformative
+        As :func:`identify_process`.
+    """
+    value = np.asarray(response, dtype=np.complex128)
+    weight = np.ones(len(value)) if std is None else np.abs(value) / np.asarray(std, dtype=np.float64)
+    return _solve(list(np.asarray(omega, dtype=np.float64)), list(-1.0 / value), n, m, integrators, delay, gain, weight)
+
+
+def _solve(
+    omega: Sequence[float],
+    balance: Sequence[complex],
+    n: int,
+    m: int,
+    integrators: int,
+    delay: float,
+    gain: float | None,
+    weight: Array,
+) -> TransferFunction:
+    """Solve (6.16) by least squares (6.19).
+
+    With more equations than the least the rows are weighed so that *relative* errors of the response count: each is
+    divided by the denominator found before it (Sanathanan and Koerner 1963).
+    """
+    unknown = n + m + (1 if gain is None else 0)
+    needed = experiments_needed(n, m, gain_known=gain is not None)
+    if len(omega) < needed:
         raise NotInformative(
-            f"{n} poles and {m} zeros need {needed} limit cycles, {len(cycles)} given: "
+            f"{n} poles and {m} zeros need {needed} limit cycles or frequencies, {len(omega)} given: "
             "fly further relay experiments with other C or x_a, or ask for a lower order"
         )
-    rows = [_balance(cycle, n, m, integrators, delay) for cycle in cycles]
-    table = np.concatenate([[row.real, row.imag] for row in rows])
-    wanted = np.tile([-1.0, 0.0], len(cycles))
+    rows = np.array([_row(w, v, n, m, integrators, delay) for w, v in zip(omega, balance, strict=True)])
+    powers = (1j * np.asarray(omega))[:, None] ** np.arange(n + 1)
+    known = -np.ones(len(rows), dtype=np.complex128)
+    if gain is not None:
+        known -= gain * rows[:, n]
+        rows = np.delete(rows, n, axis=1)
+    size = np.ones(len(rows)) if len(omega) == needed else weight
+    for _ in range(1 if len(omega) == needed else ROUNDS):
+        theta, rank = _least_squares(np.asarray(rows * size[:, None], dtype=np.complex128), known * size)
+        if rank < unknown:
+            raise NotInformative(
+                f"the {len(omega)} limit cycles are too alike to determine {n} poles and {m} zeros: "
+                "use relays of clearly different C or x_a, or ask for a lower order"
+            )
+        size = weight / np.maximum(np.abs(powers @ [1.0, *theta[:n]]), np.finfo(float).tiny)
+    b = theta[n:] if gain is None else [gain, *theta[n:]]
+    return TransferFunction(tuple(b), (1.0, *theta[:n]), integrators, delay)
+
+
+def _least_squares(rows: NDArray[np.complex128], known: NDArray[np.complex128]) -> tuple[list[float], int]:
+    """Return the real solution and the rank; columns scaled, because powers of omega differ by orders of magnitude."""
+    table, wanted = np.concatenate([rows.real, rows.imag]), np.concatenate([known.real, known.imag])
     scale = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
     solution, _, rank, _ = np.linalg.lstsq(table / scale, wanted, rcond=1e-10)
-    if rank < n + m + 1:
-        raise NotInformative(
-            f"the {len(cycles)} limit cycles are too alike to determine {n} poles and {m} zeros: "
-            "use relays of clearly different C or x_a, or ask for a lower order"
-        )
-    theta = solution / scale
-    a, b = (float(v) for v in theta[:n]), (float(v) for v in theta[n:])
-    return TransferFunction(tuple(b), (1.0, *a), integrators, delay)
+    return [float(v) for v in solution / scale], int(rank)
 
 
-def _balance(cycle: LimitCycle, n: int, m: int, integrators: int, delay: float) -> NDArray[np.complex128]:
+def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay: float) -> NDArray[np.complex128]:
     """Return the row of ``a_1..a_n, b_0..b_m``, thesis (6.17)-(6.18) in complex form."""
-    P, Q = relay(cycle.C, cycle.X_m, cycle.x_a_star, cycle.x_0)
-    P, Q = from_delay(*from_integrators(P, Q, cycle.omega, integrators), cycle.omega, delay)
-    s = 1j * cycle.omega
-    poles = [s**i for i in range(1, n + 1)]
-    zeros = [complex(P, Q) * s**i for i in range(m + 1)]
-    return np.array(poles + zeros, dtype=np.complex128)
+    P, Q = from_integrators(balance.real, balance.imag, omega, integrators)
+    P, Q = from_delay(P, Q, omega, delay)
+    s = 1j * omega
+    return np.array([*(s**i for i in range(1, n + 1)), *(complex(P, Q) * s**i for i in range(m + 1))])

@@ -43,8 +43,8 @@ REACH = 0.25
 RUNAWAY = 1e6
 """State at which a simulation is given up."""
 
-MAX_STEPS = 400
-"""Steps per interval between stamps before a simulation is given up as hopelessly stiff."""
+MAX_STEPS, FREE_STEPS = 20, 20000
+"""Steps per stamp, beyond so many at all, before a simulation is given up as hopelessly stiff."""
 
 
 class Program(NamedTuple):
@@ -420,27 +420,26 @@ def _advance(
     y: Array,
     Y: Array,
     W: Scratch,
-) -> float:
-    """Advance state and sensitivities by *span*; return the fastest rate met, negative when it ran away."""
+) -> tuple[bool, float]:
+    """Advance state and sensitivities by *span*; return whether they stayed finite, and the fastest rate met."""
     n, q = S.shape
     steps = int(np.ceil(span * pace / REACH))
     if steps < 1:
         steps = 1
-    if steps > MAX_STEPS:
-        return -1.0
     h = span / steps
     fastest = 0.0
-    for _ in range(steps):
+    for step in range(steps):
         for stage in range(4):
             c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
             for i in range(n):
                 y[i] = x[i] + (c * h * kx[stage - 1, i] if stage > 0 else 0.0)
-            _evaluate(P, theta, M, M_inverse, y, u, free, deriv, f, A, B, W)
+            begin = stage == 0 and step == 0
+            _evaluate(P, theta, M, M_inverse, y, u, free, deriv or begin, f, A, B, W)
             for i in range(n):
                 kx[stage, i] = f[i]
+            if begin:
+                fastest = _rate(A)
             if deriv:
-                if stage == 0:
-                    fastest = max(fastest, _rate(A))
                 for i in range(n):
                     for j in range(q):
                         Y[i, j] = S[i, j] + (c * h * ks[stage - 1, i, j] if stage > 0 else 0.0)
@@ -455,11 +454,11 @@ def _advance(
         for i in range(n):
             x[i] += h / 6.0 * (kx[0, i] + 2.0 * kx[1, i] + 2.0 * kx[2, i] + kx[3, i])
             if not abs(x[i]) < RUNAWAY:
-                return -1.0
+                return False, fastest
             if deriv:
                 for j in range(q):
                     S[i, j] += h / 6.0 * (ks[0, i, j] + 2.0 * ks[1, i, j] + 2.0 * ks[2, i, j] + ks[3, i, j])
-    return fastest
+    return True, fastest
 
 
 @njit(cache=True, nogil=True)
@@ -479,12 +478,13 @@ def sweep(
     pace: float,
     X: Array,
     S_out: Array,
-) -> float:
+) -> tuple[bool, float]:
     """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and with *deriv* ``S_out`` (s, n, q).
 
     inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column :
     (n,) column of the sensitivity to each initial state, -1 if it is known. pace : fastest rate [1/s] expected.
-    Returns the fastest rate met (0 without derivatives), -1 when the motion ran away.
+    free : as for :func:`evaluate`, all -1 without *deriv*. Returns whether
+    the motion stayed finite, and the fastest rate met.
     """
     n = len(x_0)
     x = x_0.copy()
@@ -499,6 +499,7 @@ def sweep(
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     delay_column = free[P.delay] if P.delay >= 0 else -1
     t, j, fastest = t_out[0], 0, 0.0
+    spent, allowed = 0.0, FREE_STEPS + MAX_STEPS * len(t_out)
     while j + 1 < len(t_in) and t_in[j + 1] + delay <= t:
         j += 1
     for s in range(len(t_out)):
@@ -507,10 +508,13 @@ def sweep(
             stop = t_in[j + 1] + delay if jump else t_out[s]
             if stop > t:
                 span, held = stop - t, inputs[j]
-                rate = _advance(P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W)
-                if rate < 0.0:
-                    return -1.0
+                finite, rate = _advance(
+                    P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
+                )
+                spent += span * pace / REACH
                 fastest = max(fastest, rate)
+                if not finite or spent > allowed:
+                    return False, fastest
                 t = stop
             if jump:
                 if deriv and delay_column >= 0:
@@ -524,7 +528,7 @@ def sweep(
             if deriv:
                 for c in range(q):
                     S_out[s, i, c] = S[i, c]
-    return fastest
+    return True, fastest
 
 
 @njit(cache=True)

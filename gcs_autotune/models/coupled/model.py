@@ -31,6 +31,13 @@ PACES = 2.0 ** (np.arange(-8, 41) / 2.0)
 """Rates [1/s] a simulation's step may be made for: a fixed ladder, so that nearby parameters take the same steps."""
 
 
+TRIES, FINER = 4, 8.0
+"""A motion that runs away is tried again with steps this much shorter, as steps too long run away by themselves."""
+
+SLACK = 0.2
+"""A simulation far slower than its steps, in shares of their pace, lets the next one take longer steps again."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledMotion:
     """A simulated run: ``values[signal]`` (s,) at the stamps asked for, ``finite`` False when it ran away.
@@ -63,6 +70,7 @@ class Simulator:
             [len(self.free) + self.free_states.index(n) if n in self.free_states else -1 for n in self.states],
             dtype=np.int64,
         )
+        self._none = np.full_like(self._free, -1)
         self._pace = 1.0
 
     @property
@@ -98,8 +106,8 @@ class Simulator:
         n, q = len(self.states), len(self.free) + len(self.free_states)
         X = np.empty((len(t_out), n))
         S = np.empty((len(t_out), n, q)) if sensitivities else np.empty((0, 0, 0))
-        while True:
-            fastest = kernel.sweep(
+        for _ in range(TRIES):
+            finite, fastest = kernel.sweep(
                 self.program,
                 np.asarray(theta, dtype=np.float64),
                 M,
@@ -108,7 +116,7 @@ class Simulator:
                 np.ascontiguousarray(t_in, dtype=np.float64),
                 np.ascontiguousarray(inputs, dtype=np.float64),
                 np.ascontiguousarray(t_out, dtype=np.float64),
-                self._free,
+                self._free if sensitivities else self._none,
                 self._states,
                 q if sensitivities else 1,
                 sensitivities,
@@ -116,10 +124,12 @@ class Simulator:
                 X,
                 S,
             )
-            if fastest < 0.0 or fastest <= self._pace:
+            if not self._pace < fastest < PACES[-1]:
                 break
-            self._pace = float(PACES[min(int(np.searchsorted(PACES, 1.2 * fastest)), len(PACES) - 1)])
-        return None if fastest < 0.0 else (X, S)
+            self._pace = _pace(fastest) if finite else _pace(min(fastest, FINER * self._pace))
+        if fastest < SLACK * self._pace or not finite:
+            self._pace = _pace(fastest) if finite else 1.0
+        return (X, S) if finite and fastest <= self._pace else None
 
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         """Return one signal (s,) and its sensitivities (s, q) from what :meth:`run` gave.
@@ -222,6 +232,11 @@ class CoupledModel:
     def with_values(self, values: Mapping[str, float]) -> CoupledModel:
         """Return the model with some values replaced."""
         return replace(self, values={**self.values, **values})
+
+
+def _pace(fastest: float) -> float:
+    """Return the rung of the ladder for a fastest rate [1/s]."""
+    return max(1.0, float(PACES[min(int(np.searchsorted(PACES, 1.2 * fastest)), len(PACES) - 1)]))
 
 
 def states_of(form: Form) -> tuple[str, ...]:

@@ -44,3 +44,20 @@ def test_fourteen_parameters_come_out_within_their_standard_errors(fitted: Fit) 
 def test_noise_levels_are_those_that_were_added(fitted: Fit) -> None:
     for name in ("u", "v", "r", "psi"):
         assert fitted.noise[name] == pytest.approx(NOISE[name], rel=0.1)
+
+
+def test_a_run_of_another_vehicle_is_named(runs: list[Trial]) -> None:
+    stranger = sailed(3, boat={**BOAT, "X_udot": -60.0, "N_r": -6.0})
+    doubts = {d.slug: d for d in fit([*runs, stranger], FORM, delay=0.0).doubts}
+    assert "run-apart" in doubts
+    assert "'run 3'" in doubts["run-apart"].cause
+
+
+def test_runs_of_one_craft_raise_no_doubt(fitted: Fit) -> None:
+    assert fitted.doubts == ()
+
+
+def test_a_delay_is_found_and_none_is_made_up(runs: list[Trial]) -> None:
+    late = fit([sailed(seed, delay=0.35) for seed in (1, 2)], FORM)
+    assert late.parameters["delay"].value == pytest.approx(0.35, abs=0.03)
+    assert "delay" not in fit(runs, FORM).parameters

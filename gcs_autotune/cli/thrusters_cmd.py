@@ -1,0 +1,64 @@
+"""``gcs-autotune thrusters``: a thruster's map from a pull test, a propeller's coefficients from an open-water test."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from gcs_autotune.cli.command import Command
+
+__all__ = ["COMMAND"]
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="CSV with name[unit] heads: n[rpm],T[N] or pwm[us],T[kgf]"
+    )
+    parser.add_argument(
+        "--command", dest="column", metavar="COLUMN", help="column of the command (default: n, command, pwm ...)"
+    )
+    parser.add_argument("--force", metavar="COLUMN", help="column of the force (default: T, force, thrust ...)")
+    parser.add_argument("--neutral", type=float, metavar="C", help="command of no force, when known (default: found)")
+    water = parser.add_argument_group("open-water test: columns n, V_A, T and perhaps Q")
+    water.add_argument("--diameter", type=float, metavar="M", help="propeller diameter; gives K_T(J) and K_Q(J)")
+    water.add_argument("--density", type=float, default=1000.0, metavar="KG_M3", help="of the water (default 1000)")
+    parser.add_argument("--json", action="store_true", help="print JSON on standard output")
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from gcs_autotune.identify.thrusters import (
+        fit_bilinear,
+        fit_open_water,
+        fit_thruster,
+        read_columns,
+        read_open_water,
+        read_pull_test,
+    )
+    from gcs_autotune.report.thrusters import propeller_summary, thruster_summary
+
+    if args.diameter is not None or (args.column is None and "V_A" in read_columns(args.file)):
+        test = read_open_water(args.file)
+        found = fit_bilinear(test) if args.diameter is None else fit_open_water(test, args.diameter, rho=args.density)
+        shown, data = propeller_summary(found), found.to_dict()
+    else:
+        fit = fit_thruster(read_pull_test(args.file, command=args.column, force=args.force), neutral=args.neutral)
+        shown, data = thruster_summary(fit), fit.to_dict()
+    if args.json:
+        sys.stdout.write(json.dumps(data, indent=1) + "\n")
+    else:
+        Console().print(shown)
+    return 0
+
+
+COMMAND = Command(
+    name="thrusters",
+    help="map a thruster's command to force from a pull test",
+    description="Map command to force from a pull test: coefficients ahead and astern, dead zone, and the commands "
+    "that undo them; or K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

@@ -1,0 +1,137 @@
+"""One run of another vehicle among the rest: found by what the others say without it.
+
+First cheaply: at the common fit every run pulls the parameters its own way, ``g_i`` (the gradient of its cost,
+initial states eliminated). Were all runs of one craft, ``g_i`` would have the covariance ``I_i - I_i I^-1 I_i`` with
+``I_i`` its information and ``I`` that of all, so ``g_i^T (...)^+ g_i`` is chi-squared. Only when some run stands out so
+is each left out in turn and the rest fitted again: the odd one is that whose absence lets the others agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from gcs_autotune.identify.coupled.objective import Limits
+from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.result import Doubt
+
+__all__ = ["run_apart"]
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-6
+"""Chance of looking closer at runs that do agree."""
+
+RELIEF = 1.3
+"""Without the odd run the noise of some signal falls by this factor at least."""
+
+MISFIT = 1.5
+"""And the odd run, simulated with what the others say, misses by this many times their noise at least."""
+
+
+def run_apart(solution: CoupledSolution, records: Sequence[CoupledRecord], limits: Limits) -> Doubt | None:
+    """Return a doubt that names the run which does not belong to the rest, None when all agree."""
+    runs = list(dict.fromkeys(r.run.split("#")[0] for r in records))
+    if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
+        return None
+    if len(runs) == 2:
+        return _two_apart(solution, records, runs, limits)
+    best: tuple[float, float, str] | None = None
+    for run in runs:
+        rest = [i for i, r in enumerate(records) if r.run.split("#")[0] != run]
+        alone = _fitted(solution, records, rest, limits)
+        if alone is None:
+            continue
+        relief = max(solution.noise[n] / alone.noise[n] for n in alone.noise)
+        own = [i for i in range(len(records)) if i not in rest]
+        misfit = _misfit(alone, solution, records, own)
+        if relief > RELIEF and misfit > MISFIT and (best is None or relief > best[0]):
+            best = (relief, misfit, run)
+    if best is None:
+        return None
+    relief, misfit, run = best
+    return Doubt(
+        "run-apart",
+        f"run '{run}' does not fit the others: a model of theirs misses it by {misfit:.1f} times their noise, and "
+        f"without it the noise falls by a factor {relief:.1f}",
+        f"leave '{run}' out: it may be of another vehicle, load or input scale; identify it by itself",
+    )
+
+
+def _two_apart(
+    solution: CoupledSolution, records: Sequence[CoupledRecord], runs: Sequence[str], limits: Limits
+) -> Doubt | None:
+    """Of two runs none can be called the odd one; they can only be called different."""
+    relief = np.inf
+    for run in runs:
+        alone = _fitted(solution, records, [i for i, r in enumerate(records) if r.run.split("#")[0] == run], limits)
+        if alone is None:
+            return None
+        relief = min(relief, max(solution.noise[n] / alone.noise[n] for n in alone.noise))
+    if relief < RELIEF:
+        return None
+    return Doubt(
+        "runs-disagree",
+        f"runs '{runs[0]}' and '{runs[1]}' speak for different models: each alone is fitted {relief:.1f} times better",
+        "did load, speed or battery change between the runs? identify them one by one, or fly a third",
+    )
+
+
+def _strangeness(solution: CoupledSolution, records: Sequence[CoupledRecord], runs: Sequence[str]) -> list[float]:
+    """Return minus the logarithm of each run's chance, residuals' correlation allowed for."""
+    k, total, parts = len(solution.free), None, []
+    for run in runs:
+        mine = [i for i, r in enumerate(records) if r.run.split("#")[0] == run]
+        J = np.vstack([J for r, J in zip(solution.residuals, solution.rows, strict=True) if r.record in mine])
+        e = np.concatenate([s for r, s in zip(solution.residuals, solution.scores, strict=True) if r.record in mine])
+        states = J[:, k:][:, np.any(J[:, k:] != 0.0, axis=0)]
+        if states.shape[1]:
+            basis, _ = np.linalg.qr(states)
+            shared = J[:, :k] - basis @ (basis.T @ J[:, :k])
+        else:
+            shared = J[:, :k]
+        information = shared.T @ shared
+        parts.append((information, shared.T @ e))
+        total = information if total is None else total + information
+    assert total is not None
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-300))
+    inverse = np.linalg.pinv(total * np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    found = []
+    for information, g in parts:
+        I = information * np.outer(scale, scale)  # noqa: E741 - the field's name for an information
+        spread = (I - I @ inverse @ I) * solution.correlation
+        values, vectors = np.linalg.eigh(spread)
+        loose = values > 1e-8 * max(float(values[-1]), 1e-300)
+        statistic = float(np.sum((vectors.T @ (g * scale))[loose] ** 2 / values[loose]))
+        found.append(-float(chi2.logsf(statistic, int(loose.sum()))))
+    return found
+
+
+def _fitted(
+    solution: CoupledSolution, records: Sequence[CoupledRecord], chosen: Sequence[int], limits: Limits
+) -> CoupledSolution | None:
+    return solve_coupled(
+        solution.form,
+        [records[i] for i in chosen],
+        solution.theta,
+        [solution.initial[i] for i in chosen],
+        limits,
+        levels={n: v for n, v in solution.noise.items() if any(n in records[i].signals for i in chosen)},
+    )
+
+
+def _misfit(
+    alone: CoupledSolution, solution: CoupledSolution, records: Sequence[CoupledRecord], own: Sequence[int]
+) -> float:
+    """Return by how many times *alone*'s noise the runs *own* are missed with its parameters, states fitted."""
+    initial = [solution.initial[i] for i in own]
+    levels = {n: v for n, v in alone.noise.items() if any(n in records[i].signals for i in own)}
+    chosen = [records[i] for i in own]
+    found = solve_coupled(alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=())
+    if found is None:
+        return float("inf")
+    return max((found.noise[n] / alone.noise[n] for n in found.noise if n in alone.noise), default=0.0)

@@ -1,0 +1,106 @@
+"""Does the craft answer late? A delay is fitted and kept on strong evidence only, as for single axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.axis.structure import DELAY_EVIDENCE, FIRST_MARGIN, SEARCHED_DELAYS
+from gcs_autotune.identify.coupled.local import local_fit
+from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
+from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.coupled.record import CoupledRecord, later
+from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.models.coupled import Form
+
+__all__ = ["Delayed", "fit_with_delay"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Delayed:
+    """The fit chosen, the records it was made on, and the evidence (difference of the criterion) for a delay."""
+
+    solution: CoupledSolution
+    records: tuple[CoupledRecord, ...]
+    evidence: float
+
+
+def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool) -> Delayed:
+    """Fit *form* without a delay, and with one where that may help.
+
+    One Gauss-Newton step from no delay tells what a delay could gain at all; only then, or when the residuals are
+    coloured, both are fitted to the same samples: those that do not answer to inputs from before the record.
+    """
+    whole = tuple(records)
+    plain = local_fit(form, whole, limits, robust=robust)
+    hint, gain = _one_step(plain, whole)
+    if plain.white and gain < math.log(max(plain.n, 2)):
+        return Delayed(plain, whole, gain - math.log(max(plain.n, 2)))
+    margin = FIRST_MARGIN
+    while True:
+        late = tuple(later(r, margin) for r in whole)
+        without = local_fit(form, late, limits, robust=robust)
+        lagged = _lagged(form, late, limits, without, hint, robust)
+        if lagged is None or lagged.value("delay") <= margin:
+            break
+        margin = 1.2 * lagged.value("delay")
+    if lagged is None:
+        return Delayed(plain, whole, 0.0)
+    correlation = lagged.correlation
+    evidence = without.bic(correlation) - lagged.bic(correlation)
+    place = lagged.free.index("delay")
+    std = math.sqrt(float(lagged.covariance[place, place]))
+    if evidence > DELAY_EVIDENCE and lagged.value("delay") > 3.0 * std and "delay" not in lagged.at_bound:
+        return Delayed(lagged, late, evidence)
+    return Delayed(plain, whole, evidence)
+
+
+def _one_step(plain: CoupledSolution, records: Sequence[CoupledRecord]) -> tuple[float, float]:
+    """Return the delay of one Gauss-Newton step from none, and by how much the cost would fall."""
+    form = plain.form.freeing("delay")
+    theta = np.array([*plain.theta[: len(plain.form.free)], 0.0, *plain.theta[len(plain.form.free) :]])
+    objective = CoupledObjective(form, tuple(records), form.free, theta, plain.initial)
+    local = objective.at(objective.pack(), plain.laws)
+    if local is None:
+        return 0.0, 0.0
+    step = -inverse_of(local.curvature) @ local.gradient
+    at = form.free.index("delay")
+    return float(step[at]), float(-local.gradient @ step)
+
+
+def _lagged(
+    form: Form,
+    records: Sequence[CoupledRecord],
+    limits: Limits,
+    without: CoupledSolution,
+    hint: float,
+    robust: bool,
+) -> CoupledSolution | None:
+    """Return the best fit with a delay, from the hint and from a regression at each of some delays."""
+    freed = form.freeing("delay")
+    p = len(form.free)
+    best: CoupledSolution | None = None
+    starts = [(np.array([*without.theta[:p], max(hint, 0.02), *without.theta[p:]]), without.initial)]
+    grounds = [ground_of(freed, records, delay) for delay in SEARCHED_DELAYS]
+    for ground in grounds:
+        starts.append((ground.regression.solve(limits), ground.initial))
+    scored = []
+    for theta, initial in starts:
+        objective = CoupledObjective(freed, tuple(records), freed.free, theta, tuple(initial))
+        local = objective.at(objective.pack(), without.laws)
+        scored.append(np.inf if local is None else local.cost)
+    for i in np.argsort(scored)[:2]:
+        if not np.isfinite(scored[i]):
+            continue
+        theta, initial = starts[i]
+        found = solve_coupled(freed, records, theta, initial, limits, levels=without.noise, robust=robust)
+        if found is not None and (best is None or found.log_likelihood > best.log_likelihood):
+            best = found
+    return best

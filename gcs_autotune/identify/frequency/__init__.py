@@ -1,0 +1,29 @@
+"""Frequency domain: what control people look at first.
+
+============  ===================================================================================
+response      the empirical response as a value: frequencies, complex gains, coherence, uncertainty
+spectrum      it, from any run: cross spectra with sine tapers
+harmonics     it, from a relay: the first odd harmonics of each limit cycle
+nomoto        Nomoto's models of first and second order fitted to it
+by_frequency  the method ``frequency``
+pictures      the Bode diagram with its confidence band
+============  ===================================================================================
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.identify.frequency.harmonics import harmonic_response, loop_process
+from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
+from gcs_autotune.identify.frequency.pictures import frequency_picture
+from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.frequency.spectrum import spectral_response
+
+__all__ = [
+    "FrequencyResponse",
+    "NomotoFit",
+    "fit_nomoto",
+    "frequency_picture",
+    "harmonic_response",
+    "loop_process",
+    "spectral_response",
+]

@@ -1,0 +1,162 @@
+"""The method ``frequency``: the measured response first, Nomoto's models fitted to it second."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.axis.case import Case, named_parameters
+from gcs_autotune.identify.axis.doubts import Findings, collect
+from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
+from gcs_autotune.identify.frequency.doubts import frequency_doubts
+from gcs_autotune.identify.frequency.harmonics import harmonic_response
+from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
+from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.frequency.spectrum import STRONG, TAPERS, constant_force, spectral_response
+from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
+from gcs_autotune.identify.result import AxisFit, Doubt, Status, Trace
+from gcs_autotune.models.nomoto import Nomoto1
+from gcs_autotune.models.single_dof import SingleDof
+
+__all__ = ["OPTIONS", "fit_by_frequency"]
+
+SOURCES = ("auto", "harmonics", "spectrum")
+
+OPTIONS = (
+    ("source", "harmonics (of a relay's limit cycles), spectrum (any run), or auto"),
+    ("tapers", f"averages of the spectrum at low frequency, {TAPERS} by default: more are smoother and coarser"),
+)
+
+
+def fit_by_frequency(case: Case) -> AxisFit:
+    """Fit Nomoto's first order, i.e. linear drag, to the empirical frequency response of *case*.
+
+    ``extra`` holds the response (``FrequencyResponse.from_dict`` rebuilds it), ``nomoto`` and ``nomoto_2`` with their
+    standard errors, and the order the evidence prefers.
+
+    Raises
+    ------
+    NotInformative
+        Too little record, or too few frequencies with coherence.
+    UsageError
+        Drag other than linear was asked for, or an unknown source.
+    """
+    if case.structure not in (None, "linear"):
+        raise UsageError(
+            f"method 'frequency' fits linear drag only, not {case.structure}: a frequency response knows no amplitude; "
+            "use method='output-error'"
+        )
+    response = _response(case)
+    used = response.at((response.input_power >= STRONG) & (response.coherence > 1.0 / response.averages))
+    first = fit_nomoto(used, 1, case.delay)
+    second, refused = _second(used, case.delay)
+    model, covariance = _model(case, first)
+    states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
+    parameters = named_parameters(model, covariance, states)
+    runs = _free_runs(model, case)
+    rms, fit_percent = _left_over(runs, case)
+    doubts = collect(Findings(case, model, "linear", parameters, None, rms, fit_percent))
+    return AxisFit(
+        dof=model.dof,
+        structure="linear",
+        method="frequency",
+        model=model,
+        parameters=parameters,
+        covariance=covariance,
+        noise_std=rms,
+        residual_rms=rms,
+        fit_percent=fit_percent,
+        used=case.names,
+        doubts=(*doubts, *frequency_doubts(response, first, second), *([] if runs else [_runs_away(first)])),
+        traces=tuple(runs),
+        extra={
+            "signals": [case.records[0].main.name],
+            "response": response.to_dict(),
+            "nomoto": first.to_dict(),
+            "nomoto_2": None if second is None else second.to_dict(),
+            "nomoto_2_refused": refused,
+            "preferred_order": 1 if second is None or first.bic <= second.bic else 2,
+        },
+    )
+
+
+def _free_runs(model: SingleDof, case: Case) -> list[Trace]:
+    """Return the free run on every record; none when the model runs away on one."""
+    try:
+        return [run_freely(model, record) for record in case.records]
+    except NotInformative:
+        return []
+
+
+def _left_over(runs: list[Trace], case: Case) -> tuple[float, float]:
+    """Return rms of the residuals and fit in per cent; without a free run all of the motion is left over."""
+    if not runs:
+        return math.sqrt(float(np.mean([np.var(r.main.values) for r in case.records]))), 0.0
+    statistics = [residual_statistics(t) for t in runs]
+    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
+    return rms, float(np.mean([s.fit_percent for s in statistics]))
+
+
+def _runs_away(first: NomotoFit) -> Doubt:
+    assert isinstance(first.model, Nomoto1)
+    T = first.model.T
+    early = f"the motion answers {-1000.0 * T:.0f} ms before the input's stamp" if T < 0.0 else f"T = {T:.3g} s"
+    return Doubt(
+        "runs-away",
+        f"the model cannot be simulated on its own run ({early}): inertia too small to see, or stamps out of step",
+        "check that input and output carry the times they belong to; record faster, or sweep over a wider band",
+    )
+
+
+def _settled(case: Case) -> bool:
+    """Return whether the runs are relay experiments that settled, by the rule of thesis 6.7."""
+    settled = [c for c in case.cycles if c.periods >= PERIODS and c.scatter <= SCATTER]
+    return len(settled) >= len(case.trials) and len(settled) == len(case.cycles)
+
+
+def _response(case: Case) -> FrequencyResponse:
+    source = str(case.options.get("source", "auto"))
+    if source not in SOURCES:
+        raise UsageError(f"source '{source}' is not known; use {', '.join(SOURCES)}")
+    tapers = int(case.options.get("tapers", TAPERS))
+    if tapers < 2:
+        raise UsageError(f"{tapers} tapers give no coherence: use 2 or more")
+    dof = case.records[0].dof
+    if source == "harmonics":
+        return harmonic_response(case.trials, dof)
+    if source == "auto" and _settled(case):
+        try:
+            return harmonic_response(case.trials, dof)
+        except NotInformative:
+            pass
+    return spectral_response(case.trials, dof, tapers)
+
+
+def _second(response: FrequencyResponse, delay: float | None) -> tuple[NomotoFit | None, str]:
+    try:
+        return fit_nomoto(response, 2, delay), ""
+    except NotInformative as error:
+        return None, str(error)
+
+
+def _model(case: Case, first: NomotoFit) -> tuple[SingleDof, NDArray[np.float64]]:
+    """Return the model and the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay)."""
+    beta, alpha, delay = (float(v) for v in first.physical)
+    if alpha == 0.0:
+        raise NotInformative("the response shows no inertia at all: record faster, or with a sweep that reaches higher")
+    delta, scatter = constant_force(case.records, alpha, beta)
+    record = case.records[0]
+    covariance = np.zeros((5, 5))
+    at = [1, 0, 4]
+    covariance[np.ix_(at, at)] = first.covariance
+    covariance[3, 3] = scatter**2
+    return SingleDof(record.dof.name, record.input_unit, alpha, beta, delta=delta, delay=delay), covariance
+
+
+def _delay_status(case: Case, model: SingleDof) -> Status:
+    if case.delay is not None:
+        return "fixed"
+    return "fitted" if model.delay > 0.0 else "absent"

@@ -1,0 +1,289 @@
+"""Nomoto's models of first and second order fitted to an empirical response, with standard errors.
+
+Complex gains are fitted, not decibels and degrees: their errors are what the coherence tells. The search runs over
+``1/K`` and ``T/K`` (inertia and drag), which stay finite for a craft that is all inertia.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.models.nomoto import Nomoto1, Nomoto2
+
+__all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]
+
+Array = NDArray[np.float64]
+
+FLOOR = 0.003
+"""Smallest relative error of a gain. Chosen: what finite resolution leaves where the coherence sees no noise at all."""
+
+LEAST, MOST = 1e-4, 3.0
+"""Range of the error granted to a model, as a fraction of the motion: at its end the model says nothing any more."""
+
+EVIDENCE = 10.0
+"""Fall of the Bayesian criterion that makes a further parameter believed (Kass and Raftery 1995: very strong)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NomotoFit:
+    """A Nomoto model fitted to a response.
+
+    ``std`` standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``; 0: not fitted); ``physical`` and its
+    ``covariance``: those of ``1/K``, of the denominator's further coefficients over K, of ``T_3``, of the delay.
+    ``misfit`` is the model's own error: the fraction of the motion it misses and noise does not explain.
+    ``bic`` is the Bayesian criterion, comparable between models of the same response.
+    """
+
+    model: Nomoto1 | Nomoto2
+    std: Mapping[str, float]
+    physical: Array
+    covariance: Array
+    misfit: float
+    bic: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"model": self.model.to_dict(), "std": dict(self.std), "misfit": self.misfit, "bic": self.bic}
+
+
+def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None = None) -> NomotoFit:
+    """Fit Nomoto's model of *order* 1 or 2 to *response*.
+
+    Points weigh by their noise and by what the model itself misses: that is raised until it accounts for what is left.
+    Else a model that is only nearly true would follow whatever point happens to have the least noise.
+
+    Parameters
+    ----------
+    delay : known delay [s]; None fits one and keeps it on strong evidence only, or when the motion would otherwise
+        come out as answering before it is asked (a negative time constant).
+
+    Raises
+    ------
+    NotInformative
+        Fewer points than parameters; or poles of second order that come out complex or unstable beside a stable
+        gain: no Nomoto model.
+    """
+    if delay is not None:
+        return _fit(response, order, delay, free=False)
+    try:
+        without = _fit(response, order, 0.0, free=False)
+    except NotInformative as error:
+        if 2 * len(response) < _size(order):
+            raise
+        found = _with_delay(response, order)
+        if found is None:
+            raise error
+        return found
+    if 2 * len(response) <= _size(order):
+        return without
+    found = _with_delay(response, order)
+    if found is None:
+        return without
+    early = order == 1 and without.physical[1] * without.physical[0] < 0.0 < found.physical[1] * found.physical[0]
+    return found if without.bic - found.bic > (0.0 if early else EVIDENCE) else without
+
+
+def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
+    """Return the best fit with a delay, None when none is positive."""
+    tries = []
+    for phase in (0.1, 0.5, 1.5):
+        try:
+            tries.append(_fit(response, order, phase / float(response.omega.max()), free=True))
+        except NotInformative:
+            continue
+    later = [fit for fit in tries if fit.physical[-1] > 0.0]
+    return min(later, key=lambda fit: fit.bic) if later else None
+
+
+def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -> NomotoFit:
+    """Return the fit at the relative model error that makes chi-squared what it should be."""
+
+    def at(error: float, start: Array | None = None) -> tuple[Array, float]:
+        theta = _search(response, order, delay, error, start, free=free)
+        spare = max(2 * len(response) - _size(order) + (0 if free else 1), 1)
+        return theta, _cost(theta, response, error) / spare
+
+    error = 0.0
+    theta, chi = at(error)
+    if chi > 1.0:
+        low, high = LEAST, MOST
+        for _ in range(BISECTIONS):
+            error = math.sqrt(low * high)
+            theta, chi = at(error, theta)
+            low, high = (error, high) if chi > 1.0 else (low, error)
+    found = _described(response, order, theta, error, free=free)
+    if isinstance(found.model, Nomoto2):
+        _check_reach(found.model, float(response.omega.min()))
+    return found
+
+
+def _check_reach(model: Nomoto2, lowest: float) -> None:
+    if max(abs(model.T_1), abs(model.T_3)) * lowest > REACH:
+        raise NotInformative(
+            f"the second order's times run away below the lowest frequency measured, {lowest:.2g} rad/s: the first "
+            "order serves, or slower motion"
+        )
+
+
+REACH = 30.0
+"""Longest time of the second order, times the lowest frequency. Chosen: beyond, the gain at rest is a guess."""
+
+BISECTIONS = 10
+"""Halvings of the model error's logarithm: leaves it uncertain by 1 %."""
+
+
+def _size(order: int) -> int:
+    return {1: 3, 2: 5}[order]
+
+
+def _sigma(response: FrequencyResponse, error: float) -> Array:
+    """Return the standard deviation of real and imaginary part: noise, finite resolution, and the model's *error*.
+
+    What a model misses of the motion lies under all of its spectrum, so it counts most where the input is weak.
+    """
+    power = np.maximum(response.input_power, np.finfo(float).tiny)
+    typical = math.sqrt(float(np.sum(power * response.magnitude**2) / np.sum(power)))
+    missed = error * typical / np.sqrt(power)
+    sigma: Array = np.sqrt(response.std**2 + 0.5 * (FLOOR * response.magnitude) ** 2 + 0.5 * missed**2)
+    return sigma
+
+
+def _response(theta: Array, order: int, omega: Array) -> NDArray[np.complex128]:
+    """Return G of ``(1/K, a_1, [a_2, T_3], delay)``: ``(1 + T_3 s) exp(-s delay) / (1/K + a_1 s + a_2 s^2)``."""
+    s = 1j * omega
+    denominator = theta[0] + theta[1] * s
+    numerator = np.exp(-s * theta[-1])
+    if order == 2:
+        denominator = denominator + theta[2] * s * s
+        numerator = numerator * (1.0 + theta[3] * s)
+    value: NDArray[np.complex128] = numerator / denominator
+    return value
+
+
+def _residuals(theta: Array, response: FrequencyResponse, error: float) -> Array:
+    order = 1 if len(theta) == 3 else 2
+    miss = (_response(theta, order, response.omega) - response.value) / _sigma(response, error)
+    return np.concatenate([miss.real, miss.imag])
+
+
+def _cost(theta: Array, response: FrequencyResponse, error: float) -> float:
+    return float(np.sum(_residuals(theta, response, error) ** 2))
+
+
+def _search(
+    response: FrequencyResponse, order: int, delay: float, error: float, start: Array | None = None, *, free: bool
+) -> Array:
+    """Return the parameters of least cost, the delay last, searched from *delay* or *start* when it is *free*."""
+    wanted = _size(order) - (0 if free else 1)
+    if 2 * len(response) < wanted:
+        raise NotInformative(
+            f"{len(response)} frequencies with coherence do not determine a Nomoto model of order {order}: "
+            "record longer, or with a wider sweep"
+        )
+    if start is None:
+        start = np.append(_start(response, order, delay, error), delay)
+    scale = np.maximum(np.abs(start), 1e-9 * np.max(np.abs(start)) + 1e-12)
+    scale[-1] = max(delay, 0.1 / float(response.omega.max()))
+    fitted = np.ones(len(start), dtype=bool)
+    fitted[-1] = free
+
+    def whole(x: Array) -> Array:
+        theta = start.copy()
+        theta[fitted] = x * scale[fitted]
+        return theta
+
+    def residuals(x: Array) -> Array:
+        return _residuals(whole(x), response, error)
+
+    def jacobian(x: Array) -> Array:
+        table: Array = (_jacobian(whole(x), response, error) * scale)[:, fitted]
+        return table
+
+    found = least_squares(residuals, (start / scale)[fitted], jac=jacobian, method="lm")
+    return whole(found.x)
+
+
+def _start(response: FrequencyResponse, order: int, delay: float, error: float) -> Array:
+    """Return the linear least-squares solution of ``G D(s) - N(s) + 1 = 1``, reweighted by the denominator found."""
+    s, weight = 1j * response.omega, 1.0 / _sigma(response, error)
+    value = response.value * np.exp(s * delay)
+    columns = [value, value * s] if order == 1 else [value, value * s, value * s * s, -s]
+    rows, size = np.column_stack(columns), 1.0 / np.abs(value)
+    theta = np.zeros(len(columns))
+    for _ in range(8):
+        table, wanted = rows * (weight * size)[:, None], weight * size + 0j
+        real = np.concatenate([table.real, table.imag])
+        norm = np.maximum(np.linalg.norm(real, axis=0), np.finfo(float).tiny)
+        theta = np.linalg.lstsq(real / norm, np.concatenate([wanted.real, wanted.imag]), rcond=1e-12)[0] / norm
+        denominator = theta[0] + theta[1] * s + (theta[2] * s * s if order == 2 else 0.0)
+        size = 1.0 / np.maximum(np.abs(denominator), 1e-12 * np.max(np.abs(denominator)))
+    return np.asarray(theta, dtype=np.float64)
+
+
+def _described(response: FrequencyResponse, order: int, theta: Array, error: float, *, free: bool) -> NomotoFit:
+    """Return *theta* with names, standard errors and evidence."""
+    fitted = np.ones(len(theta), dtype=bool)
+    fitted[-1] = free
+    J = _jacobian(theta, response, error)[:, fitted]
+    covariance = np.zeros((len(theta), len(theta)))
+    covariance[np.ix_(fitted, fitted)] = inverse_of(J.T @ J)
+    model, by_physical = _named(theta, order)
+    names = ("K", "T", "delay") if order == 1 else ("K", "T_1", "T_2", "T_3", "delay")
+    std = np.sqrt(np.maximum(np.diag(by_physical @ covariance @ by_physical.T), 0.0))
+    parameters = int(fitted.sum()) + (1 if error > 0.0 else 0)
+    spread = 4.0 * float(np.sum(np.log(_sigma(response, error))))
+    bic = _cost(theta, response, error) + spread + parameters * math.log(2 * len(response))
+    return NomotoFit(model, dict(zip(names, std.tolist(), strict=True)), theta, covariance, error, bic)
+
+
+def _jacobian(theta: Array, response: FrequencyResponse, error: float) -> Array:
+    """Return the derivative of the residuals by the parameters, analytic."""
+    order, s = (1 if len(theta) == 3 else 2), 1j * response.omega
+    value = _response(theta, order, response.omega)
+    denominator = theta[0] + theta[1] * s + (theta[2] * s * s if order == 2 else 0.0)
+    columns = [-value / denominator, -value * s / denominator]
+    if order == 2:
+        columns += [-value * s * s / denominator, value * s / (1.0 + theta[3] * s)]
+    columns.append(-s * value)
+    table = np.column_stack(columns) / _sigma(response, error)[:, None]
+    return np.concatenate([table.real, table.imag])
+
+
+def _named(theta: Array, order: int) -> tuple[Nomoto1 | Nomoto2, Array]:
+    """Return the model and the Jacobian of its parameters by *theta*."""
+    K = 1.0 / theta[0] if theta[0] else math.inf
+    G = np.zeros((len(theta), len(theta)))
+    G[0, 0], G[-1, -1] = -(K**2), 1.0
+    if order == 1:
+        G[1, :2] = -theta[1] * K**2, K
+        return Nomoto1(K, float(theta[1] * K), float(theta[2])), G
+    total, product = theta[1] * K, theta[2] * K
+    discriminant = total**2 - 4.0 * product
+    if discriminant <= 0.0:
+        raise NotInformative(
+            "the second order's poles come out complex: no Nomoto model; the first order serves, or a sweep that "
+            "reaches higher"
+        )
+    root = math.sqrt(discriminant)
+    times = sorted((0.5 * (total + root), 0.5 * (total - root)), key=abs, reverse=True)
+    if times[1] <= 0.0:
+        raise NotInformative(
+            "the second order's fast pole comes out unstable: it lies beyond what was measured; the first order "
+            "serves, or a sweep that reaches higher"
+        )
+    for row, T in enumerate(times, start=1):
+        by_total, by_product = T / (2.0 * T - total), -1.0 / (2.0 * T - total)
+        G[row, 0] = by_total * -theta[1] * K**2 + by_product * -theta[2] * K**2
+        G[row, 1], G[row, 2] = by_total * K, by_product * K
+    G[3, 3] = 1.0
+    return Nomoto2(float(K), *(float(v) for v in (*times, theta[3], theta[4]))), G

@@ -1,0 +1,189 @@
+"""The empirical response of any run by cross spectra.
+
+``G = S_yu / S_uu`` and coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data), averaged over sine
+tapers (Riedel and Sidorenko 1995) and over runs. The tapers see the whole run, so slow motion is resolved as well as
+its length allows and a sweep needs no cutting into pieces; their number grows with frequency, where fine resolution
+is of no use.
+
+A run of some tens of seconds resolves a craft's corner badly: within one bandwidth the response bends, and the motion
+the run began and ended with leaks. So a first-order model is fitted to what is seen, its free run taken off the motion,
+and its response added to that of the rest (prewhitening, Blackman and Tukey 1958): whatever the model is, the answer is
+that of the record, and only the little that is left over suffers from the resolution.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.record import Record, prepare
+from gcs_autotune.identify.frequency.nomoto import fit_nomoto
+from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.frequency.sampled import Sampled, mending, sampled
+from gcs_autotune.models.nomoto import Nomoto1
+from gcs_autotune.models.single_dof import SingleDof
+from gcs_autotune.sname import Dof
+from gcs_autotune.trial import Trial
+
+__all__ = ["STRONG", "TAPERS", "constant_force", "spectral_response"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+TAPERS = 4
+"""Tapers at low frequency: the fewest that give a coherence."""
+
+MOST_TAPERS = 24
+
+WIDTH = 0.5
+"""Largest bandwidth as a fraction of the frequency: half an octave still shows every corner."""
+
+HIGHEST = 0.4
+"""Highest frequency as a fraction of half the sampling rate: below it straight lines between samples do no harm."""
+
+ROUNDS = 3
+"""Times the model is fitted and taken off. Chosen: the third changes a gain by less than its error."""
+
+STRONG = 1e-4
+"""Least input power, relative to the strongest point, of points the model is fitted to."""
+
+
+BLOCKS = 4
+"""Pieces of a record whose means are balanced one by one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spectra:
+    """Sums over tapers and runs, (k,)."""
+
+    uu: Array
+    yy: Array
+    yu: Complex
+    averages: Array
+
+
+def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: int = TAPERS) -> FrequencyResponse:
+    """Return the response from input to velocity at frequencies whose bands do not overlap.
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        As :func:`gcs_autotune.identify.axis.record.prepare`; NotInformative, too, when the runs are too short for a
+        single point.
+    """
+    runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
+    records = [record for trial in runs for record in prepare(trial, dof)]
+    series = [sampled(record) for record in records]
+    duration = max(run.duration for run in series)
+    omega, count = _grid(duration, max(run.dt for run in series), tapers)
+    if len(omega) == 0:
+        raise NotInformative(
+            f"{duration:.3g} s of record are too short for a frequency response with {tapers} tapers: record longer"
+        )
+    raw = _spectra(series, omega, count)
+    found = _response(omega, raw, raw, np.zeros(len(omega)))
+    for _ in range(ROUNDS):
+        model = _model(found, records)
+        if model is None:
+            break
+        try:
+            left = _spectra([sampled(record, model) for record in records], omega, count)
+        except NotInformative:
+            break
+        known = Nomoto1.from_single_dof(model).response(omega)
+        found = _response(omega, left, raw, known)
+    return found
+
+
+def constant_force(records: Sequence[Record], alpha: float, beta: float) -> tuple[float, float]:
+    """Return the constant force of linear motion and its standard error.
+
+    It balances the means of inertia, drag and input over any stretch; :data:`BLOCKS` of each record tell the scatter.
+    """
+    forces = []
+    for run in (sampled(record) for record in records):
+        edges = np.linspace(0, len(run.nu) - 1, BLOCKS + 1).astype(int)
+        for i, j in itertools.pairwise(edges):
+            gained = alpha * float(run.nu[j] - run.nu[i]) / ((j - i) * run.dt)
+            drag = beta * float(0.5 * (run.nu[i:j] + run.nu[i + 1 : j + 1]).mean())
+            given = float(0.5 * (run.tau[i:j] + run.tau[i + 1 : j + 1]).mean())
+            forces.append(gained + drag - given)
+    return float(np.mean(forces)), float(np.std(forces, ddof=1) / np.sqrt(len(forces)))
+
+
+def _model(found: FrequencyResponse, records: Sequence[Record]) -> SingleDof | None:
+    """Return the first-order model of *found*; None when there is none that can be simulated."""
+    strong = found.at((found.input_power >= STRONG) & (found.coherence > 1.0 / found.averages))
+    try:
+        beta, alpha, delay = (float(v) for v in fit_nomoto(strong, 1).physical)
+    except NotInformative:
+        return None
+    if alpha == 0.0 or beta / alpha < 0.0:
+        return None
+    delta, _ = constant_force(records, alpha, beta)
+    return SingleDof(records[0].dof.name, records[0].input_unit, alpha, beta, delta=delta, delay=delay)
+
+
+def _grid(duration: float, dt: float, tapers: int) -> tuple[Array, NDArray[np.int_]]:
+    """Return frequencies a bandwidth apart, and how many tapers serve at each; k tapers see (k + 1)/duration Hz."""
+    unit, highest = 2.0 * np.pi / duration, HIGHEST * np.pi / dt
+    omega: list[float] = []
+    count: list[int] = []
+    low = 0.5 * unit
+    while True:
+        k = int(np.clip(WIDTH * (low / unit) - 1.0, tapers, MOST_TAPERS))
+        middle = low + 0.5 * (k + 1) * unit
+        if middle > highest:
+            return np.array(omega), np.array(count, dtype=np.int_)
+        omega.append(middle)
+        count.append(k)
+        low += (k + 1) * unit
+
+
+def _spectra(runs: Sequence[Sampled], omega: Array, count: NDArray[np.int_]) -> _Spectra:
+    uu, yy, averages = np.zeros(len(omega)), np.zeros(len(omega)), np.zeros(len(omega))
+    yu = np.zeros(len(omega), dtype=np.complex128)
+    for run in runs:
+        for k in np.unique(count):
+            at = count == k
+            U, Y = _transforms(run, omega[at], int(k))
+            uu[at] += np.sum(np.abs(U) ** 2, axis=0)
+            yy[at] += np.sum(np.abs(Y) ** 2, axis=0)
+            yu[at] += np.sum(Y * np.conj(U), axis=0)
+            averages[at] += int(k)
+    return _Spectra(uu, yy, yu, averages)
+
+
+def _transforms(run: Sampled, omega: Array, tapers: int) -> tuple[Complex, Complex]:
+    """Return the tapered Fourier sums (tapers, k) of input and velocity, their means taken off."""
+    n = len(run.nu)
+    steps = np.arange(n)
+    taper = np.sin(np.pi * np.outer(np.arange(1, tapers + 1), steps + 1.0) / (n + 1.0)) * np.sqrt(2.0 / (n + 1.0))
+    wave = np.exp(-1j * np.outer(steps * run.dt, omega))
+    U: Complex = (taper * (run.tau - run.tau.mean())) @ wave
+    Y: Complex = (taper * (run.nu - run.nu.mean())) @ wave * mending(omega, run.dt, run.derived)
+    return U, Y
+
+
+def _response(omega: Array, left: _Spectra, raw: _Spectra, known: Complex | Array) -> FrequencyResponse:
+    """Return *known* plus the response of what is *left* of the motion beside it."""
+    tiny = np.finfo(float).tiny
+    value = known + left.yu / np.maximum(left.uu, tiny)
+    noise = np.maximum(left.yy - np.abs(left.yu) ** 2 / np.maximum(left.uu, tiny), 0.0)
+    coherence = np.clip(1.0 - noise / np.maximum(raw.yy, tiny), 0.0, 1.0)
+    std = np.sqrt(noise / np.maximum(left.averages - 1.0, 1.0) / np.maximum(left.uu, tiny) / 2.0)
+    power = left.uu / left.averages
+    return FrequencyResponse(
+        omega=omega,
+        value=np.asarray(value, dtype=np.complex128),
+        std=np.maximum(std, 1e-6 * np.abs(value)),
+        coherence=coherence,
+        averages=left.averages,
+        input_power=power / max(float(power.max()), tiny),
+        source="spectrum",
+    )

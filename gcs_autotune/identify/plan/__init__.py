@@ -1,0 +1,14 @@
+"""Sequenced experiments (seed 004): a plan says which manoeuvre identifies what, and the fits run in that order.
+
+``plan`` reads it, ``run`` does it, ``combine`` weighs the steps' estimates of shared parameters by their information,
+``joint`` fits all runs at once, ``result`` is what comes out.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.identify.plan.combine import Agreement
+from gcs_autotune.identify.plan.plan import PLANS, Plan, Step, load_plan, plan_from
+from gcs_autotune.identify.plan.result import PlanResult, StepResult
+from gcs_autotune.identify.plan.run import run_plan
+
+__all__ = ["PLANS", "Agreement", "Plan", "PlanResult", "Step", "StepResult", "load_plan", "plan_from", "run_plan"]

@@ -1,0 +1,265 @@
+"""A plan: which manoeuvre identifies which parameters, in which order (seed 004, section 3 and figure 3).
+
+A plan is a TOML file::
+
+    name = "usv_6dof"
+    title = "..."
+    [known]                       # of the craft: measured ashore or from its lines, SI units
+    m = 11.0
+    [[step]]
+    name = "roll decay"
+    manoeuvre = "roll_decay"      # runs whose side file says so; or runs = ["roll_*"], by name
+    dofs = ["sway", "roll", "yaw"]
+    isolated = ["K_p", "K_pp"]    # act in this motion only: final after this step
+    shared = ["I_x", "I_xz"]      # act in others too: passed on, and combined at the end
+    held = ["I_z", "N_r"]         # act here, but an earlier step knows them (or [known], [start])
+    local = ["K_0"]               # this step's own nuisance, passed to nobody
+    signals = ["phi", "p", "r"]
+    validate = 1                  # the last so many runs are kept from the fit for local validation
+    [step.inputs.N]
+    N = 1
+    [final]                       # all parameters together, on runs nothing was fitted to
+    manoeuvre = "free_motion"
+    dofs = [...]
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.models.coupled import Form, form_from
+from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Trial
+
+__all__ = ["PLANS", "Final", "Plan", "Step", "load_plan", "plan_from"]
+
+_STEP = {
+    "name", "title", "manoeuvre", "runs", "dofs", "isolated", "shared", "held", "local", "known", "start", "inputs",
+    "signals", "validate", "method", "coriolis", "delay",
+}  # fmt: skip
+_FINAL = {"manoeuvre", "runs", "dofs", "inputs", "signals", "coriolis"}
+_PLAN = {"name", "title", "known", "start", "step", "final"}
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """Which runs: those of a manoeuvre (``meta["manoeuvre"]``), or those whose names match a pattern."""
+
+    manoeuvre: str = ""
+    runs: tuple[str, ...] = ()
+
+    def of(self, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+        """Return the trials meant, in the order given."""
+        return tuple(t for t in trials if self._means(t))
+
+    def _means(self, trial: Trial) -> bool:
+        if self.runs:
+            return any(fnmatch.fnmatchcase(trial.name, pattern) for pattern in self.runs)
+        return trial.meta.get("manoeuvre") == self.manoeuvre
+
+    def __str__(self) -> str:
+        return f"named {' or '.join(self.runs)}" if self.runs else f"of manoeuvre '{self.manoeuvre}'"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One kind of experiment and what it identifies; ``form.free`` = isolated, shared and local ones, in this order.
+
+    ``held``: parameters of earlier steps that act here; ``validate``: runs kept for local validation; ``delay`` [s].
+    """
+
+    name: str
+    chosen: Chosen
+    form: Form
+    isolated: tuple[str, ...]
+    shared: tuple[str, ...]
+    held: tuple[str, ...]
+    local: tuple[str, ...]
+    signals: tuple[str, ...]
+    validate: int = 1
+    method: str = "output-error"
+    delay: float = 0.0
+
+    def global_name(self, name: str) -> str:
+        """Return the name a parameter goes by among all steps: local ones carry the step's."""
+        return f"{self.name}: {name}" if name in self.local else name
+
+
+@dataclass(frozen=True, slots=True)
+class Final:
+    """The whole model and the runs it is validated on."""
+
+    chosen: Chosen
+    form: Form
+    signals: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Steps in their order. ``known``: constants of the craft; ``start``: a-priori values, by name, SI units."""
+
+    name: str
+    title: str
+    known: Mapping[str, float]
+    start: Mapping[str, float]
+    steps: tuple[Step, ...]
+    final: Final | None = None
+    data: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """What the plan identifies, local nuisances left out, in the order of first appearance."""
+        return tuple(dict.fromkeys(n for s in self.steps for n in (*s.isolated, *s.shared)))
+
+    def knowing(self, values: Mapping[str, float]) -> Plan:
+        """Return the plan for a craft with other constants (``m``, ``K_phi`` ...)."""
+        return plan_from({**self.data, "known": {**self.known, **values}}, f"plan '{self.name}'")
+
+
+def load_plan(path: Path | str) -> Plan:
+    """Return a shipped plan by its name, or read one from a TOML file.
+
+    Raises
+    ------
+    BadFile
+        Not readable, not TOML, or not a plan; the message says which step and why.
+    UnknownName
+        No shipped plan of that name.
+    """
+    place = Path(path)
+    if place.suffix != ".toml":
+        return lookup(PLANS, str(path), "plan")
+    try:
+        data = tomllib.loads(place.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadFile(f"{place} cannot be read as a plan: {error}") from error
+    return plan_from(data, str(place))
+
+
+def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
+    """Build a plan from plain data; errors as those of :func:`load_plan`."""
+    _only(data, _PLAN, origin)
+    try:
+        known = {str(k): float(v) for k, v in data.get("known", {}).items()}
+        start = {str(k): float(v) for k, v in data.get("start", {}).items()}
+        steps = tuple(_step(s, known, start, origin) for s in data["step"])
+        final = None if "final" not in data else _final(data["final"], steps, known, origin)
+        plan = Plan(str(data["name"]), str(data.get("title", data["name"])), known, start, steps, final, data)
+    except KeyError as error:
+        raise BadFile(f"{origin}: entry {error} is missing") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise BadFile(f"{origin}: {error}") from error
+    _check_order(plan, origin)
+    return plan
+
+
+def _only(data: Mapping[str, Any], known: set[str], where: str) -> None:
+    unknown = set(data) - known
+    if unknown:
+        raise BadFile(f"{where}: unknown entries {', '.join(sorted(unknown))}; known: {', '.join(sorted(known))}")
+
+
+def _chosen(data: Mapping[str, Any], where: str) -> Chosen:
+    chosen = Chosen(str(data.get("manoeuvre", "")), _names(data, "runs"))
+    if not chosen.manoeuvre and not chosen.runs:
+        raise BadFile(f'{where}: say which runs, with manoeuvre = "..." or runs = ["name*"]')
+    return chosen
+
+
+def _names(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    return tuple(str(n) for n in data.get(key, ()))
+
+
+def _step(data: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float], origin: str) -> Step:
+    where = f"{origin}, step '{data['name']}'"
+    _only(data, _STEP, where)
+    isolated, shared, held, local = (_names(data, k) for k in ("isolated", "shared", "held", "local"))
+    own = {str(k): float(v) for k, v in data.get("known", {}).items()}
+    both = [n for n in held if n in (*isolated, *shared, *local)]
+    if both or not (isolated or shared):
+        raise BadFile(f"{where}: {', '.join(both)} both held and identified" if both else f"{where} identifies nothing")
+    free = (*isolated, *shared, *local)
+    ashore = [n for n in held if n in known]
+    form = form_from(
+        {
+            "name": str(data["name"]),
+            "dofs": data["dofs"],
+            "free": [*free, *(n for n in held if n not in ashore)],
+            "known": {**{n: known[n] for n in ashore}, **own},
+            "inputs": data.get("inputs", {}),
+            "coriolis": data.get("coriolis", True),
+            "start": {n: v for n, v in {**start, **data.get("start", {})}.items() if n in free or n in held},
+        },
+        where,
+    )
+    return Step(
+        name=str(data["name"]),
+        chosen=_chosen(data, where),
+        form=form,
+        isolated=isolated,
+        shared=shared,
+        held=tuple(n for n in held if n not in ashore),
+        local=local,
+        signals=_names(data, "signals"),
+        validate=int(data.get("validate", 1)),
+        method=str(data.get("method", "output-error")),
+        delay=float(data.get("delay", 0.0)),
+    )
+
+
+def _final(data: Mapping[str, Any], steps: Sequence[Step], known: Mapping[str, float], origin: str) -> Final:
+    where = f"{origin}, final"
+    _only(data, _FINAL, where)
+    found = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))
+    form = form_from(
+        {
+            "name": "final",
+            "dofs": data["dofs"],
+            "free": [n for n in found if n not in known],
+            "known": known,
+            "inputs": data.get("inputs", {}),
+            "coriolis": data.get("coriolis", True),
+        },
+        where,
+    )
+    return Final(_chosen(data, where), form, _names(data, "signals"))
+
+
+def _check_order(plan: Plan, origin: str) -> None:
+    """Every held parameter must be known by then; an isolated one may be identified nowhere else."""
+    names = [s.name for s in plan.steps]
+    if not names or len(set(names)) < len(names):
+        raise BadFile(f"{origin}: a plan needs steps, each with a name of its own")
+    seen = set(plan.start)
+    for step in plan.steps:
+        blind = [n for n in step.held if n not in seen and n not in step.form.start]
+        if blind:
+            raise BadFile(
+                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it and "
+                "neither [known] nor [start] has it"
+            )
+        for other in plan.steps:
+            again = [n for n in step.isolated if other is not step and n in (*other.isolated, *other.shared)]
+            if again:
+                raise BadFile(
+                    f"{origin}: {', '.join(again)} is isolated in '{step.name}' but identified in '{other.name}' too"
+                )
+        seen |= {*step.isolated, *step.shared}
+
+
+def _shipped() -> dict[str, Plan]:
+    folder = resources.files("gcs_autotune.identify.plan") / "plans"
+    files = sorted((f for f in folder.iterdir() if f.name.endswith(".toml")), key=lambda f: f.name)
+    plans = [plan_from(tomllib.loads(f.read_text(encoding="utf-8")), f.name) for f in files]
+    return {p.name: p for p in plans}
+
+
+PLANS: Mapping[str, Plan] = _shipped()
+"""Name -> plan shipped with this package; adding one is one file in ``plans/``."""

@@ -1,0 +1,178 @@
+"""Running a plan: step after step, shared parameters passed on, local validation, joint fit, final validation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.door import fit
+from gcs_autotune.identify.plan.combine import Estimate, agreements, combined
+from gcs_autotune.identify.plan.doubts import plan_doubts
+from gcs_autotune.identify.plan.joint import Joint, Part, fit_jointly
+from gcs_autotune.identify.plan.plan import Final, Plan, Step
+from gcs_autotune.identify.plan.result import PlanResult, StepResult
+from gcs_autotune.identify.result import Fit, Parameter
+from gcs_autotune.identify.validate import Validation, validate
+from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.trial import Trial
+
+__all__ = ["run_plan"]
+
+Array = NDArray[np.float64]
+
+
+def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
+    """Identify everything the plan names from *trials*.
+
+    Each step starts from what the steps before it found, combined by information; what it holds has that value. Then
+    all steps' runs are fitted at once, and the whole model is let loose on the final runs.
+
+    Raises
+    ------
+    NotInformative
+        No run for any step, or a held parameter whose step had no runs and which has no a-priori value.
+    MissingChannel, BadFile
+        A step's run lacks what its form needs.
+    """
+    done: list[StepResult] = []
+    used: list[tuple[Step, tuple[Trial, ...]]] = []
+    estimates: list[Estimate] = []
+    skipped: list[str] = []
+    values: dict[str, float] = dict(plan.start)
+    for step in plan.steps:
+        runs = step.chosen.of(trials)
+        if not runs:
+            skipped.append(step.name)
+            continue
+        result, own = _do(step, runs, values)
+        done.append(result)
+        used.append((step, own))
+        estimate = _estimate(step, result.fit)
+        if estimate is not None:
+            estimates.append(estimate)
+        names, best, _ = combined(estimates)
+        values |= dict(zip(names, (float(v) for v in best), strict=True))
+        values |= {
+            step.global_name(n): result.fit.parameters[n].value
+            for n in (*step.isolated, *step.shared, *step.local)
+            if step.global_name(n) not in values
+        }
+    if not done:
+        wanted = "; ".join(f"'{s.name}': runs {s.chosen}" for s in plan.steps)
+        raise NotInformative(f"no run given belongs to a step of plan '{plan.name}' ({wanted})")
+    seen = {n for step, _ in used for n in (*step.isolated, *step.shared)}
+    parts = [_part(step, runs, r.fit, values, seen) for (step, runs), r in zip(used, done, strict=True)]
+    joint = fit_jointly(parts, values)
+    parameters, covariance = _parameters(plan, done, values, joint, estimates)
+    model, final = _finally(plan.final, parameters, trials)
+    rows = agreements(estimates)
+    return PlanResult(
+        plan=plan,
+        steps=tuple(done),
+        parameters=parameters,
+        covariance=covariance,
+        combined={n: values[n] for n in parameters},
+        agreements=rows,
+        model=model,
+        final=final,
+        skipped=tuple(skipped),
+        doubts=plan_doubts(plan, done, rows, joint, parameters, covariance, skipped, final),
+    )
+
+
+def _do(step: Step, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
+    """Fit and validate one step; return the runs fitted too."""
+    lost = [n for n in step.held if n not in values and n not in step.form.start]
+    if lost:
+        raise NotInformative(
+            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs; fly that one, "
+            "or give an a-priori value in the plan's [start]"
+        )
+    kept = min(step.validate, len(runs) - 1)
+    own = tuple(runs[: len(runs) - kept])
+    start = {n: values.get(step.global_name(n), step.form.start.get(n, math.nan)) for n in step.form.free}
+    form = step.form.fixing({n: start[n] for n in step.held})
+    form = replace(form, start={n: v for n, v in start.items() if n in form.free and math.isfinite(v)})
+    found = fit(own, form, step.method, delay=step.delay, use=step.signals or None)
+    unseen = [_only_signals(t, form, step.signals) for t in (runs[-kept:] if kept else own[-1:])]
+    try:
+        local = validate(found.model, unseen)
+    except NotInformative:
+        local = None
+    return StepResult(step, found, local, kept > 0), own
+
+
+def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:
+    """Return the run with the form's inputs and the chosen signals only."""
+    if not signals:
+        return trial
+    return replace(trial, channels={n: c for n, c in trial.channels.items() if n in form.inputs or n in signals})
+
+
+def _estimate(step: Step, found: Fit) -> Estimate | None:
+    """Return what a fit says of the parameters other steps may use; those at a bound or unseen say nothing."""
+    order = list(found.parameters)
+    names = tuple(
+        n
+        for n in (*step.isolated, *step.shared)
+        if found.parameters[n].status == "fitted" and found.parameters[n].std > 0.0
+    )
+    if not names:
+        return None
+    places = [order.index(n) for n in names]
+    values = np.array([found.parameters[n].value for n in names])
+    return Estimate(step.name, names, values, found.covariance[np.ix_(places, places)])
+
+
+def _part(step: Step, runs: Sequence[Trial], found: Fit, values: Mapping[str, float], seen: Collection[str]) -> Part:
+    """Return a step for the joint fit: what it held is free if a step that was done identifies it (*seen*)."""
+    known = {n: values.get(n, step.form.start.get(n, math.nan)) for n in step.held if n not in seen}
+    form = step.form.fixing(known)
+    form = form if step.delay == 0.0 else form.fixing({"delay": step.delay})
+    records = tuple(r for run in runs for r in prepare_coupled(run, form, step.signals or None))
+    return Part(form, tuple(step.global_name(n) for n in form.free), records, found.noise)
+
+
+def _parameters(
+    plan: Plan,
+    done: Sequence[StepResult],
+    values: Mapping[str, float],
+    joint: Joint | None,
+    estimates: Sequence[Estimate],
+) -> tuple[dict[str, Parameter], Array]:
+    """Return the identified parameters: of the joint fit, or combined from the steps when that failed."""
+    if joint is not None:
+        order, best, full = joint.names, joint.values, joint.covariance
+    else:
+        order, best, full = combined(estimates)
+    names = [n for n in plan.parameters if n in order]
+    places = [order.index(n) for n in names]
+    units = {n: r.fit.parameters[n].unit for r in done for n in (*r.step.isolated, *r.step.shared)}
+    covariance = full[np.ix_(places, places)]
+    return {
+        n: Parameter(n, float(best[at]), units.get(n) or unit_of(n, {}), math.sqrt(max(float(covariance[i, i]), 0.0)))
+        for i, (n, at) in enumerate(zip(names, places, strict=True))
+    }, covariance
+
+
+def _finally(
+    final: Final | None, parameters: Mapping[str, Parameter], trials: Sequence[Trial]
+) -> tuple[CoupledModel | None, Validation | None]:
+    """Return the whole model, and its free run on the final runs."""
+    if final is None:
+        return None, None
+    missing = [n for n in final.form.free if n not in parameters]
+    if missing:
+        return None, None
+    model = CoupledModel(final.form, {n: parameters[n].value for n in final.form.free})
+    runs = [_only_signals(t, final.form, final.signals) for t in final.chosen.of(trials)]
+    try:
+        return model, validate(model, runs) if runs else None
+    except NotInformative:
+        return model, None

@@ -1,0 +1,109 @@
+"""Distance to a flat surface from two laser dots in a camera picture, thesis 3.4.
+
+Each dot's distance from the picture's centre tells how far its beam went: ``L = a exp(b x) + c exp(d x)`` (3.9). The
+two together give the craft's distance (3.8) and its angle to the surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq, least_squares
+
+from gcs_autotune.errors import NotInformative
+
+__all__ = ["LaserCurve", "angle_to_surface", "calibrate", "distance_to_surface"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserCurve:
+    """``a``, ``c`` in the unit of the distance, ``b``, ``d`` per pixel (thesis Table 3.1 prints them as per cm)."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+
+    def length(self, pixels: ArrayLike) -> Array:
+        """Return the beam's length, thesis (3.9), at *pixels* from the picture's centre, any shape."""
+        x = np.asarray(pixels, dtype=np.float64)
+        value: Array = self.a * np.exp(self.b * x) + self.c * np.exp(self.d * x)
+        return value
+
+    def pixels(self, length: float) -> float:
+        """Return where the dot of a beam of that *length* lies; the curve falls, so there is one answer.
+
+        Raises
+        ------
+        NotInformative
+            A length of 0 or less, or one beyond the picture's centre.
+        """
+        if not 0.0 < length <= float(self.length(0.0)):
+            raise NotInformative(
+                f"a distance of {length:g} is outside the calibrated curve (0 to {float(self.length(0.0)):g})"
+            )
+        far = 1.0
+        while float(self.length(far)) > length:
+            far *= 2.0
+        return float(brentq(lambda x: float(self.length(x)) - length, 0.0, far))
+
+
+def calibrate(pixels: Sequence[float] | Array, lengths: Sequence[float] | Array) -> LaserCurve:
+    """Fit the curve to pairs measured square to a surface.
+
+    *lengths* are fitted as they are, not their logarithms, as the errors of a tape measure ask for.
+
+    Raises
+    ------
+    NotInformative
+        Fewer than five pairs, or all at one place.
+    """
+    x, y = np.asarray(pixels, dtype=np.float64), np.asarray(lengths, dtype=np.float64)
+    if len(x) < 5 or float(np.ptp(x)) <= 0.0 or float(y.min()) <= 0.0:
+        raise NotInformative("a laser calibration needs five or more distances above 0 at different places")
+    near = x > np.median(x)
+    slope = float(np.polyfit(x[near], np.log(y[near]), 1)[0])
+    best = min((_fit(x, y, slope * steeper, slope) for steeper in (2.0, 4.0, 8.0)), key=lambda found: found[1])
+    return best[0]
+
+
+def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
+    """Search over the two rates; the two amplitudes of given rates are linear."""
+
+    def amplitudes(rates: Array) -> tuple[Array, Array]:
+        table = np.exp(np.outer(x, rates))
+        found = np.asarray(np.linalg.lstsq(table, y, rcond=None)[0], dtype=np.float64)
+        return found, np.asarray(table @ found - y, dtype=np.float64)
+
+    scale = abs(d)
+
+    def error_of(p: Array) -> Array:
+        return amplitudes(p * scale)[1]
+
+    found = least_squares(error_of, np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
+    rates = np.sort(found.x * scale)
+    (a, c), error = amplitudes(rates)
+    return LaserCurve(float(a), float(rates[0]), float(c), float(rates[1])), float(error @ error)
+
+
+def distance_to_surface(left: float, right: float) -> float:
+    """Return the distance of the craft from the beams' lengths, thesis (3.8)."""
+    return 0.5 * (left + right)
+
+
+def angle_to_surface(left: float, right: float, apart: float) -> float:
+    """Return the angle [rad] between heading and the surface's normal, 0 when square to it.
+
+    Thesis (3.7) prints the complement, 90 deg when square to it; the controller and (2.43) take 0 for that.
+
+    Parameters
+    ----------
+    apart : distance of the two lasers, in the unit of their lengths.
+    """
+    return math.atan2(right - left, apart)

@@ -1,0 +1,104 @@
+"""Nomoto's steering models: what control people mean by K and T.
+
+First order: ``T r_dot + r = K delta(t - delay)``, thesis (4.50); second order:
+``T_1 T_2 r_ddot + (T_1 + T_2) r_dot + r = K (delta + T_3 delta_dot)`` (Nomoto 1957; the thesis stays with the first),
+which sway makes out of the first. Any velocity and input may stand for ``r`` and ``delta``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gcs_autotune.models.single_dof import SingleDof
+from gcs_autotune.models.transfer_function import TransferFunction
+
+__all__ = ["Nomoto1", "Nomoto2"]
+
+
+@dataclass(frozen=True, slots=True)
+class Nomoto1:
+    """``K exp(-s delay) / (T s + 1)`` from input to velocity.
+
+    ``K`` [velocity unit per input unit], ``T`` [s], ``delay`` [s]. Both negative: a craft unstable on its course,
+    which turns against a held rudder at first.
+    """
+
+    K: float
+    T: float
+    delay: float = 0.0
+
+    @classmethod
+    def from_single_dof(cls, model: SingleDof, amplitude: float = 0.0) -> Nomoto1:
+        """Return ``K = 1/beta`` and ``T = alpha/beta`` of *model*.
+
+        amplitude : of the velocity [rad/s or m/s] at which quadratic drag is linearised, thesis (6.43). Drag that is
+        zero there gives an infinite K and T.
+        """
+        beta = model.equivalent_drag(amplitude)
+        if beta == 0.0:
+            return cls(math.inf, math.inf, model.delay)
+        return cls(1.0 / beta, model.alpha / beta, model.delay)
+
+    def to_single_dof(self, dof: str, input_unit: str, delta: float = 0.0) -> SingleDof:
+        """Return ``alpha = T/K`` and ``beta = 1/K``."""
+        return SingleDof(dof, input_unit, self.T / self.K, 1.0 / self.K, delta=delta, delay=self.delay)
+
+    def transfer_function(self) -> TransferFunction:
+        """Return the ratio of polynomials; ``.to_control()`` for the ``control`` library."""
+        return TransferFunction((self.K,), (1.0, self.T), 0, self.delay)
+
+    def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """Return the complex response at *omega* [rad/s], any shape."""
+        return self.transfer_function().response(omega)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for a model file."""
+        return {"schema": 1, "model": "nomoto-1", "K": self.K, "T": self.T, "delay": self.delay}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Nomoto1:
+        """Rebuild from :meth:`to_dict`."""
+        return cls(float(data["K"]), float(data["T"]), float(data["delay"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Nomoto2:
+    """``K (T_3 s + 1) exp(-s delay) / ((T_1 s + 1)(T_2 s + 1))`` from input to velocity.
+
+    ``K`` [velocity unit per input unit], times [s] with ``|T_1| >= |T_2|``.
+    """
+
+    K: float
+    T_1: float
+    T_2: float
+    T_3: float
+    delay: float = 0.0
+
+    def first_order(self) -> Nomoto1:
+        """Return the first-order model that agrees at low frequency, ``T = T_1 + T_2 - T_3`` (Nomoto 1957)."""
+        return Nomoto1(self.K, self.T_1 + self.T_2 - self.T_3, self.delay)
+
+    def transfer_function(self) -> TransferFunction:
+        """Return the ratio of polynomials; ``.to_control()`` for the ``control`` library."""
+        denominator = (1.0, self.T_1 + self.T_2, self.T_1 * self.T_2)
+        return TransferFunction((self.K, self.K * self.T_3), denominator, 0, self.delay)
+
+    def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """Return the complex response at *omega* [rad/s], any shape."""
+        return self.transfer_function().response(omega)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for a model file."""
+        times = {"T_1": self.T_1, "T_2": self.T_2, "T_3": self.T_3}
+        return {"schema": 1, "model": "nomoto-2", "K": self.K, **times, "delay": self.delay}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Nomoto2:
+        """Rebuild from :meth:`to_dict`."""
+        return cls(*(float(data[k]) for k in ("K", "T_1", "T_2", "T_3", "delay")))

@@ -1,0 +1,135 @@
+"""Plans as files: what they say, what is refused; and how estimates of several steps are put together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import BadFile, NotInformative, UnknownName
+from gcs_autotune.identify.plan import PLANS, load_plan, plan_from, run_plan
+from gcs_autotune.identify.plan.combine import Estimate, agreements, combined
+from gcs_autotune.trial import Channel, Trial
+
+TWO = """
+name = "two"
+[known]
+m = 10.0
+[[step]]
+name = "straight"
+runs = ["line*"]
+dofs = ["surge"]
+shared = ["X_udot"]
+isolated = ["X_u"]
+held = ["m"]
+coriolis = false
+[step.inputs.X]
+X = 1
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    return path
+
+
+def test_the_shipped_plan_identifies_the_23_parameters_of_seed_004():
+    plan = load_plan("usv_6dof")
+    assert set(plan.parameters) == {
+        "X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r", "Y_r", "N_v", "I_x", "I_y", "I_z", "I_xz",
+        "X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr", "X_udot", "Y_vdot", "Y_rdot", "N_rdot", "C_DA",
+    }  # fmt: skip
+    assert len(plan.parameters) == 23
+
+
+def test_a_plan_takes_the_constants_of_another_craft():
+    plan = PLANS["usv_6dof"].knowing({"m": 30.0, "K_phi": -20.0})
+    heave = next(s for s in plan.steps if s.name == "heave decay")
+    roll = next(s for s in plan.steps if s.name == "roll decay")
+    assert (heave.form.known["m"], roll.form.known["K_phi"]) == (30.0, -20.0)
+    assert plan.final is not None and plan.final.form.known["m"] == 30.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('runs = ["line*"]', "", "which runs"),
+        ('held = ["m"]', 'held = ["m", "X_uu"]', "X_uu is held, but no earlier step"),
+        ('held = ["m"]', 'held = ["m", "X_u"]', "both held and identified"),
+        ('dofs = ["surge"]', 'dofs = ["yaw"]', "equation that is not among"),
+        ('shared = ["X_udot"]', 'shared = ["X_udto"]', "X_udto"),
+        ("coriolis = false", "corioli = false", "corioli"),
+        ("[[step]]", "[[stpe]]", "stpe"),
+        ('name = "straight"', "", "name"),
+        ("m = 10.0", "m = ", "cannot be read"),
+    ],
+)
+def test_a_wrong_plan_is_refused_with_its_place(tmp_path: Path, old: str, new: str, words: str):
+    with pytest.raises(BadFile, match=words):
+        load_plan(written(tmp_path, TWO.replace(old, new)))
+
+
+def test_an_isolated_parameter_belongs_to_one_step(tmp_path: Path):
+    again = (
+        TWO[TWO.index("[[step]]") :]
+        .replace('"straight"', '"again"')
+        .replace('isolated = ["X_u"]', "")
+        .replace('shared = ["X_udot"]', 'shared = ["X_udot", "X_u"]')
+    )
+    with pytest.raises(BadFile, match="X_u is isolated in 'straight'"):
+        load_plan(written(tmp_path, TWO + again))
+
+
+def test_an_unknown_plan_name_lists_those_there_are():
+    with pytest.raises(UnknownName, match="usv_6dof"):
+        load_plan("usv_6df")
+
+
+def test_runs_that_belong_to_no_step_are_named():
+    t = np.arange(0.0, 5.0, 0.1)
+    run = Trial("circle", {"u": Channel("u", "m/s", t, t)})
+    with pytest.raises(NotInformative, match="straight"):
+        run_plan(plan_from({"name": "p", "known": {"m": 1.0}, "step": [STRAIGHT]}, "p"), [run])
+
+
+STRAIGHT = {
+    "name": "straight", "manoeuvre": "speed_steps", "dofs": ["surge"], "isolated": ["X_u"], "shared": ["X_udot"],
+    "held": ["m"], "inputs": {"X": {"X": 1}}, "coriolis": False,
+}  # fmt: skip
+
+
+def test_weighing_by_information_beats_the_plain_mean():
+    rng = np.random.default_rng(0)
+    stds, ours, plain, inside = np.array([0.01, 0.1, 0.5]), [], [], []
+    for _ in range(400):
+        values = 2.0 + stds * rng.normal(size=3)
+        estimates = [Estimate(f"s{i}", ("a",), values[i : i + 1], np.array([[s**2]])) for i, s in enumerate(stds)]
+        _, best, P = combined(estimates)
+        ours.append(best[0])
+        plain.append(np.mean(values))
+        inside.append(abs(best[0] - 2.0) < 1.96 * np.sqrt(P[0, 0]))
+    assert np.std(ours) < 0.1 * np.std(plain)
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_what_one_step_knows_of_a_pair_helps_the_other_step():
+    # one step knows only a + b, the other only b: together both are known
+    tied = np.array([[1.0, -0.9999], [-0.9999, 1.0]])
+    names, values, P = combined(
+        [
+            Estimate("sum", ("a", "b"), np.array([3.5, 1.5]), tied),
+            Estimate("b", ("b",), np.array([2.0]), np.array([[1e-4]])),
+        ]
+    )
+    assert dict(zip(names, values, strict=True)) == pytest.approx({"a": 3.0, "b": 2.0}, abs=0.01)
+    assert np.sqrt(P[0, 0]) < 0.03
+
+
+def test_steps_that_disagree_have_a_small_chance():
+    a, b = (Estimate(s, ("X_u",), np.array([v]), np.array([[0.01]])) for s, v in (("line", -5.0), ("spiral", -6.0)))
+    (row,) = agreements([a, b])
+    assert row.probability < 1e-6 and row.mean == row.combined == pytest.approx(-5.5)
+    (calm,) = agreements([a, Estimate("spiral", ("X_u",), np.array([-5.1]), np.array([[0.01]]))])
+    assert calm.probability > 0.1

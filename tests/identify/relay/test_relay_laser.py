@@ -1,0 +1,42 @@
+"""The laser distance module: thesis (3.7)-(3.9) and Table 3.1."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.relay.laser import LaserCurve, angle_to_surface, calibrate, distance_to_surface
+
+TAPE = np.arange(10.0, 100.1, 5.0)
+"""Distances of the calibration [cm], thesis 3.4."""
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_table_3_1_comes_back_from_its_own_calibration_points(side: str, published: dict[str, Any]) -> None:
+    """The thesis prints the coefficients only; its 19 distances and whole pixels are enough to find them again."""
+    printed = LaserCurve(*published["laser_calibration_table_3_1"][side])
+    pixels = np.array([printed.pixels(v) for v in TAPE])
+    assert printed.length(pixels) == pytest.approx(TAPE)
+    again = calibrate(pixels, TAPE)
+    assert (again.a, again.b, again.c, again.d) == pytest.approx((printed.a, printed.b, printed.c, printed.d), rel=1e-4)
+    rounded = calibrate(np.round(pixels), TAPE)
+    assert rounded.length(pixels) == pytest.approx(TAPE, abs=1.5)
+    assert (rounded.c, rounded.d) == pytest.approx((printed.c, printed.d), rel=0.1)
+
+
+def test_distance_and_angle_follow_from_the_two_beams() -> None:
+    assert distance_to_surface(40.0, 50.0) == 45.0
+    assert angle_to_surface(50.0, 50.0, 20.0) == 0.0
+    assert angle_to_surface(40.0, 60.0, 20.0) == pytest.approx(math.pi / 4.0)
+
+
+def test_distances_outside_the_curve_and_too_few_points_are_refused() -> None:
+    curve = LaserCurve(230.2, -0.03876, 83.3, -0.007234)
+    with pytest.raises(NotInformative, match="outside"):
+        curve.pixels(400.0)
+    with pytest.raises(NotInformative, match="five"):
+        calibrate([1.0, 2.0, 3.0], [30.0, 20.0, 10.0])
