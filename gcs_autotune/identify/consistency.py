@@ -2,7 +2,7 @@
 
 The difference of two independent estimates, weighed with both covariances, is chi-squared distributed when the craft
 is the same. The run furthest from the rest is taken out and the remaining ones are compared again. Constant forces,
-current and delay belong to the day, not to the craft, and are left out of the comparison.
+current and delay belong to the day, not to the craft: leave them out of the estimates.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Doubt
 
-__all__ = ["Apart", "Estimate", "apart_doubts", "belongs", "estimate_of", "runs_apart"]
+__all__ = ["Apart", "Estimate", "apart_doubts", "belongs", "runs_apart"]
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,6 @@ SIGMAS = 6.0
 """Chosen: a run counts as apart when its distance is less likely than six standard errors of one number."""
 CHANGE = 0.20
 """And when a parameter differs by this share: two long runs of one craft show small differences of no account."""
-OF_THE_DAY = ("delta", "delay", "V_x", "V_y", "lag")
-"""Parameters that may differ between two runs of one craft; so may those ending in ``_0``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,20 +98,6 @@ def _distance(one: Estimate | None, rest: Estimate | None, sigmas: float) -> tup
     if square <= limit or change <= CHANGE:
         return 0.0, 0.0
     return math.sqrt(square), change
-
-
-def estimate_of(fit: Fit) -> Estimate | None:
-    """Return what a fit says about the craft itself; None when nothing of it was fitted."""
-    order = list(fit.parameters)
-    chosen = [
-        i
-        for i, name in enumerate(order)
-        if fit.parameters[name].status == "fitted" and name not in OF_THE_DAY and not name.endswith("_0")
-    ]
-    if not chosen or not np.all(np.isfinite(fit.covariance)):
-        return None
-    values = np.array([fit.parameters[order[i]].value for i in chosen])
-    return Estimate(values, fit.covariance[np.ix_(chosen, chosen)])
 
 
 def apart_doubts(found: Sequence[Apart]) -> list[Doubt]:

@@ -12,7 +12,6 @@ from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.one_craft import blamed, runs_of_another_craft
 from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
@@ -105,12 +104,8 @@ def _fit_coupled(
         trials=runs,
         options=options,
     )
-    try:
-        found = chosen.coupled(case)
-    except NotInformative as error:
-        raise blamed(case, error, chosen.coupled) from error
-    apart = runs_of_another_craft(case, found, chosen.coupled)
-    return _with_doubts(found, [*doubts, *(d for r in records for d in r.notes), *apart])
+    found = chosen.coupled(case)
+    return _with_doubts(found, [*doubts, *(d for r in records for d in r.notes)])
 
 
 def fit_axis(
