@@ -7,7 +7,16 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from gcs_autotune import __version__
-from gcs_autotune.cli import experiment_cmd, identify_cmd, params_cmd, restore_cmd, sitl_cmd, thrusters_cmd, tune_cmd
+from gcs_autotune.cli import (
+    experiment_cmd,
+    figures_cmd,
+    identify_cmd,
+    params_cmd,
+    restore_cmd,
+    sitl_cmd,
+    thrusters_cmd,
+    tune_cmd,
+)
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, exit_code
 
@@ -18,6 +27,7 @@ COMMANDS: Mapping[str, Command] = {
     for c in (
         tune_cmd.COMMAND,
         identify_cmd.COMMAND,
+        figures_cmd.COMMAND,
         experiment_cmd.COMMAND,
         thrusters_cmd.COMMAND,
         params_cmd.COMMAND,

@@ -6,6 +6,7 @@
 axis         one degree of freedom, exactly: records, likelihood, structure decision, doubts
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
 frequency    the empirical frequency response with coherence, and Nomoto's models
+ship         open-loop steps, zig-zags, turning circles, spirals, pull-outs: methods and IMO figures
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
 thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of propellers
 plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all

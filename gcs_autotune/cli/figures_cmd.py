@@ -1,0 +1,72 @@
+"""``gcs-autotune figures``: what ship people read off a zig-zag, a turning circle, a spiral or a pull-out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+
+from gcs_autotune.cli.command import Command
+
+__all__ = ["COMMAND"]
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "runs",
+        nargs="+",
+        type=Path,
+        metavar="RUN",
+        help="CSV files with heads like t[s],psi[deg],delta[deg], or folders",
+    )
+    parser.add_argument(
+        "--manoeuvre", metavar="NAME", help="zig-zag, turning-circle, spiral, reverse-spiral or pull-out"
+    )
+    parser.add_argument("--length", type=float, metavar="L", help="ship length, m: figures in lengths and IMO's limits")
+    parser.add_argument("--speed", type=float, metavar="V", help="trial speed, m/s, when the run does not hold it")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, metavar="S", help="of a scale model: its ship is S times longer"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON on standard output")
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from gcs_autotune.identify.ship import Particulars, ship_figures
+    from gcs_autotune.logs import load_runs
+    from gcs_autotune.report import sheets_summary
+
+    ship = Particulars(_known(args.length), _known(args.speed), args.scale)
+    trials = [trial for path in args.runs for trial in load_runs(path)]
+    sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
+    if args.json:
+        sys.stdout.write(json.dumps({"schema": 1, "sheets": [_plain(s.to_dict()) for s in sheets]}, indent=1) + "\n")
+    else:
+        Console().print(sheets_summary(sheets))
+    return 0
+
+
+def _known(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _plain(thing: object) -> object:
+    """Return plain data without what JSON does not know: NaN becomes null."""
+    if isinstance(thing, dict):
+        return {key: _plain(value) for key, value in thing.items()}
+    if isinstance(thing, list):
+        return [_plain(value) for value in thing]
+    return None if isinstance(thing, float) and not math.isfinite(thing) else thing
+
+
+COMMAND = Command(
+    name="figures",
+    help="read ship figures (IMO, ITTC) off a zig-zag, turning circle, spiral or pull-out",
+    description="Recognise the manoeuvre in a recorded run and print its figures with standard errors, the criteria of "
+    "IMO MSC.137(76) beside them: overshoot angles, initial turning, advance, tactical diameter, stability.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

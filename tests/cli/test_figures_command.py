@@ -1,0 +1,55 @@
+"""gcs-autotune figures, as typed."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from gcs_autotune.cli import main
+
+
+@pytest.fixture
+def zigzag(tmp_path):
+    """A 20/20 zig-zag of 4 r' + r = 0.25 delta, exact between samples, in degrees."""
+    dt, psi, r, delta, rows = 0.1, 0.0, 0.0, 0.0, []
+    for k in range(1200):
+        if k >= 100:
+            delta = delta or 20.0
+            delta = -20.0 if psi >= 20.0 else 20.0 if psi <= -20.0 else delta
+        rows.append(f"{k * dt:.1f},{psi:.3f},{delta:.1f}")
+        steady, decay = 0.25 * delta, math.exp(-dt / 4.0)
+        psi += steady * dt + (r - steady) * 4.0 * (1.0 - decay)
+        r = steady + (r - steady) * decay
+    path = tmp_path / "zz.csv"
+    path.write_text("t[s],psi[deg],delta[deg]\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_figures_prints_a_table_with_the_criterion(capsys, zigzag):
+    assert main(["figures", str(zigzag), "--length", "7", "--speed", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "20/20 zig-zag" in out
+    row = next(line for line in out.splitlines() if "first overshoot" in line)
+    assert "25" in row
+    assert "met" in row
+
+
+def test_figures_prints_json_without_nan(capsys, zigzag):
+    assert main(["figures", str(zigzag), "--json"]) == 0
+    (sheet,) = json.loads(capsys.readouterr().out)["sheets"]
+    values = {f["slug"]: f["value"] for f in sheet["figures"]}
+    assert values["K"] == pytest.approx(0.25, rel=0.01)
+    assert values["T"] == pytest.approx(4.0, rel=0.01)
+
+
+def test_figures_of_a_run_that_holds_none_exits_with_six_and_says_why(capsys, tmp_path):
+    path = tmp_path / "still.csv"
+    path.write_text("t[s],psi[deg],delta[deg]\n" + "\n".join(f"{k},{k % 2},{k > 20:d}" for k in range(40)) + "\n")
+    assert main(["figures", str(path)]) == 6
+    assert "no zig-zag" in capsys.readouterr().err
+
+
+def test_figures_refuses_a_negative_length(capsys, zigzag):
+    assert main(["figures", str(zigzag), "--length", "-7"]) == 2
