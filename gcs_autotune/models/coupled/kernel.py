@@ -43,9 +43,6 @@ REACH = 0.25
 RUNAWAY = 1e6
 """State at which a simulation is given up."""
 
-MAX_STEPS, FREE_STEPS = 20, 20000
-"""Steps per stamp, beyond so many at all, before a simulation is given up as hopelessly stiff."""
-
 
 class Program(NamedTuple):
     """A form as arrays. ``active`` (k,) degrees of freedom; ``column`` (12,) place of eta and nu in the state, -1
@@ -476,15 +473,16 @@ def sweep(
     q: int,
     deriv: bool,
     pace: float,
+    most: float,
     X: Array,
     S_out: Array,
 ) -> tuple[bool, float]:
     """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and with *deriv* ``S_out`` (s, n, q).
 
     inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column :
-    (n,) column of the sensitivity to each initial state, -1 if it is known. pace : fastest rate [1/s] expected.
-    free : as for :func:`evaluate`, all -1 without *deriv*. Returns whether
-    the motion stayed finite, and the fastest rate met.
+    (n,) column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1
+    without *deriv*. pace : fastest rate [1/s] expected; most : steps to be spent. Returns whether the motion stayed
+    finite, and the fastest rate met.
     """
     n = len(x_0)
     x = x_0.copy()
@@ -499,7 +497,7 @@ def sweep(
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     delay_column = free[P.delay] if P.delay >= 0 else -1
     t, j, fastest = t_out[0], 0, 0.0
-    spent, allowed = 0.0, FREE_STEPS + MAX_STEPS * len(t_out)
+    spent = 0.0
     while j + 1 < len(t_in) and t_in[j + 1] + delay <= t:
         j += 1
     for s in range(len(t_out)):
@@ -513,7 +511,7 @@ def sweep(
                 )
                 spent += span * pace / REACH
                 fastest = max(fastest, rate)
-                if not finite or spent > allowed:
+                if not finite or spent > most:
                     return False, fastest
                 t = stop
             if jump:
