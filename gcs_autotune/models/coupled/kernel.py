@@ -17,7 +17,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["ETA", "INPUT", "INPUT_SIZE", "NU", "NU_SIZE", "SIN_PHI", "SIN_THETA", "Program", "evaluate", "sweep"]
+__all__ = [
+    "ETA",
+    "INPUT",
+    "INPUT_SIZE",
+    "NU",
+    "NU_SIZE",
+    "SIN_PHI",
+    "SIN_THETA",
+    "Program",
+    "advance",
+    "evaluate",
+    "sweep",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -322,7 +334,7 @@ def _rate(A: Array) -> float:
 
 
 @njit(cache=True)
-def _advance(
+def advance(
     P: Program,
     theta: Array,
     M: Array,
@@ -425,7 +437,7 @@ def sweep(
             jump = j + 1 < len(t_in) and t_in[j + 1] + delay <= t_out[s]
             stop = t_in[j + 1] + delay if jump else t_out[s]
             if stop > t:
-                rate = _advance(P, theta, M, M_inverse, x, S, inputs[j], free, stop - t, deriv, pace, f, A, B)
+                rate = advance(P, theta, M, M_inverse, x, S, inputs[j], free, stop - t, deriv, pace, f, A, B)
                 if rate < 0.0:
                     return -1.0
                 fastest = max(fastest, rate)

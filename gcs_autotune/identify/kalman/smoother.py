@@ -1,0 +1,127 @@
+"""Iterated smoother: all states of all runs and the parameters at once, by Gauss-Newton.
+
+Each round linearises the equations about the smoothed trajectories and parameters of the round before (not about a
+filter's half-informed estimate), runs forwards and backwards, and fits the noise levels to what is left. With the
+trajectories tied to the samples from the first round on, a bad start cannot send the motion astray, and velocities come
+out of positions alone.
+
+Bell 1994, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Optimization 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.kalman.bank import Passed, Smoothed
+from gcs_autotune.identify.kalman.ekf import SETTLED, settled
+from gcs_autotune.identify.kalman.report import Found, report, thinned
+from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.models.coupled.model import inertia_matrix
+
+__all__ = ["SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate"]
+
+Array = NDArray[np.float64]
+
+SMOOTHER_OPTIONS = (*OPTIONS, ("rounds", "most rounds (60)"))
+
+ROUNDS = 60
+"""Most rounds. Chosen: parameters need five to ten, levels that go to zero up to forty."""
+
+WIDE = 10.0
+"""Prior spread in natural scales: linearised about a trajectory the answer needs no guidance from it."""
+
+
+class Ended:
+    """Where the rounds ended: pass, smoothed states, levels, last moves in standard errors, rounds."""
+
+    __slots__ = ("levels", "moved", "passed", "rounds", "smoothed")
+
+    def __init__(self, passed: Passed, smoothed: Smoothed, levels: Any, moved: Array, rounds: int) -> None:
+        self.passed, self.smoothed, self.levels, self.moved, self.rounds = passed, smoothed, levels, moved, rounds
+
+
+def fit_by_smoother(case: CoupledCase) -> Fit:
+    """Fit by the iterated smoother; *case* and result as every method for coupled models."""
+    task = task_of(case)
+    rounds = int(case.options.get("rounds", ROUNDS))
+    if rounds < 1:
+        raise UsageError(f"rounds must be 1 or more, not {rounds}")
+    ended = iterate(task, rounds)
+    passed = ended.passed
+    found = Found(
+        passed.parameters,
+        passed.covariance,
+        np.sqrt(np.diag(passed.covariance)),
+        ended.levels,
+        passed,
+        ended.moved,
+        extra={"rounds": ended.rounds, "smoothed": _smoothed(task, ended.smoothed)},
+    )
+    return report(task, "smoother", found)
+
+
+def iterate(task: Task, rounds: int) -> Ended:
+    """Return where at most *rounds* rounds lead.
+
+    Raises
+    ------
+    NotInformative
+        Even the first round ran away.
+    """
+    bank, prior = task.bank, task.prior
+    prior = replace(prior, covariance=WIDE**2 * prior.covariance)
+    here, paths, levels = prior.parameters, task.start.paths, task.start.levels
+    ended: Ended | None = None
+    for count in range(1, rounds + 1):
+        passed = bank.run(task.theta(here), prior, levels, about=paths, full=True)
+        if passed is None:
+            break
+        smoothed = bank.smooth(passed, levels)
+        there = _within(task, here, passed.parameters)
+        moved = np.abs(there - here) / np.sqrt(np.diag(passed.covariance))
+        after = task.tuned(levels, smoothed)
+        ended = Ended(replace(passed, parameters=there), smoothed, levels, moved, count)
+        if bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed):
+            break
+        n = len(bank.states)
+        here, levels, paths = there, after, tuple(path[:, :n] for path in smoothed.trajectories)
+    if ended is None:
+        raise NotInformative(
+            f"the smoother found no motion of '{bank.form.name}' near run '{task.case.names[0]}': "
+            "give start values (start=...)"
+        )
+    return ended
+
+
+def _within(task: Task, here: Array, there: Array) -> Array:
+    """Return *there*, or a point on the way where the inertia is still positive definite."""
+    active = task.bank.program.active
+    for _ in range(20):
+        M = inertia_matrix(task.bank.form, task.theta(there))[np.ix_(active, active)]
+        if np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 0.0):
+            return there
+        there = 0.5 * (here + there)
+    return here
+
+
+def _smoothed(task: Task, smoothed: Smoothed) -> list[dict[str, Any]]:
+    """Return the smoothed states of every run with their standard deviations, thinned."""
+    runs = []
+    for track, path, var in zip(task.bank.tracks, smoothed.trajectories, smoothed.variances, strict=True):
+        at = thinned(np.arange(len(track.stamps)))
+        runs.append(
+            {
+                "run": track.record.run,
+                "t": track.stamps[at].tolist(),
+                "value": {s: path[at, i].tolist() for i, s in enumerate(task.bank.states)},
+                "std": {s: np.sqrt(var[at, i]).tolist() for i, s in enumerate(task.bank.states)},
+            }
+        )
+    return runs
