@@ -21,6 +21,9 @@ LONGEST = 0.5
 """Longest interval [s] a filter crosses in one step; longer ones get stamps without samples. Chosen: Simpson's rule for
 the process noise then errs below 1 % for craft with time constants above half a second."""
 
+HASTE = 1.5
+"""Over-relaxation of the drive's fixed point, which alone is slow where a run hardly tells of process noise."""
+
 _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 
 
@@ -212,5 +215,5 @@ def tuned(levels: Levels, smoothed: Smoothed, floors: Array, *, noise: bool = Tr
         r = np.maximum(r * np.clip(np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0), 0.05, 20.0), floors)
     if drive:
         a, b = smoothed.by_drive
-        q = q * np.clip(np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0), 0.02, 20.0)
+        q = q * np.clip(np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0), 0.02, 20.0) ** HASTE
     return replace(levels, noise=r, drive=q)

@@ -66,7 +66,7 @@ def _consistency(task: Task, last: Passed) -> list[Doubt]:
         seen = ~np.isnan(S[:, j])
         z = (e[:, j] / np.sqrt(S[:, j]))[seen]
         n = len(z)
-        nis, low, high = float(z @ z), *chi2.ppf([0.0005, 0.9995], n)
+        nis, low, high = float(z @ z), float(chi2.ppf(0.0005, n)), float(chi2.ppf(0.9995, n))
         if not 0.9 * low <= nis <= 1.1 * high:
             doubts.append(
                 Doubt(

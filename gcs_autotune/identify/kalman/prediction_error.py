@@ -1,9 +1,9 @@
 """Prediction error: parameters, measurement noise and process noise of greatest likelihood, together.
 
 The likelihood is that of the innovations of a filter with known parameters,
-``-1/2 sum(e^2/S + ln 2 pi S)``. Its derivatives by the parameters are differences of whole passes, so the gain's and the
-innovation variances' own dependence on every parameter is in them; steps and covariance come from Fisher's information
-``sum(de de'/S + dS dS'/(2 S^2))``. The start is the iterated smoother. Ljung, *System Identification*, ch. 7.
+``-1/2 sum(e^2/S + ln 2 pi S)``. Its derivatives by the parameters are differences of whole passes, so that the gain's
+and the innovation variances' own dependence on every parameter is in them; steps and covariance come from
+``sum(de de'/S + dS dS'/(2 S^2))``, the information. The start is the iterated smoother. Ljung, *System Identification*, ch. 7.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SMOOTHER_ROUNDS = 30
 """Rounds of the smoother that gives the start."""
 
 ACTIVE = 1e-3
-"""A level of process noise is estimated when one standard error of it, or itself, moves the innovations by this share."""
+"""Process noise is estimated when what it adds to the score's power exceeds this; below it is put to zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class _Likelihood:
         m = len(levels.noise)
         sought = list(range(m)) if task.tune_noise else []
         if task.tune_drive:
-            sought += [m + i for i in np.flatnonzero(levels.drive > 0.0)]
+            sought += [m + int(i) for i in np.flatnonzero(levels.drive > 0.0)]
         self.sought = np.array(sought, dtype=np.int64)
 
     def start(self, parameters: Array) -> _Point:
@@ -122,7 +122,8 @@ def fit_by_prediction_error(case: CoupledCase) -> Fit:
     p = len(point.parameters)
     std = np.concatenate([np.sqrt(np.diag(ended.passed.covariance)), np.full(len(point.logs), 0.2)])
     moved, covariance, count = np.zeros(p), ended.passed.covariance, 0
-    for count in range(1, rounds + 1):
+    while count < rounds:
+        count += 1
         gradient, information = likelihood.score(point, here, STEP * std)
         guard = np.concatenate([(task.spread * task.start.scale) ** -2.0 * 1e-2, np.full(len(point.logs), 1e-2)])
         whole = inverse_of(information + np.diag(guard))

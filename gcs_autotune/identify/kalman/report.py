@@ -1,4 +1,4 @@
-"""From what a filter found to a ``Fit``: parameters, free-run traces, filter traces and doubts, alike for all methods."""
+"""From what a filter found to a ``Fit``: parameters, free-run traces, innovations and doubts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
 from gcs_autotune.models.coupled import CoupledModel, unit_of
 
-__all__ = ["Found", "MOST_POINTS", "report"]
+__all__ = ["MOST_POINTS", "Found", "report"]
 
 Array = NDArray[np.float64]
 

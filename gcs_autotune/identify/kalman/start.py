@@ -7,6 +7,7 @@ whatever stamps, and its walk is fitted by maximum likelihood. The equations of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -95,7 +96,7 @@ def rough_noise(signal: Signal) -> float:
     t, y = signal.t, signal.values
     w = (t[2:] - t[1:-1]) / (t[2:] - t[:-2])
     off = (y[1:-1] - w * y[:-2] - (1.0 - w) * y[2:]) / np.sqrt(1.0 + w**2 + (1.0 - w) ** 2)
-    least = max(1e-4 * float(np.std(y)), signal.step / np.sqrt(12.0), 1e-12)
+    least = max(1e-4 * float(np.std(y)), signal.step / math.sqrt(12.0), 1e-12)
     return max(1.4826 * float(np.median(np.abs(off))), least)
 
 
