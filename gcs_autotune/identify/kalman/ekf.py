@@ -7,7 +7,7 @@ point then; what that prior adds to the information is taken away again, so that
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,11 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.kalman.bank import Levels, Passed, Prior, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
-from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
+from gcs_autotune.identify.kalman.smoother import SETTLED, iterate, positive_inertia, settled
+from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_states, task_of
 from gcs_autotune.identify.result import Fit
 
-__all__ = ["FILTER_OPTIONS", "fit_by_ekf", "fit_by_ukf", "settled"]
+__all__ = ["FILTER_OPTIONS", "fit_by_ekf", "fit_by_ukf"]
 
 Array = NDArray[np.float64]
 
@@ -33,11 +34,12 @@ FILTER_OPTIONS = (
 PASSES = 40
 """Most passes. Chosen: levels settle geometrically, 10 to 25 passes do."""
 
-REPEAT = 3.0
-"""Standard errors a repeated pass begins with: wide enough to move, narrow enough to stay where the model is linear."""
+CLOSE = 0.5
+"""Move of all parameters in standard errors below which the states seen from the run's end are trusted too."""
 
-SETTLED = 0.02
-"""Move in standard errors, and relative change of the levels that matter, at which passes end."""
+
+HOPELESS = 3
+"""Passes after which an inertia that is not positive definite is taken for lost."""
 
 
 def fit_by_ekf(case: CoupledCase) -> Fit:
@@ -56,9 +58,47 @@ def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
     walk = float(case.options.get("parameter_walk", 0.0))
     if passes < 1 or walk < 0.0:
         raise UsageError(f"passes must be 1 or more and parameter_walk not negative, not {passes} and {walk}")
-    levels = replace(task.start.levels, walk=(walk * task.start.scale) ** 2)
-    prior, moved = task.prior, np.zeros(len(task.bank.free))
-    last, count = None, 0
+    drift = (walk * task.start.scale) ** 2
+    ended = _passes(task, task.prior, replace(task.start.levels, walk=drift), passes, sigma=sigma)
+    rescued = passes > 1 and (ended is None or not positive_inertia(task, ended.passed.parameters))
+    if rescued:
+        smooth = iterate(task, passes)
+        first = task.prior
+        states, spread = first_states(smooth.smoothed, first.spread)
+        near = Prior(states, spread, smooth.passed.parameters, REPEAT**2 * smooth.passed.covariance)
+        ended = _passes(task, near, replace(smooth.levels, walk=drift), passes, sigma=sigma) or ended
+    if ended is None:
+        raise NotInformative(
+            f"the filter ran away on run '{case.names[0]}' from these start values: give others (start=...), "
+            "or a wider state_noise"
+        )
+    std = np.sqrt(np.diag(ended.covariance))
+    found = Found(
+        ended.passed.parameters,
+        ended.covariance,
+        std if walk == 0.0 else np.full(len(std), np.nan),
+        ended.levels,
+        ended.passed,
+        ended.moved,
+        extra={"passes": ended.count, "rescued": rescued, "history": _history(task, ended.passed)},
+    )
+    return report(task, method, found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ended:
+    """The last pass, the covariance of the parameters by the data alone, levels, last moves, how many passes."""
+
+    passed: Passed
+    covariance: Array
+    levels: Levels
+    moved: Array
+    count: int
+
+
+def _passes(task: Task, prior: Prior, levels: Levels, passes: int, *, sigma: bool) -> _Ended | None:
+    """Run at most *passes* passes from *prior*; None when even the first runs away."""
+    ended, close = None, False
     for count in range(1, passes + 1):
         now = _survived(task, prior, levels, sigma=sigma)
         if now is None:
@@ -67,31 +107,17 @@ def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
         smoothed = task.bank.smooth(passed, levels)
         after = task.tuned(levels, smoothed)
         covariance = passed.covariance if count == 1 else _alone(passed.covariance, prior.covariance)
-        std = np.sqrt(np.diag(covariance))
-        moved = np.abs(passed.parameters - prior.parameters) / std if count > 1 else moved
-        last = (passed, levels, covariance)
+        moved = np.abs(passed.parameters - prior.parameters) / np.sqrt(np.diag(covariance))
+        moved = moved if count > 1 else np.zeros_like(moved)
+        ended = _Ended(passed, covariance, levels, moved, count)
         if count > 1 and bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed):
             break
+        if count >= HOPELESS and not positive_inertia(task, passed.parameters):
+            break
         levels = after
-        if count < passes:
-            prior = _next(task, passed, covariance, smoothed)
-    if last is None:
-        raise NotInformative(
-            f"the filter ran away on run '{case.names[0]}' from these start values: give others (start=...), "
-            "or a wider state_noise"
-        )
-    passed, levels, covariance = last
-    bounds = np.sqrt(np.diag(covariance)) if walk == 0.0 else np.full(len(task.bank.free), np.nan)
-    found = Found(
-        passed.parameters,
-        covariance,
-        bounds,
-        levels,
-        passed,
-        moved,
-        extra={"passes": count, "history": _history(task, passed)},
-    )
-    return report(task, method, found)
+        close = close or bool(count > 1 and np.all(moved < CLOSE))
+        prior = _next(task, passed, covariance, smoothed, close=close)
+    return ended
 
 
 def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple[Passed, Levels] | None:
@@ -104,12 +130,15 @@ def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple
     return None
 
 
-def _next(task: Task, passed: Passed, covariance: Array, smoothed: Smoothed) -> Prior:
-    """Return the prior of the next pass: where this one ended, wide again, but not wider than at first."""
-    n, first = len(task.bank.states), task.prior
+def _next(task: Task, passed: Passed, covariance: Array, smoothed: Smoothed, *, close: bool) -> Prior:
+    """Return the prior of the next pass: where this one ended, wide again, but not wider than at first.
+
+    close : the parameters are near their end, so that the first states seen from the end can be trusted.
+    """
+    first = task.prior
     wide = np.minimum(REPEAT, np.sqrt(np.diag(first.covariance) / np.diag(covariance)))
-    states = np.array([path[0, :n] for path in smoothed.trajectories])
-    return Prior(states, first.spread, passed.parameters, covariance * np.outer(wide, wide))
+    states, spread = first_states(smoothed, first.spread)
+    return Prior(states, spread if close else first.spread, passed.parameters, covariance * np.outer(wide, wide))
 
 
 def _alone(after: Array, before: Array) -> Array:
@@ -121,18 +150,6 @@ def _alone(after: Array, before: Array) -> Array:
     side = root @ W
     alone: Array = (side / np.maximum(1.0 - share, 1e-3)) @ side.T * np.outer(unit, unit)
     return alone
-
-
-def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
-    """Whether the noise levels stand still, those apart that have become too small to matter."""
-    for old, new, rows in (
-        (before.noise, after.noise, smoothed.by_noise),
-        (before.drive, after.drive, smoothed.by_drive),
-    ):
-        gain = np.abs(new - old) * np.abs(rows[0] - rows[1])
-        if np.any(gain > SETTLED):
-            return False
-    return True
 
 
 def _history(task: Task, passed: Passed) -> dict[str, Any]:

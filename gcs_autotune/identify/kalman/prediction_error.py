@@ -3,7 +3,9 @@
 The likelihood is that of the innovations of a filter with known parameters,
 ``-1/2 sum(e^2/S + ln 2 pi S)``. Its derivatives by the parameters are differences of whole passes, so that the gain's
 and the innovation variances' own dependence on every parameter is in them; steps and covariance come from
-``sum(de de'/S + dS dS'/(2 S^2))``, the information. The start is the iterated smoother. Ljung, *System Identification*, ch. 7.
+``sum(de de'/S + dS dS'/(2 S^2))``, the information. The start is the iterated smoother's.
+
+Ljung 1999, *System Identification*, chapter 7.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Passed, Prior
 from gcs_autotune.identify.kalman.report import Found, report
 from gcs_autotune.identify.kalman.smoother import iterate
-from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
+from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.result import Fit
 
@@ -55,11 +57,11 @@ class _Point:
 class _Likelihood:
     """The log likelihood of a task over its unknowns, with its score and information."""
 
-    def __init__(self, task: Task, levels: Levels, states: Array) -> None:
+    def __init__(self, task: Task, levels: Levels, states: Array, spread: Array) -> None:
         self.task, self.levels = task, levels
         self.bank: Bank = task.bank.with_free(())
         nothing = np.zeros(0)
-        self.prior = Prior(states, task.start.spread, nothing, np.zeros((0, 0)))
+        self.prior = Prior(states, spread, nothing, np.zeros((0, 0)))
         m = len(levels.noise)
         sought = list(range(m)) if task.tune_noise else []
         if task.tune_drive:
@@ -112,9 +114,8 @@ def fit_by_prediction_error(case: CoupledCase) -> Fit:
     if rounds < 1:
         raise UsageError(f"rounds must be 1 or more, not {rounds}")
     ended = iterate(task, SMOOTHER_ROUNDS)
-    n = len(task.bank.states)
-    states = np.array([path[0, :n] for path in ended.smoothed.trajectories])
-    likelihood = _Likelihood(task, _thresholded(ended.levels, ended.smoothed.by_drive), states)
+    prior = first_states(ended.smoothed, task.start.spread)
+    likelihood = _Likelihood(task, _thresholded(ended.levels, ended.smoothed.by_drive), *prior)
     point = likelihood.start(ended.passed.parameters)
     here = likelihood.at(point)
     if here is None:

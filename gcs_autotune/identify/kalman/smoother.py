@@ -10,7 +10,7 @@ Bell 1994, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Opti
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.kalman.bank import Passed, Smoothed
-from gcs_autotune.identify.kalman.ekf import SETTLED, settled
+from gcs_autotune.identify.kalman.bank import Levels, Passed, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models.coupled.model import inertia_matrix
 
-__all__ = ["SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate"]
+__all__ = ["SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate", "positive_inertia", "settled"]
 
 Array = NDArray[np.float64]
 
@@ -38,13 +37,19 @@ WIDE = 10.0
 """Prior spread in natural scales: linearised about a trajectory the answer needs no guidance from it."""
 
 
+SETTLED = 0.02
+"""Move in standard errors, and gain of the log likelihood by the levels, at which rounds end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Ended:
-    """Where the rounds ended: pass, smoothed states, levels, last moves in standard errors, rounds."""
+    """Where the rounds ended: last pass, smoothed states, levels, last moves (p,) in standard errors, rounds."""
 
-    __slots__ = ("levels", "moved", "passed", "rounds", "smoothed")
-
-    def __init__(self, passed: Passed, smoothed: Smoothed, levels: Any, moved: Array, rounds: int) -> None:
-        self.passed, self.smoothed, self.levels, self.moved, self.rounds = passed, smoothed, levels, moved, rounds
+    passed: Passed
+    smoothed: Smoothed
+    levels: Levels
+    moved: Array
+    rounds: int
 
 
 def fit_by_smoother(case: CoupledCase) -> Fit:
@@ -100,12 +105,29 @@ def iterate(task: Task, rounds: int) -> Ended:
     return ended
 
 
+def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
+    """Whether the noise levels stand still, those apart that have become too small to matter."""
+    for old, new, rows in (
+        (before.noise, after.noise, smoothed.by_noise),
+        (before.drive, after.drive, smoothed.by_drive),
+    ):
+        gain = np.abs(new - old) * np.abs(rows[0] - rows[1])
+        if np.any(gain > SETTLED):
+            return False
+    return True
+
+
+def positive_inertia(task: Task, parameters: Array) -> bool:
+    """Whether the inertia of free *parameters* (p,) is positive definite."""
+    active = task.bank.program.active
+    M = inertia_matrix(task.bank.form, task.theta(parameters))[np.ix_(active, active)]
+    return bool(np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 0.0))
+
+
 def _within(task: Task, here: Array, there: Array) -> Array:
     """Return *there*, or a point on the way where the inertia is still positive definite."""
-    active = task.bank.program.active
     for _ in range(20):
-        M = inertia_matrix(task.bank.form, task.theta(there))[np.ix_(active, active)]
-        if np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 0.0):
+        if positive_inertia(task, there):
             return there
         there = 0.5 * (here + there)
     return here

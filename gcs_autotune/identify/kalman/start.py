@@ -19,7 +19,7 @@ from gcs_autotune.identify.coupled.free_run import first_state
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
 from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import SPECIAL, inertia_of
+from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
 from gcs_autotune.models.coupled.kernel import evaluate
 from gcs_autotune.models.coupled.model import inertia_matrix, program_of, states_of
 from gcs_autotune.sname import DOFS
@@ -76,6 +76,7 @@ def begin(bank: Bank, given: Mapping[str, float]) -> Start:
     """Return where to begin; *given* overrides the regression's values."""
     form = bank.form
     motions = [smoothed_motion(form, track.record, bank.signals) for track in bank.tracks]
+    given = _possible(form, given)
     theta, scale, left = _regression(form, motions, given)
     dt = float(np.median(np.concatenate([np.diff(t.stamps) for t in bank.tracks])))
     k, n = len(form.dofs), len(bank.states)
@@ -182,6 +183,22 @@ def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float
     ])  # fmt: skip
     unexplained = np.sqrt(np.mean(left**2, axis=0)) / np.maximum(inertia, 1e-12)
     return theta, scale, np.clip(unexplained, 0.05 * acceleration, 3.0 * acceleration + 1e-9)
+
+
+def _possible(form: Form, given: Mapping[str, float]) -> dict[str, float]:
+    """Return *given* without its inertias when they make an inertia matrix that no craft has.
+
+    A filter cannot come back from there: on the way the inertia passes through zero and every acceleration through
+    infinity.
+    """
+    named = {**given, **form.known}
+    inertias = [n for n in given if inertia_of(n) is not None or n in RIGID_BODY]
+    if set(inertias) >= {n for n in form.free if inertia_of(n) is not None or n in RIGID_BODY} and inertias:
+        active = program_of(form).active
+        M = inertia_matrix(form, np.array([named.get(n, 0.0) for n in form.parameters]))[np.ix_(active, active)]
+        if np.any(np.linalg.eigvalsh(0.5 * (M + M.T)) <= 0.0):
+            return {n: v for n, v in given.items() if n not in inertias}
+    return dict(given)
 
 
 def _scale(force: Array, size: Array, value: float) -> float:

@@ -14,7 +14,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
 
-__all__ = ["OPTIONS", "Task", "task_of"]
+__all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,9 @@ OPTIONS = (
     ("spread", "how far a parameter may lie from its start, in units of its natural scale (1)"),
 )
 """Options all methods of this room understand."""
+
+REPEAT = 3.0
+"""Standard errors a repeated pass begins with: wide enough to move, narrow enough to stay where the model is linear."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +56,14 @@ class Task:
     def tuned(self, levels: Levels, smoothed: Smoothed) -> Levels:
         """Return *levels* nearer to the most likely ones, those given by the user kept."""
         return tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
+
+
+def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
+    """Return the records' first states (records, n), seen from their ends, and the spread to begin again with."""
+    n = widest.shape[1]
+    states = np.array([path[0, :n] for path in smoothed.trajectories])
+    std = np.sqrt(np.array([var[0, :n] for var in smoothed.variances]))
+    return states, np.minimum(REPEAT * std, widest)
 
 
 def task_of(case: CoupledCase) -> Task:
