@@ -126,7 +126,7 @@ def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple
         passed = task.bank.run(task.theta(prior.parameters), prior, levels, sigma=sigma, full=True)
         if passed is not None:
             return passed, levels
-        levels = replace(levels, drive=levels.drive * 10.0)
+        levels = replace(levels, drive=np.maximum(task.loose, 10.0 * levels.drive))
     return None
 
 

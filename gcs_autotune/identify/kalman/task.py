@@ -32,7 +32,11 @@ REPEAT = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What every method here works on. ``tune_noise``, ``tune_drive``: whether levels are estimated or given."""
+    """What every method here works on.
+
+    ``tune_noise``, ``tune_drive``: whether levels are estimated or given. ``loose`` (n,): a drive on the high side,
+    which ties the states to the samples.
+    """
 
     case: CoupledCase
     bank: Bank
@@ -40,6 +44,7 @@ class Task:
     spread: float
     tune_noise: bool
     tune_drive: bool
+    loose: Array
 
     @property
     def prior(self) -> Prior:
@@ -54,8 +59,9 @@ class Task:
         return theta
 
     def tuned(self, levels: Levels, smoothed: Smoothed) -> Levels:
-        """Return *levels* nearer to the most likely ones, those given by the user kept."""
-        return tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
+        """Return *levels* nearer to the most likely ones, those given by the user as they were given."""
+        levels = tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
+        return levels if self.tune_drive else replace(levels, drive=self.start.levels.drive)
 
 
 def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
@@ -87,7 +93,7 @@ def task_of(case: CoupledCase) -> Task:
     if unknown:
         raise UsageError(f"start names {', '.join(sorted(unknown))}, which form '{form.name}' does not have")
     start = begin(bank, given)
-    levels = start.levels
+    levels, loose = start.levels, start.levels.drive
     noise, drive = _numbers(case.options, "measurement_noise"), case.options.get("state_noise")
     if noise:
         r = [noise[s] ** 2 if s in noise else v for s, v in zip(bank.signals, levels.noise, strict=True)]
@@ -98,7 +104,7 @@ def task_of(case: CoupledCase) -> Task:
     if not spread > 0.0:
         raise UsageError(f"spread must be positive, not {spread}")
     tune_noise = not set(bank.signals) <= set(noise)
-    return Task(case, bank, replace(start, levels=levels), spread, tune_noise, drive is None)
+    return Task(case, bank, replace(start, levels=levels), spread, tune_noise, drive is None, loose)
 
 
 def _numbers(options: Mapping[str, Any], name: str) -> dict[str, float]:
