@@ -37,6 +37,9 @@ WIDE = 10.0
 """Prior spread in natural scales: linearised about a trajectory the answer needs no guidance from it."""
 
 
+RETREATS = 6
+"""Times a round that ran away is tried again, from more cautious parameters or half way back."""
+
 SETTLED = 0.02
 """Move in standard errors, and gain of the log likelihood by the levels, at which rounds end."""
 
@@ -84,10 +87,17 @@ def iterate(task: Task, rounds: int) -> Ended:
     prior = replace(prior, covariance=WIDE**2 * prior.covariance)
     here, paths, levels = prior.parameters, task.start.paths, task.start.levels
     ended: Ended | None = None
+    retreats, last = 0, here
     for count in range(1, rounds + 1):
         passed = bank.run(task.theta(here), prior, levels, about=paths, full=True)
+        if passed is None and retreats < RETREATS:
+            cautious = task.start.cautious[bank.places]
+            here = cautious if ended is None else 0.5 * (here + last)
+            retreats += 1
+            continue
         if passed is None:
             break
+        last = here
         smoothed = bank.smooth(passed, levels)
         there = _within(task, here, passed.parameters)
         moved = np.abs(there - here) / np.sqrt(np.diag(passed.covariance))

@@ -60,7 +60,9 @@ class Start:
 
     ``theta`` (all,) parameters and the ``scale`` (p,) of the free ones: the size at which a term matters as much as
     all others together. ``states`` (records, n) at every start, ``spread`` their standard deviations; ``levels`` with
-    a drive on the high side; ``floors`` (m,) least variances of the signals; ``paths`` (s, n) the smoothed states.
+    a drive on the high side; ``floors`` (m,) least variances of the signals; ``paths`` (s, n) the smoothed states;
+    ``cautious`` (all,) parameters that cannot run away, should ``theta``: inertia as input over acceleration suggests,
+    no drag.
     """
 
     theta: Array
@@ -70,6 +72,7 @@ class Start:
     levels: Levels
     floors: Array
     paths: tuple[Array, ...]
+    cautious: Array
 
 
 def begin(bank: Bank, given: Mapping[str, float]) -> Start:
@@ -89,7 +92,16 @@ def begin(bank: Bank, given: Mapping[str, float]) -> Start:
     states = np.array([m.X[0] for m in motions])
     spread = np.array([_spread(form, t.record, m) for t, m in zip(bank.tracks, motions, strict=True)])
     levels = Levels(np.maximum(noise, floors), drive, np.zeros(len(form.free)))
-    return Start(theta, scale, states, spread, levels, floors, tuple(m.X for m in motions))
+    return Start(
+        theta,
+        scale,
+        states,
+        spread,
+        levels,
+        floors,
+        tuple(m.X for m in motions),
+        _cautious(form, theta, motions, given),
+    )
 
 
 def rough_noise(signal: Signal) -> float:
@@ -224,10 +236,25 @@ def _balance(form: Form, theta: Array, motions: Sequence[Motion]) -> Array:
 
 def _make_inertia_positive(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
     """Replace inertias that came out negative by what input over acceleration suggests."""
-    names, active = form.parameters, program_of(form).active
+    active = program_of(form).active
     M = inertia_matrix(form, theta)[np.ix_(active, active)]
-    if np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 1e-3 * np.max(np.abs(M))):
-        return
+    if not np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 1e-3 * np.max(np.abs(M))):
+        _rough_inertia(form, theta, motions, given)
+
+
+def _cautious(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> Array:
+    names, cautious = form.parameters, theta.copy()
+    gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
+    for name in form.free:
+        if name not in SPECIAL and name not in RIGID_BODY and name not in gains and inertia_of(name) is None:
+            cautious[names.index(name)] = 0.0
+    _rough_inertia(form, cautious, motions, given)
+    return cautious
+
+
+def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
+    """Set the free inertias not *given* to what input over acceleration suggests, none off the diagonal."""
+    names, active = form.parameters, program_of(form).active
     acceleration = np.sqrt(np.mean(np.vstack([m.nu_dot for m in motions]) ** 2, axis=0))
     still = theta.copy()
     for name in form.free:

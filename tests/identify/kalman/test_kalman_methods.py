@@ -77,6 +77,12 @@ def test_velocities_and_parameters_come_out_of_1_hz_positions_and_10_hz_heading(
         assert np.max(np.abs(off) / np.maximum(seen["std"][name], 1e-9)) < 6.0
 
 
+def test_a_regression_that_runs_away_does_not_stop_the_smoother():
+    """Noise of seed 10 makes the regression's inertia nearly singular."""
+    found = fit(sail("zigzag", 10, noise=0.01, duration=64.0), FORM, "smoother")
+    assert np.max(np.abs(misses(found))) < 4.0
+
+
 def test_sigma_points_agree_with_the_linearised_filter_where_little_is_curved():
     run = sail("zigzag", 3, noise=0.005, duration=24.0)
     form = FORM.fixing({n: v for n, v in TRUTH.items() if n not in ("N_r", "N_rr", "X_u", "X_uu")})
