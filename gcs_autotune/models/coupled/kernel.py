@@ -397,7 +397,7 @@ def _rate(A: Array) -> float:
 
 
 @njit(cache=True)
-def _advance(
+def advance(
     P: Program,
     theta: Array,
     M: Array,
