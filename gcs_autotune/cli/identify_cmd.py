@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import UsageError
+from gcs_autotune.trial import Trial
 
 __all__ = ["COMMAND"]
 
@@ -25,6 +27,18 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--structure",
         metavar="S",
         help="one axis: linear, nonlinear or affine drag (default: decided by data); several: form name or TOML file",
+    )
+    what.add_argument(
+        "--known",
+        action="append",
+        default=[],
+        metavar="K=V",
+        help="a constant of the craft in SI units, e.g. m=11 or I_z=2.1",
+    )
+    what.add_argument(
+        "--plan",
+        metavar="PLAN",
+        help="identify by a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
     )
     what.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
     how = parser.add_argument_group("method")
@@ -63,6 +77,8 @@ def _run(args: argparse.Namespace) -> int:
     if not args.runs:
         raise UsageError("name at least one run: a run directory or a CSV file with heads like t[s],psi[rad],N[N m]")
     runs = [trial for path in args.runs for trial in load_runs(path)]
+    if args.plan is not None:
+        return _follow(args, runs)
     unseen = [trial for path in args.validate for trial in load_runs(path)]
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     settings = StudySettings(
@@ -73,6 +89,7 @@ def _run(args: argparse.Namespace) -> int:
         use=tuple(args.use.split(",")) if args.use else None,
         loss="soft_l1" if args.robust else "linear",
         options=_options(args.option),
+        known=_numbers("--known", args.known),
         check=not args.no_check,
     )
     found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
@@ -87,6 +104,31 @@ def _run(args: argparse.Namespace) -> int:
     if page is not None:
         console.print(Text(f"\nPage: {page}"), soft_wrap=True)
     return 0
+
+
+def _follow(args: argparse.Namespace, runs: Sequence[Trial]) -> int:
+    """Identify step by step, as a plan says."""
+    from rich.console import Console
+
+    from gcs_autotune.identify.plan import load_plan, run_plan
+    from gcs_autotune.report.plan import plan_summary
+
+    result = run_plan(load_plan(args.plan).knowing(_numbers("--known", args.known)), runs)
+    if args.json:
+        sys.stdout.write(json.dumps(result.to_dict(), indent=1, default=float) + "\n")
+    else:
+        Console().print(plan_summary(result))
+    return 0
+
+
+def _numbers(flag: str, pairs: list[str]) -> dict[str, float]:
+    """Read ``K=V`` with numbers only."""
+    found = {}
+    for name, value in _options(pairs).items():
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            raise UsageError(f"{flag} {name}={value}: a number is needed")
+        found[name] = float(value)
+    return found
 
 
 def _page(args: argparse.Namespace) -> Path | None:
@@ -106,9 +148,9 @@ def _options(pairs: list[str]) -> dict[str, Any]:
         if not sign or not key:
             raise UsageError(f"--option {pair}: write it as name=value")
         try:
-            found[key.replace("-", "_")] = json.loads(value)
+            found[key] = json.loads(value)
         except json.JSONDecodeError:
-            found[key.replace("-", "_")] = value
+            found[key] = value
     return found
 
 

@@ -12,6 +12,7 @@ from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.limits.information import with_bounds
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
@@ -21,7 +22,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["fit", "fit_axis"]
+__all__ = ["fit", "fit_axis", "form_of"]
 
 
 def fit(
@@ -60,14 +61,14 @@ def fit(
     UsageError
         Arguments that contradict the runs or each other.
     """
-    form = _form(structure, dof)
+    form = form_of(structure, dof)
     if form is not None:
         return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
     drag = None if structure is None else lookup({str(n): n for n in FREE}, str(structure), "drag structure")
     return fit_axis(runs, dof=dof, structure=drag, delay=delay, method=method, use=use, loss=loss, **options)
 
 
-def _form(structure: str | Form | Path | None, dof: str | None) -> Form | None:
+def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None:
     """Return the coupled form meant, None for one degree of freedom."""
     if isinstance(structure, Form):
         return structure
@@ -92,6 +93,7 @@ def _fit_coupled(
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
+    form = form.driven_by({name for run in runs for name in run.channels})
     case = CoupledCase(
         form=form,
         records=tuple(record for run in runs for record in prepare_coupled(run, form, use)),
@@ -101,7 +103,7 @@ def _fit_coupled(
         trials=runs,
         options=options,
     )
-    return chosen.coupled(case)
+    return with_bounds(chosen.coupled(case), runs)
 
 
 def fit_axis(
@@ -132,20 +134,19 @@ def fit_axis(
     axis = _common_axis(runs, dof)
     records = [record for run in runs for record in prepare(run, axis)]
     _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
-    return chosen.axis(
-        Case(
-            records=records,
-            cycles=_cycles(runs, axis),
-            structure=structure,
-            delay=known_delay,
-            use=use,
-            robust=loss == "soft_l1",
-            names=tuple(run.name for run in runs),
-            dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
-            trials=runs,
-            options=options,
-        )
+    case = Case(
+        records=records,
+        cycles=_cycles(runs, axis),
+        structure=structure,
+        delay=known_delay,
+        use=use,
+        robust=loss == "soft_l1",
+        names=tuple(run.name for run in runs),
+        dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
+        trials=runs,
+        options=options,
     )
+    return with_bounds(chosen.axis(case), runs)
 
 
 def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:

@@ -10,7 +10,9 @@ from typing import Any, Literal
 
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import METHODS, Fit, fit
+from gcs_autotune.identify.door import form_of
 from gcs_autotune.identify.validate import Validation, join, validate
+from gcs_autotune.models.coupled import Form
 from gcs_autotune.report.study import Outcome, RunRow, Study
 from gcs_autotune.trial import Trial
 
@@ -36,6 +38,7 @@ class StudySettings:
     use: tuple[str, ...] | None = None
     loss: Literal["linear", "soft_l1"] = "linear"
     options: Mapping[str, Any] = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
     check: bool = True
 
 
@@ -64,6 +67,18 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
     )
 
 
+def structure_of(settings: StudySettings) -> str | Path | Form | None:
+    """Return the structure asked for, with the constants that are known."""
+    if not settings.known:
+        return settings.structure
+    form = form_of(settings.structure, settings.dof)
+    if form is None:
+        raise UsageError(
+            "constants (--known) belong to a coupled model: give --dof horizontal, 6dof or a form's TOML file"
+        )
+    return form.fixing(settings.known)
+
+
 def _methods(settings: StudySettings) -> list[str]:
     return list(METHODS) if settings.method == ALL else [settings.method]
 
@@ -77,7 +92,7 @@ def _outcome(
         options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
         return fit(
             trials,
-            settings.structure,
+            structure_of(settings),
             method,
             dof=settings.dof,
             delay=settings.delay,

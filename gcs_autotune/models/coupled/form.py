@@ -21,7 +21,7 @@ Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or fr
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -79,6 +79,16 @@ class Form:
         known = {n: v for n, v in self.known.items() if n not in names}
         free = (*self.free, *(n for n in names if n not in self.free))
         return replace(self, free=free, known=known, start=start)
+
+    def driven_by(self, channels: Collection[str]) -> Form:
+        """Return the form without the plain force inputs (gains 1) that are not among *channels*, if any is.
+
+        A craft without a sway thruster has no channel ``Y``: nothing pushes there.
+        """
+        absent = {c for c in self.inputs if c in FORCES and c not in channels}
+        if not absent or absent == set(self.inputs):
+            return self
+        return replace(self, inputs={c: g for c, g in self.inputs.items() if c not in absent})
 
     def without(self, *names: str) -> Form:
         """Return the form without some parameters (their terms are zero)."""

@@ -124,12 +124,13 @@ class Simulator:
                 X,
                 S,
             )
-            if not self._pace < fastest < PACES[-1]:
+            if fastest <= self._pace:
                 break
-            self._pace = _pace(fastest) if finite else _pace(min(fastest, FINER * self._pace))
-        if fastest < SLACK * self._pace or not finite:
-            self._pace = _pace(fastest) if finite else 1.0
-        return (X, S) if finite and fastest <= self._pace else None
+            self._pace = _pace(fastest if finite else min(fastest, FINER * self._pace))
+        enough = finite and fastest <= self._pace
+        if fastest < SLACK * self._pace or not enough:
+            self._pace = _pace(fastest) if enough else 1.0
+        return (X, S) if enough else None
 
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         """Return one signal (s,) and its sensitivities (s, q) from what :meth:`run` gave.
