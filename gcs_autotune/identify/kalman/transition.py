@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled.kernel import Program, advance, evaluate
+from gcs_autotune.models.coupled.kernel import Program, advance, evaluate, scratch
 
 __all__ = ["carry", "inertia", "measure", "step"]
 
@@ -108,6 +108,8 @@ def carry(
     """
     n, q = S.shape
     f, A, B, before = np.zeros(n), np.zeros((n, n)), np.zeros((n, q)), np.zeros(n)
+    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q))
+    W = scratch(n, q)
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     column = free[P.delay] if P.delay >= 0 else -1
     fastest = 0.0
@@ -115,8 +117,11 @@ def carry(
         jump = row + 1 < len(t_in) and t_in[row + 1] + delay <= stop
         until = t_in[row + 1] + delay if jump else stop
         if until > t:
-            rate = advance(P, theta, M, M_inverse, x, S, inputs[row], free, until - t, deriv, pace, f, A, B)
-            if rate < 0.0:
+            span, held = until - t, inputs[row]
+            finite, rate = advance(
+                P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
+            )
+            if not finite:
                 return -1.0, row
             fastest = max(fastest, rate)
             t = until

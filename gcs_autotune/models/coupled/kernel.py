@@ -26,8 +26,10 @@ __all__ = [
     "SIN_PHI",
     "SIN_THETA",
     "Program",
+    "advance",
     "evaluate",
     "imbalances",
+    "scratch",
     "sweep",
 ]
 
@@ -190,7 +192,7 @@ def _factor(code: int, full: Array, place: Index, u: Array, lagged: Array, first
 
 
 class Scratch(NamedTuple):
-    """Room to compute in, so that nothing is allocated per evaluation; see :func:`_scratch`."""
+    """Room to compute in, so that nothing is allocated per evaluation; see :func:`scratch`."""
 
     full: Array
     force: Array
@@ -206,7 +208,7 @@ class Scratch(NamedTuple):
 
 
 @njit(cache=True)
-def _scratch(n: int, q: int) -> Scratch:
+def scratch(n: int, q: int) -> Scratch:
     """Return scratch for *n* states and *q* sensitivities."""
     return Scratch(
         np.zeros(12),
@@ -242,7 +244,7 @@ def evaluate(
     M : (6, 6); M_inverse : (k, k) of its active part. free : (p,) column of ``B`` per parameter, -1 if not wanted.
     The column of the delay stays zero: a delay acts at the jumps only.
     """
-    _evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, _scratch(len(x), B.shape[1]))
+    _evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, scratch(len(x), B.shape[1]))
 
 
 @njit(cache=True)
@@ -492,7 +494,7 @@ def sweep(
             S[i, state_column[i]] = 1.0
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))
     kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q))
-    W = _scratch(n, q)
+    W = scratch(n, q)
     before = np.zeros(n)
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     delay_column = free[P.delay] if P.delay >= 0 else -1
@@ -506,7 +508,7 @@ def sweep(
             stop = t_in[j + 1] + delay if jump else t_out[s]
             if stop > t:
                 span, held = stop - t, inputs[j]
-                finite, rate = _advance(
+                finite, rate = advance(
                     P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
                 )
                 spent += span * pace / REACH
@@ -538,7 +540,7 @@ def imbalances(P: Program, theta: Array, M: Array, X: Array, nu_dot: Array, inpu
     k, n = len(P.active), X.shape[1]
     unit = np.eye(k)
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
-    W = _scratch(n, 1)
+    W = scratch(n, 1)
     free = np.full(len(theta), -1, dtype=np.int64)
     for s in range(len(X)):
         _evaluate(P, theta, M, unit, X[s], inputs[s], free, False, f, A, B, W)
