@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled.kernel import Program, advance, evaluate, scratch
+from gcs_autotune.models.coupled.kernel import REACH, Program, advance, evaluate, scratch
 
 __all__ = ["carry", "inertia", "measure", "step"]
 
@@ -19,6 +19,10 @@ Index = NDArray[np.int64]
 
 SHORT = 0.3
 """Interval times fastest rate below which the root of a transition is taken by its series; it then errs by 3e-4."""
+
+
+MAX_STEPS = 400
+"""Steps between two stamps before a filter's model is given up as hopelessly stiff."""
 
 
 @njit(cache=True)
@@ -118,6 +122,8 @@ def carry(
         until = t_in[row + 1] + delay if jump else stop
         if until > t:
             span, held = until - t, inputs[row]
+            if span * pace > MAX_STEPS * REACH:
+                return -1.0, row
             finite, rate = advance(
                 P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
             )
