@@ -68,6 +68,15 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
     )
     check.add_argument("--no-check", action="store_true", help="skip the check on data left out (faster)")
+    check.add_argument("--choose", action="store_true", help="coupled models: drop the terms these runs do not justify")
+    check.add_argument(
+        "--plan-next",
+        nargs="?",
+        type=float,
+        const=60.0,
+        metavar="S",
+        help="propose what to fly next, for S seconds (default 60), so that the uncertain parameters become certain",
+    )
     out = parser.add_argument_group("output")
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
@@ -109,6 +118,8 @@ def _run(args: argparse.Namespace) -> int:
         options=_options(args.option),
         known=_numbers("--known", args.known),
         check=not args.no_check,
+        choose=args.choose,
+        plan_next=args.plan_next,
     )
     found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
     page = _page(args)

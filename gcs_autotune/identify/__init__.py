@@ -10,6 +10,7 @@ ship         open-loop steps, zig-zags, turning circles, spirals, pull-outs: met
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
 thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of propellers
 plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all
+limits       what runs can and cannot tell, the next best manoeuvre, structure decided
 result       what comes out: ``Fit``, its parameters, traces and doubts
 intake       runs as handed in: split at clock jumps, units checked, useless ones left out by name
 cleaning     one channel; ``rails`` clipped sensors, ``input_holes``; ``consistency`` are the runs of one craft?

@@ -14,6 +14,7 @@ from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.intake import prepared_runs, take_in
+from gcs_autotune.identify.limits.information import with_bounds
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
@@ -105,7 +106,7 @@ def _fit_coupled(
         trials=runs,
         options=options,
     )
-    found = chosen.coupled(case)
+    found = with_bounds(chosen.coupled(case), runs)
     return _with_doubts(found, [*doubts, *(d for r in records for d in r.notes)])
 
 
@@ -151,7 +152,7 @@ def fit_axis(
             options=options,
         )
     )
-    return _with_doubts(found, [*doubts, *(d for r in records for d in r.doubts)])
+    return _with_doubts(with_bounds(found, runs), [*doubts, *(d for r in records for d in r.doubts)])
 
 
 _Kind = TypeVar("_Kind", bound=Fit)

@@ -39,18 +39,28 @@ class Minimum:
     converged: bool
 
 
-def descend(local: Callable[[Array], Local | None], start: Array, low: Array, high: Array) -> Minimum | None:
+def descend(
+    local: Callable[[Array], Local | None],
+    start: Array,
+    low: Array,
+    high: Array,
+    *,
+    trials: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
+) -> Minimum | None:
     """Minimise a cost within ``low <= x <= high``; None when *start* itself has no value.
 
     A parameter on its bound whose gradient points outwards is held for that step. *local* gives None where the
-    cost has no value.
+    cost has no value. *trials* at most, to a relative decrease of *tolerance*.
+
+    The damping follows how well the last decrease was foretold (Nielsen 1999, report IMM-REP-1999-05).
     """
     x = np.clip(start, low, high)
     here = local(x)
     if here is None:
         return None
-    damping, converged, trial = 1e-6, False, 0
-    while trial < ITERATIONS:
+    damping, worse, converged, trial = 1e-6, 4.0, False, 0
+    while trial < trials:
         trial += 1
         step, expected = _step(here, x, low, high, damping)
         moved = np.clip(x + step, low, high)
@@ -58,15 +68,17 @@ def descend(local: Callable[[Array], Local | None], start: Array, low: Array, hi
         if after is not None and after.cost <= here.cost:
             gain, cost = here.cost - after.cost, here.cost
             x, here = moved, after
-            damping = max(1e-12, damping * 0.1)
-            if gain <= TOLERANCE * cost and expected <= 1e-6 * cost + 1e-300:
+            foretold = gain / expected if expected > 0.0 else 1.0
+            damping = max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
+            worse = 4.0
+            if gain <= tolerance * cost and expected <= max(tolerance, 1e-6) * cost + 1e-300:
                 converged = True
                 break
         else:
-            if expected <= TOLERANCE * here.cost:
+            if expected <= tolerance * here.cost:
                 converged = True
                 break
-            damping = max(1e-6, damping * 10.0)
+            damping, worse = max(1e-6, damping * worse), 2.0 * worse
             if damping > 1e12:
                 break
     return Minimum(x, here.cost, trial, converged)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
@@ -14,7 +15,7 @@ from gcs_autotune.identify.axis.likelihood import Law
 from gcs_autotune.identify.axis.residuals import Residual, rounding_error
 from gcs_autotune.identify.least_squares import Local, Minimum, descend
 
-__all__ = ["NOISE_ROUNDS", "alternate", "errors_of", "likeliest"]
+__all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,22 @@ NOISE_ROUNDS = 4
 
 SETTLED = 0.01
 """Relative change of every noise level at which the rounds end."""
+
+LOOSE = 1e-5
+"""Relative decrease that ends a round which is not the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much a dear cost is worth.
+
+    ``trials`` per round but the last, to a loose end; ``exact``: the last goes on to the end; ``astray``: given up
+    after two rounds when the noise of some signal is still so many times that at the start.
+    """
+
+    trials: int
+    exact: bool = True
+    astray: float = math.inf
 
 
 class Cost(Protocol):
@@ -36,18 +53,28 @@ class Cost(Protocol):
 
 
 def alternate(
-    cost: Cost, x: Array, laws: Mapping[str, Law], low: Array, high: Array, rounds: int
+    cost: Cost, x: Array, laws: Mapping[str, Law], low: Array, high: Array, rounds: int, effort: Effort | None = None
 ) -> tuple[Minimum, dict[str, Law]] | None:
     """Fit *x* within its limits, then the noise of every law, *rounds* times at most; None when *x* has no value."""
     found: Minimum | None = None
-    for _ in range(rounds):
-        now = laws
-        found = descend(partial(cost.at, laws=now), x, low, high)
-        residuals = None if found is None else cost.residuals(found.x)
-        if found is None or residuals is None:
-            return None
-        x, laws = found.x, likeliest(residuals, now)
-        if all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws):
+    first = laws
+    for turn in range(rounds):
+        now, last = laws, turn == rounds - 1
+        at = partial(cost.at, laws=now)
+        if effort is None or (last and effort.exact):
+            nearer = descend(at, x, low, high)
+        else:
+            nearer = descend(at, x, low, high, trials=effort.trials, tolerance=LOOSE)
+        residuals = None if nearer is None else cost.residuals(nearer.x)
+        if nearer is None or residuals is None:
+            break
+        found, x, laws = nearer, nearer.x, likeliest(residuals, now)
+        settled = all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws)
+        settled = settled and (effort is None or nearer.converged)
+        if settled and effort is not None and effort.exact and not last:
+            found = descend(partial(cost.at, laws=laws), x, low, high) or found
+        astray = effort is not None and turn >= 1 and max(laws[n].sigma / first[n].sigma for n in laws) > effort.astray
+        if settled or astray:
             break
     return None if found is None else (found, dict(laws))
 

@@ -67,8 +67,8 @@ _NAMED = {
 }
 
 
-def parameter_table(fit: Fit) -> Table:
-    """Every parameter rounded to its standard error, beside the bound no method can beat."""
+def parameter_table(fit: Fit, *, brief: bool = False) -> Table:
+    """Every parameter rounded to its standard error, beside the bound no method can beat; *brief* for 80 columns."""
     if isinstance(fit, AxisFit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
     rows = tuple(
@@ -83,7 +83,14 @@ def parameter_table(fit: Fit) -> Table:
         )
         for p in fit.parameters.values()
     )
-    return Table(("parameter", "value ± std", "unit", "std", "std / bound", "meaning", "remark"), "lrlrrll", rows)
+    table = Table(("parameter", "value ± std", "unit", "std", "std / bound", "meaning", "remark"), "lrlrrll", rows)
+    return _without(table, "meaning") if brief else table
+
+
+def _without(table: Table, head: str) -> Table:
+    out = table.heads.index(head)
+    rows = tuple(tuple(c for i, c in enumerate(row) if i != out) for row in table.rows)
+    return Table(table.heads[:out] + table.heads[out + 1 :], table.align[:out] + table.align[out + 1 :], rows)
 
 
 def _relative(p: Parameter) -> str:
@@ -99,7 +106,7 @@ def _over_bound(p: Parameter) -> str:
 def _remark(p: Parameter) -> str:
     if p.status == "fitted" and p.std > abs(p.value) > 0.0:
         return "not told from zero"
-    return {"fitted": "", "absent": "not in this structure", "fixed": "known"}.get(p.status, "AT ITS BOUND")
+    return {"fitted": "", "absent": "absent", "fixed": "known"}.get(p.status, "AT ITS BOUND")
 
 
 def meaning_of(name: str) -> str:
@@ -175,8 +182,7 @@ def unseen_table(outcome: Outcome) -> Table:
 
 def choice_table(study: Study) -> Table:
     """How the structure was decided."""
-    heads = ("structure", "fitted", "fit", "unseen", "BIC - best", "verdict")
-    return Table(heads, "lrrrrl", study.choice)
+    return Table(("structure", "error on data left out", "BIC - best", "verdict"), "lrrl", study.choice)
 
 
 def proposal_table(study: Study) -> Table:

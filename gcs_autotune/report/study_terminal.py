@@ -20,16 +20,16 @@ __all__ = ["method_list", "study_summary"]
 def study_summary(study: Study) -> Group:
     """Return model, validation, structure decision, methods side by side, what cannot be told, doubts."""
     fit, answer = study.fit, study.answer
-    parts: list[RenderableType] = [title(structure_title(fit)), grid(study_tables.parameter_table(fit))]
+    parts: list[RenderableType] = [title(structure_title(fit)), grid(study_tables.parameter_table(fit, brief=True))]
     parts.extend(paragraph(s) for s in answer_sentences(study))
     if answer.unseen is not None and answer.unseen.traces:
         parts += [title("On data it has not seen"), paragraph(study.how_unseen)]
         parts.append(grid(study_tables.unseen_table(answer)))
-    if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates):
+    if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
         parts.append(title("Which kind of drag"))
         if fit.decision is not None:
             parts.append(paragraph(decision_sentence(fit.decision)))
-        if fit.candidates and not study.choice:
+        if fit.candidates:
             parts.append(grid(tables.candidate_table(fit)))
     if study.choice:
         parts += [title("Which structure"), paragraph(study.choice_verdict), grid(study_tables.choice_table(study))]

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from gcs_autotune.errors import AutotuneError, UsageError
-from gcs_autotune.identify import METHODS, Fit, fit
+from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
 from gcs_autotune.identify.door import form_of
 from gcs_autotune.identify.validate import Validation, join, validate
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.report.study import Outcome, RunRow, Study
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.findings import (
+    Proposed,
+    Weighed,
+    cannot_tell,
+    chosen_form,
+    drags_weighed,
+    forms_weighed,
+    next_manoeuvres,
+    response_pictures,
+)
 
 __all__ = ["StudySettings", "study"]
 
@@ -29,10 +39,14 @@ ALL = "all"
 
 @dataclass(frozen=True, slots=True)
 class StudySettings:
-    """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`."""
+    """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`.
+
+    ``check`` on data left out; ``choose``: drop the terms of a coupled form these runs do not justify; ``plan_next``:
+    propose manoeuvres of so many seconds.
+    """
 
     dof: str | None = None
-    structure: str | Path | None = None
+    structure: str | Path | Form | None = None
     method: str = "output-error"
     delay: Literal["auto"] | float = "auto"
     use: tuple[str, ...] | None = None
@@ -40,6 +54,8 @@ class StudySettings:
     options: Mapping[str, Any] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
     check: bool = True
+    choose: bool = False
+    plan_next: float | None = None
 
 
 def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str) -> Study:
@@ -50,20 +66,34 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
     AutotuneError
         What the method asked for raised; with ``method="all"`` only when every method refused.
     """
+    forms = Weighed()
+    if settings.choose:
+        choice = chosen_form(runs, form_of(settings.structure, settings.dof), settings)
+        forms, settings = forms_weighed(choice), replace(settings, structure=choice.chosen.form, known={})
     methods = _methods(settings)
     outcomes = [_outcome(name, runs, unseen, settings, lenient=len(methods) > 1) for name in methods]
-    fitted = [o for o in outcomes if o.fit is not None]
+    fitted = [o.fit for o in outcomes if o.fit is not None]
     if not fitted:
         raise UsageError(f"no method could identify these runs; output-error says: {outcomes[0].refusal}")
     outcomes.sort(key=lambda o: o.fit is None)
-    answer = next(o for o in outcomes if o.fit is not None)
+    answer = outcomes[0]
     assert answer.fit is not None
+    drags = Weighed()
+    if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None:
+        drags = drags_weighed(answer.fit, runs)
+    flown = Proposed() if settings.plan_next is None else next_manoeuvres(answer.fit, runs, settings.plan_next)
     return Study(
         title=f"Identification of {answer.fit.dof}: {', '.join(dict.fromkeys(t.name for t in runs))}",
         when=when,
         runs=(*(_row(t, "identification") for t in runs), *(_row(t, "check only") for t in unseen)),
         outcomes=tuple(outcomes),
         how_unseen=_how(runs, unseen) if answer.unseen is not None else "",
+        choice=drags.rows or forms.rows,
+        choice_verdict=drags.verdict or forms.verdict,
+        cannot_tell=cannot_tell(answer.fit, runs),
+        proposals=flown.rows,
+        proposal_verdict=flown.verdict,
+        figures=(*response_pictures(fitted), *flown.pictures),
     )
 
 

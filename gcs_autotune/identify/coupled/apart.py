@@ -18,6 +18,7 @@ from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.rounds import Effort
 
 __all__ = ["run_apart"]
 
@@ -28,6 +29,9 @@ CHANCE = 1e-6
 
 RELIEF = 1.3
 """Without the odd run the noise of some signal falls by this factor at least."""
+
+QUICK = Effort(12, exact=False)
+"""Fits of some of the runs only have to tell agreement from disagreement."""
 
 MISFIT = 1.5
 """And the odd run, simulated with what the others say, misses by this many times their noise at least."""
@@ -114,14 +118,10 @@ def _strangeness(solution: CoupledSolution, records: Sequence[CoupledRecord], ru
 def _fitted(
     solution: CoupledSolution, records: Sequence[CoupledRecord], chosen: Sequence[int], limits: Limits
 ) -> CoupledSolution | None:
-    return solve_coupled(
-        solution.form,
-        [records[i] for i in chosen],
-        solution.theta,
-        [solution.initial[i] for i in chosen],
-        limits,
-        levels={n: v for n, v in solution.noise.items() if any(n in records[i].signals for i in chosen)},
-    )
+    chosen_records = [records[i] for i in chosen]
+    levels = {n: v for n, v in solution.noise.items() if any(n in r.signals for r in chosen_records)}
+    initial = [solution.initial[i] for i in chosen]
+    return solve_coupled(solution.form, chosen_records, solution.theta, initial, limits, levels=levels, effort=QUICK)
 
 
 def _misfit(
@@ -131,7 +131,9 @@ def _misfit(
     initial = [solution.initial[i] for i in own]
     levels = {n: v for n, v in alone.noise.items() if any(n in records[i].signals for i in own)}
     chosen = [records[i] for i in own]
-    found = solve_coupled(alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=())
+    found = solve_coupled(
+        alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=(), effort=QUICK
+    )
     if found is None:
         return float("inf")
     return max((found.noise[n] / alone.noise[n] for n in found.noise if n in alone.noise), default=0.0)

@@ -14,9 +14,10 @@ from gcs_autotune.identify.coupled.delay import Delayed, fit_with_delay
 from gcs_autotune.identify.coupled.fit_doubts import doubts_of, fit_percent_of
 from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.local import local_fit
+from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
 from gcs_autotune.identify.coupled.record import CoupledRecord, later
-from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status, Trace
+from gcs_autotune.identify.result import Fit, Parameter, Status, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.sname import SIGNALS
 
@@ -39,9 +40,8 @@ def fit_coupled_by_output_error(case: CoupledCase) -> Fit:
         chosen = fit_with_delay(form, case.records, limits, robust=case.robust)
     else:
         records = tuple(later(r, form.known.get("delay", 0.0)) for r in case.records)
-        chosen = Delayed(local_fit(form, records, limits, robust=case.robust), records, 0.0)
-    doubts = doubts_of(case, chosen, limits)
-    return fit_of(case, chosen.solution, chosen.records, "output-error", doubts, {"delay_evidence": chosen.evidence})
+        chosen = Delayed(local_fit(form, records, limits, robust=case.robust), 0.0)
+    return fit_of(case, chosen, limits, "output-error")
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:
@@ -52,14 +52,10 @@ def with_known_delay(form: Form, delay: float | None) -> Form:
 
 
 def fit_of(
-    case: CoupledCase,
-    solution: CoupledSolution,
-    records: Sequence[CoupledRecord],
-    method: str,
-    doubts: Sequence[Doubt],
-    extra: Mapping[str, Any],
+    case: CoupledCase, chosen: Delayed, limits: Limits, method: str, extra: Mapping[str, Any] | None = None
 ) -> Fit:
-    """Return what was found, in the words of :class:`Fit`."""
+    """Return what was found, in the words of :class:`Fit`, with what to doubt about it; *extra* goes to its like."""
+    solution, records = chosen.local.solution, chosen.local.records
     form, names = solution.form, solution.form.parameters
     units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
     model = CoupledModel(form, dict(zip(names, solution.theta.tolist(), strict=True)))
@@ -90,7 +86,7 @@ def fit_of(
         fit_percent=fit_percent_of(solution),
         used=case.names,
         noise=solution.noise,
-        doubts=tuple(doubts),
+        doubts=doubts_of(case, chosen, limits),
         traces=_traces(records, solution),
         extra={
             "signals": list(solution.noise),
@@ -98,7 +94,8 @@ def fit_of(
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,
             "log_likelihood": solution.log_likelihood,
-            **extra,
+            "delay_evidence": chosen.evidence,
+            **(extra or {}),
         },
     )
 

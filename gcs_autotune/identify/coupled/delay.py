@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.structure import DELAY_EVIDENCE, FIRST_MARGIN, SEARCHED_DELAYS
-from gcs_autotune.identify.coupled.local import local_fit
+from gcs_autotune.identify.coupled.local import Local, local_fit
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord, later
@@ -25,10 +25,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delayed:
-    """The fit chosen, the records it was made on, and the evidence (difference of the criterion) for a delay."""
+    """The fit chosen, and the evidence (difference of the criterion) for a delay."""
 
-    solution: CoupledSolution
-    records: tuple[CoupledRecord, ...]
+    local: Local
     evidence: float
 
 
@@ -40,26 +39,40 @@ def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits,
     """
     whole = tuple(records)
     plain = local_fit(form, whole, limits, robust=robust)
-    hint, gain = _one_step(plain, whole)
-    if plain.white and gain < math.log(max(plain.n, 2)):
-        return Delayed(plain, whole, gain - math.log(max(plain.n, 2)))
+    solution = plain.solution
+    hint, gain = _one_step(solution, plain.records)
+    price = math.log(max(solution.n, 2))
+    if solution.white and gain < price:
+        return Delayed(plain, gain - price)
     margin = FIRST_MARGIN
     while True:
         late = tuple(later(r, margin) for r in whole)
-        without = local_fit(form, late, limits, robust=robust)
-        lagged = _lagged(form, late, limits, without, hint, robust)
+        without = _again(plain, late, limits, robust)
+        if without is None:
+            return Delayed(plain, 0.0)
+        lagged = _lagged(form, without, limits, hint, robust)
         if lagged is None or lagged.value("delay") <= margin:
             break
         margin = 1.2 * lagged.value("delay")
     if lagged is None:
-        return Delayed(plain, whole, 0.0)
+        return Delayed(plain, 0.0)
     correlation = lagged.correlation
-    evidence = without.bic(correlation) - lagged.bic(correlation)
+    evidence = without.solution.bic(correlation) - lagged.bic(correlation)
     place = lagged.free.index("delay")
     std = math.sqrt(float(lagged.covariance[place, place]))
     if evidence > DELAY_EVIDENCE and lagged.value("delay") > 3.0 * std and "delay" not in lagged.at_bound:
-        return Delayed(lagged, late, evidence)
-    return Delayed(plain, whole, evidence)
+        return Delayed(Local(lagged, without.records, without.pieces), evidence)
+    return Delayed(plain, evidence)
+
+
+def _again(plain: Local, records: Sequence[CoupledRecord], limits: Limits, robust: bool) -> Local | None:
+    """Fit the same form to records that begin later, from where the fit to the whole ended."""
+    if plain.pieces:
+        return plain
+    form, solution = plain.solution.form, plain.solution
+    initial = ground_of(form, records).initial
+    found = solve_coupled(form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust)
+    return None if found is None else Local(found, tuple(records))
 
 
 def _one_step(plain: CoupledSolution, records: Sequence[CoupledRecord]) -> tuple[float, float]:
@@ -75,32 +88,25 @@ def _one_step(plain: CoupledSolution, records: Sequence[CoupledRecord]) -> tuple
     return float(step[at]), float(-local.gradient @ step)
 
 
-def _lagged(
-    form: Form,
-    records: Sequence[CoupledRecord],
-    limits: Limits,
-    without: CoupledSolution,
-    hint: float,
-    robust: bool,
-) -> CoupledSolution | None:
+def _lagged(form: Form, without: Local, limits: Limits, hint: float, robust: bool) -> CoupledSolution | None:
     """Return the best fit with a delay, from the hint and from a regression at each of some delays."""
-    freed = form.freeing("delay")
+    freed, plain, records = form.freeing("delay"), without.solution, without.records
     p = len(form.free)
-    best: CoupledSolution | None = None
-    starts = [(np.array([*without.theta[:p], max(hint, 0.02), *without.theta[p:]]), without.initial)]
-    grounds = [ground_of(freed, records, delay) for delay in SEARCHED_DELAYS]
-    for ground in grounds:
+    starts = [(np.array([*plain.theta[:p], max(hint, 0.02), *plain.theta[p:]]), plain.initial)]
+    for delay in SEARCHED_DELAYS:
+        ground = ground_of(freed, records, delay)
         starts.append((ground.regression.solve(limits), ground.initial))
     scored = []
     for theta, initial in starts:
-        objective = CoupledObjective(freed, tuple(records), freed.free, theta, tuple(initial))
-        local = objective.at(objective.pack(), without.laws)
+        objective = CoupledObjective(freed, records, freed.free, theta, tuple(initial))
+        local = objective.at(objective.pack(), plain.laws)
         scored.append(np.inf if local is None else local.cost)
+    best: CoupledSolution | None = None
     for i in np.argsort(scored)[:2]:
         if not np.isfinite(scored[i]):
             continue
         theta, initial = starts[i]
-        found = solve_coupled(freed, records, theta, initial, limits, levels=without.noise, robust=robust)
+        found = solve_coupled(freed, records, theta, initial, limits, levels=plain.noise, robust=robust)
         if found is not None and (best is None or found.log_likelihood > best.log_likelihood):
             best = found
     return best

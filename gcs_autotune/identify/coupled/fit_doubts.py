@@ -29,12 +29,13 @@ FAR = 6.0
 
 def doubts_of(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt, ...]:
     """Return what is doubtful about the chosen fit, what the records already said first."""
-    solution = chosen.solution
+    solution, records = chosen.local.solution, chosen.local.records
     found = [doubt for record in case.records for doubt in record.notes]
     found += [
         doubt
         for doubt in (
             _not_converged(solution),
+            _pieces(chosen),
             _at_bound(solution),
             _not_excited(solution),
             _together(solution),
@@ -42,7 +43,7 @@ def doubts_of(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt
             _poor(solution),
             _coloured(solution),
             _outliers(solution, robust=case.robust),
-            run_apart(solution, chosen.records, limits),
+            run_apart(solution, records, limits),
         )
         if doubt is not None
     ]
@@ -71,6 +72,17 @@ def _not_converged(solution: CoupledSolution) -> Doubt | None:
         return None
     return Doubt(
         "not-converged", "the fit did not settle", "give start values in the form, fewer free parameters, or bounds"
+    )
+
+
+def _pieces(chosen: Delayed) -> Doubt | None:
+    if not chosen.local.pieces:
+        return None
+    longest = max(float(np.ptp(r.stamps)) for r in chosen.local.records)
+    return Doubt(
+        "short-horizon",
+        f"no model of this form follows a whole run; it was fitted to pieces of {longest:.0f} s each",
+        "look for a missing term, a run of another vehicle, or a craft that does not keep its course by itself",
     )
 
 
@@ -114,11 +126,11 @@ def _together(solution: CoupledSolution) -> Doubt | None:
 
 
 def _delay(chosen: Delayed) -> Doubt | None:
-    if chosen.evidence <= 0.0 or "delay" not in chosen.solution.free:
+    if chosen.evidence <= 0.0 or "delay" not in chosen.local.solution.free:
         return None
     return Doubt(
         "delay-fitted",
-        f"a delay of {chosen.solution.value('delay'):.3f} s between inputs and motion was fitted "
+        f"a delay of {chosen.local.solution.value('delay'):.3f} s between inputs and motion was fitted "
         f"(evidence {chosen.evidence:.0f})",
         "give --delay if you know it; a slow actuator looks like a delay too: free 'lag' in the form",
     )

@@ -3,22 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord
-from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.coupled.start import Ground, ground_of
+from gcs_autotune.identify.rounds import Effort
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["local_fit"]
+__all__ = ["Local", "local_fit"]
 
 GOOD = 2.0
 """A fit whose noise is below this many times each signal's own roughness needs no other start."""
 
+HOPELESS = 10.0
+"""Above so many times the fit may have gone astray: it is tried on short pieces."""
 
-def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool) -> CoupledSolution:
+EFFORT = Effort(15, astray=HOPELESS)
+
+BETTER = 3.0
+"""Short pieces are kept when they are fitted so many times better than whole runs."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Local:
+    """A fit and the records it was made on; ``pieces``: cut short, because no fit held over whole runs."""
+
+    solution: CoupledSolution
+    records: tuple[CoupledRecord, ...]
+    pieces: bool = False
+
+
+def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool) -> Local:
     """Fit *form* from one start after the other until one explains the records down to their noise; the best else.
+
+    A free run that diverges from the measured one after a while (a course-unstable craft, runs of different craft, a
+    term missing) has no minimum worth the name. Then the records are cut into short pieces, each with its own initial
+    state.
 
     Raises
     ------
@@ -28,16 +54,32 @@ def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, r
     ground = ground_of(form, records)
     best: CoupledSolution | None = None
     for theta in ground.starts(limits):
-        found = solve_coupled(form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust)
+        found = solve_coupled(
+            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=EFFORT
+        )
         if found is None:
             continue
+        agreed = best is not None and abs(found.log_likelihood - best.log_likelihood) < 1.0
         if best is None or found.log_likelihood > best.log_likelihood:
             best = found
-        if found.converged and all(found.noise[n] < GOOD * level for n, level in ground.levels.items()):
+        if found.converged and (agreed or _excess(found, ground) < GOOD):
             break
+    if best is None or _excess(best, ground) > HOPELESS:
+        pieces, initial = ground.pieces()
+        sturdy = limits.within(physical(form))
+        theta, _ = ground.on_pieces(ground.regression.solve(sturdy), sturdy)
+        cut = solve_coupled(form, pieces, theta, initial, limits, levels=ground.levels, robust=robust)
+        if cut is not None and (best is None or BETTER * _excess(cut, ground) < _excess(best, ground)):
+            return Local(cut, pieces, pieces=True)
     if best is None:
         raise NotInformative(
             f"no model '{form.name}' could be simulated on run '{records[0].run}': every start ran away; give start "
             "values in the form, or check that inputs and outputs belong together"
         )
-    return best
+    return Local(best, tuple(records))
+
+
+def _excess(solution: CoupledSolution, ground: Ground) -> float:
+    """Return how many times its roughness the worst fitted signal is missed."""
+    ratios = [solution.noise[n] / level for n, level in ground.levels.items()]
+    return float(np.max(ratios))

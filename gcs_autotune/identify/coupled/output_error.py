@@ -20,7 +20,7 @@ from gcs_autotune.identify.colour import all_white, correlation_time, scores_cov
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.rounds import alternate, errors_of, likeliest
+from gcs_autotune.identify.rounds import Effort, alternate, errors_of, likeliest
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["CoupledSolution", "solve_coupled"]
@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 ROUNDS = 8
 """Rounds of parameters, then noise. Chosen: three or four suffice from a usable start."""
+
+THOROUGH = Effort(15)
+"""From a bad start the weights matter more than the last digit."""
 
 AT_BOUND = 1e-6
 """Distance from a bound, relative to its size, that counts as standing on it."""
@@ -108,6 +111,7 @@ def solve_coupled(
     levels: Mapping[str, float],
     free: Sequence[str] | None = None,
     robust: bool = False,
+    effort: Effort = THOROUGH,
 ) -> CoupledSolution | None:
     """Fit the *free* parameters (all free ones of the form when None) from *theta* on; None if that runs away.
 
@@ -120,7 +124,7 @@ def solve_coupled(
     names = tuple(form.free if free is None else free)
     objective = CoupledObjective(form, tuple(records), names, theta, tuple(initial))
     low, high = objective.limits(limits)
-    found = alternate(objective, objective.pack(), gaussian_laws(levels, robust=robust), low, high, ROUNDS)
+    found = alternate(objective, objective.pack(), gaussian_laws(levels, robust=robust), low, high, ROUNDS, effort)
     if found is None:
         return None
     minimum, laws = found

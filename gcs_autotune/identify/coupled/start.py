@@ -29,6 +29,12 @@ PIECES = 15
 SHORTEST = 12
 """Fewest stamps of a piece."""
 
+TRIALS, ROUGH = 25, 1e-4
+"""Trials on the pieces, and the relative decrease that ends them: a start need not be exact."""
+
+MOST = 3.0
+"""Mean cost per sample (1: the signal's roughness times :data:`LOOSE`) above which the pieces are not explained."""
+
 LOOSE = 5.0
 """How much larger than its roughness a signal's noise is taken while the pieces begin at smoothed states."""
 
@@ -48,27 +54,38 @@ class Ground:
         """Yield start values (p,), the likeliest first.
 
         The regression; the regression with positive inertia and drag that damps, made better on short pieces; a craft
-        of the right size without any coupling, likewise.
+        of the right size without any coupling, likewise. What cannot explain even short pieces is not worth a start.
         """
         yield self.regression.solve(limits)
         sturdy = limits.within(physical(self.form))
         for theta in (self.regression.solve(sturdy), self._plain(sturdy)):
-            better = self.on_pieces(theta, sturdy)
-            if better is not None:
+            better, excess = self.on_pieces(theta, sturdy)
+            if excess < MOST:
                 yield better
 
-    def on_pieces(self, theta: Array, limits: Limits) -> Array | None:
-        """Fit the parameters from *theta* on to short pieces that begin at smoothed states; None if even these fail."""
+    def pieces(self) -> tuple[tuple[CoupledRecord, ...], tuple[Array, ...]]:
+        """Return the records cut into short pieces, and the smoothed state each begins with."""
         pieces, initial = [], []
         for record, motion in zip(self.records, self.motions, strict=True):
             for piece in _pieces(record):
                 pieces.append(piece)
                 x_0 = np.array([np.interp(piece.start, motion.t, column) for column in motion.X.T])
                 initial.append(_lagged(x_0, piece, self.form))
-        objective = CoupledObjective(self.form, tuple(pieces), self.form.free, theta, tuple(initial), fixed_states=True)
-        laws = gaussian_laws({n: LOOSE * level for n, level in self.levels.items()}, robust=True)
-        found = descend(partial(objective.at, laws=laws), objective.pack(), *objective.limits(limits))
-        return None if found is None else objective.unpack(found.x)[0]
+        return tuple(pieces), tuple(initial)
+
+    def on_pieces(self, theta: Array, limits: Limits) -> tuple[Array, float]:
+        """Fit short pieces that begin at smoothed states, from *theta* on; return values and mean cost per sample.
+
+        The cost is infinite when even the pieces run away.
+        """
+        pieces, initial = self.pieces()
+        objective = CoupledObjective(self.form, pieces, self.form.free, theta, initial, fixed_states=True)
+        at = partial(objective.at, laws=gaussian_laws({n: LOOSE * v for n, v in self.levels.items()}, robust=True))
+        found = descend(at, objective.pack(), *objective.limits(limits), trials=TRIALS, tolerance=ROUGH)
+        if found is None:
+            return theta, np.inf
+        n = sum(len(s.t) for piece in pieces for s in piece.signals.values())
+        return objective.unpack(found.x)[0], found.cost / n
 
     def _plain(self, limits: Limits) -> Array:
         """Return values (p,) of a craft without coupling whose inertia and drag are of the size of its forces."""

@@ -1,0 +1,25 @@
+"""The table of sections: key in the JSON (or example) -> what computes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from benchmarks.published.examples import delay_and_sampling, falcon, nonlinear_yaw
+from benchmarks.published.laser_and_surge import laser, surge
+from benchmarks.published.relay_tables import automarine, videoray
+from benchmarks.published.section import Compute
+from benchmarks.published.step_table import automarine_steps
+
+__all__ = ["SECTIONS"]
+
+SECTIONS: Mapping[str, Compute] = {
+    "videoray_iso_table_7_9": videoray,
+    "automarine_iso_table_7_11": automarine,
+    "automarine_step_table_7_10": automarine_steps,
+    "examples_6_2_and_6_3": delay_and_sampling,
+    "falcon_seed_002": falcon,
+    "nonlinear_yaw_tables_7_5_7_6": nonlinear_yaw,
+    "laser_calibration_table_3_1": laser,
+    "surge_iso_videoray_7_6": surge,
+}
+"""Name -> function."""

@@ -1,0 +1,35 @@
+"""The tests' own water, reached from here: integrators that share nothing with the code under test."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify" / "regression"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify" / "plan"))
+
+from identify_water import DEG, Plant, Relay, fly
+
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["DEG", "Plant", "Relay", "relay_run"]
+
+_CHANNELS = {"yaw": ("psi", "rad", "N", "N m"), "heave": ("z", "m", "Z", "N"), "surge": ("x", "m", "X", "N")}
+
+
+def relay_run(
+    plant: Plant,
+    relay: Relay,
+    duration: float,
+    dof: str = "yaw",
+    *,
+    dt: float = 0.002,
+    h: float = 0.002,
+    delay: float = 0.0,
+) -> Trial:
+    """Return a relay experiment of *duration* [s] without noise, sampled every *dt* [s]."""
+    t, eta, _, tau = fly(plant, relay, duration, dt=dt, delay=delay, h=h)
+    position, unit, force, force_unit = _CHANNELS[dof]
+    channels = {position: Channel(position, unit, t, eta), force: Channel(force, force_unit, t, tau)}
+    return Trial(f"relay on {dof}", channels, meta={"x_a": relay.x_a})

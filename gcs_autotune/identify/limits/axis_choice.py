@@ -1,0 +1,118 @@
+"""Which drag does one degree of freedom have? Three witnesses side by side: thesis, criterion, data left out.
+
+The fit brings the two-experiment decision (thesis (7.1)-(7.2)) and the Bayesian criterion of its candidates; this adds
+the free-run error on runs (or blocks of one run) that were left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.door import fit_axis
+from gcs_autotune.identify.limits.evidence import cross_validated, swings_of
+from gcs_autotune.identify.limits.folds import folds_of
+from gcs_autotune.identify.result import AxisFit, Decision, Structure
+from gcs_autotune.identify.validate import validate
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
+
+ALIKE = 0.02
+"""Relative difference of the errors on data left out below which they are called alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredDrag:
+    """One drag structure: its criterion (NaN when the method gives none) and its rms error on data left out [SI]."""
+
+    structure: Structure
+    bic: float
+    left_out: float
+    per_fold: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisChoice:
+    """The structure of ``fit`` beside what each witness says; ``signal`` the one the errors are of."""
+
+    chosen: Structure
+    decision: Decision | None
+    table: tuple[ScoredDrag, ...]
+    signal: str
+    reasons: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
+        verdict = None if self.decision is None else self.decision.verdict
+        return {
+            "chosen": self.chosen,
+            "thesis": verdict,
+            "signal": self.signal,
+            "table": rows,
+            "reasons": list(self.reasons),
+        }
+
+
+def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
+    """Return what speaks for each drag structure, the fit's own choice beside it.
+
+    Every structure is fitted by output error with the delay of *fit* to all but one run (or a quarter of the only one)
+    and let loose on what was left out.
+
+    Raises
+    ------
+    NotInformative
+        As :func:`gcs_autotune.identify.validate.validate`.
+    """
+    runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
+    traces = validate(fit.model, runs).traces
+    swings = swings_of(traces)
+    signal = traces[0].signal
+    folds = folds_of(runs, (*(d for d in ("delta", fit.model.axis.force)),))
+    bic = {c.structure: c.bic for c in fit.candidates}
+    table = []
+    for structure in FREE:
+
+        def refit(train: Sequence[Trial], structure: Structure = structure) -> AxisFit:
+            return fit_axis(train, dof=fit.dof, structure=structure, delay=fit.model.delay)
+
+        per_fold, rms = cross_validated(refit, folds, swings)
+        broken = any(math.isinf(e) for e in per_fold)
+        left_out = math.inf if broken or not rms else rms[signal]
+        table.append(ScoredDrag(structure, bic.get(structure, math.nan), left_out, tuple(per_fold)))
+    return AxisChoice(fit.structure, fit.decision, tuple(table), signal, _reasons(fit, table, signal))
+
+
+def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[str, ...]:
+    unit = SIGNALS[signal][0]
+    scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
+    said = []
+    if fit.decision is not None:
+        d = fit.decision
+        said.append(
+            f"two experiments, thesis (7.2): beta scatters {d.sigma_beta:.1f} %, beta_quadratic "
+            f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {d.verdict}"
+        )
+    best = min(table, key=lambda row: row.left_out)
+    own = next(row for row in table if row.structure == fit.structure)
+    told = ", ".join(f"{row.structure} {scale * row.left_out:.3g}" for row in table)
+    verdict = (
+        f"speaks for {best.structure}"
+        if best.left_out < (1.0 - ALIKE) * own.left_out
+        else f"does not object to {fit.structure}"
+    )
+    said.append(f"error on data left out [{unit} of {signal}]: {told}; {verdict}")
+    known = [row for row in table if np.isfinite(row.bic)]
+    if known:
+        least = min(row.bic for row in known)
+        told = ", ".join(f"{row.structure} {row.bic - least:+.1f}" for row in known)
+        said.append(f"Bayesian criterion above the lowest: {told}")
+    return tuple(said)

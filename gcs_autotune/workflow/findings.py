@@ -1,0 +1,163 @@
+"""What a study adds to a fit: what the runs cannot tell, why this structure, what to fly next, the Bode picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gcs_autotune.errors import AutotuneError, UsageError
+from gcs_autotune.identify import METHODS, AxisFit, Fit
+from gcs_autotune.identify.frequency.pictures import frequency_picture
+from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.limits.axis_choice import weigh_drags
+from gcs_autotune.identify.limits.form_verdict import FormChoice
+from gcs_autotune.identify.limits.identifiability import identifiability
+from gcs_autotune.identify.limits.next_manoeuvre import plan_next
+from gcs_autotune.identify.limits.pictures import proposal_picture
+from gcs_autotune.identify.limits.structure_choice import eliminate
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.nomoto import Nomoto1
+from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from gcs_autotune.workflow.study import StudySettings
+
+__all__ = [
+    "Proposed",
+    "Weighed",
+    "cannot_tell",
+    "chosen_form",
+    "drags_weighed",
+    "forms_weighed",
+    "next_manoeuvres",
+    "response_pictures",
+]
+
+SHOWN = 6
+"""Manoeuvres shown of those ranked."""
+
+WELL_KNOWN = 0.02
+"""Relative standard error below which a parameter needs no further run: any design tolerates more."""
+
+ENOUGH = "These runs tell every parameter of this model to 2 % or better; more would only sharpen it"
+
+Rows = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """Structures weighed: rows of ``study_tables.choice_table`` and the verdict."""
+
+    rows: Rows = ()
+    verdict: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposed:
+    """Manoeuvres worth flying: rows of ``study_tables.proposal_table``, the verdict, pictures with captions."""
+
+    rows: Rows = ()
+    verdict: str = ""
+    pictures: tuple[tuple[str, Any], ...] = ()
+
+
+def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
+    """Return what these runs cannot tell of the parameters, one sentence each."""
+    try:
+        doubts = identifiability(fit, runs).doubts
+    except AutotuneError:
+        return ()
+    return tuple(f"{d.cause}: {d.cure}." for d in doubts)
+
+
+def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
+    """Return the drag structures with their errors on data left out, and the verdict."""
+    try:
+        choice = weigh_drags(fit, runs)
+    except AutotuneError:
+        return Weighed()
+    least = min((r.bic for r in choice.table if math.isfinite(r.bic)), default=math.nan)
+    rows = tuple(
+        (
+            r.structure,
+            _people(r.left_out, choice.signal),
+            "" if math.isnan(r.bic) else f"{r.bic - least + 0.0:.1f}",
+            "chosen" if r.structure == choice.chosen else "",
+        )
+        for r in choice.table
+    )
+    return Weighed(rows, "; ".join(choice.reasons) + ".")
+
+
+def _people(value: float, signal: str) -> str:
+    if not math.isfinite(value):
+        return "cannot predict"
+    angular = signal in ("psi", "phi", "theta", "p", "q", "r")
+    return f"{math.degrees(value):.3g}\u00b0" if angular else f"{value:.3g}"
+
+
+def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySettings) -> FormChoice:
+    """Return the form left when the terms these runs do not justify are dropped.
+
+    Raises
+    ------
+    UsageError
+        No coupled form was asked for.
+    """
+    if form is None:
+        raise UsageError("--choose drops terms of a coupled model: give --dof horizontal, 6dof or a form's TOML file")
+    form = form.fixing(settings.known).driven_by({name for run in runs for name in run.channels})
+    method = settings.method if settings.method in METHODS else "output-error"
+    delay = None if settings.delay == "auto" else float(settings.delay)
+    return eliminate(runs, form, method, delay=delay, **settings.options)
+
+
+def forms_weighed(choice: FormChoice) -> Weighed:
+    """Return the forms tried with their errors on data left out, and why."""
+    least = min((r.bic for r in choice.table if math.isfinite(r.bic)), default=math.nan)
+    rows = tuple(
+        (
+            r.form.name,
+            f"{100.0 * r.left_out:.1f} %" if math.isfinite(r.left_out) else "cannot predict",
+            f"{r.bic - least + 0.0:.1f}" if math.isfinite(r.bic) else "",
+            "chosen" if r is choice.chosen else ", ".join(r.complaints),
+        )
+        for r in choice.table
+    )
+    return Weighed(rows, "; ".join(choice.reasons) + ("." if choice.reasons else ""))
+
+
+def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed:
+    """Return the manoeuvres worth flying next, the verdict, and a picture of what the best one buys."""
+    proposal = plan_next(fit, runs, seconds=seconds)
+    rows = []
+    for plan in proposal.plans[:SHOWN]:
+        reach = plan.reach
+        factors = sorted(proposal.factors(plan).items(), key=lambda item: -item[1])[:3]
+        buys = ", ".join(f"{n} {_times(f)}" for n, f in factors)
+        takes = f"{reach.room:.0f} m, {math.degrees(reach.turned):.0f}\u00b0 of turning"
+        rows.append((plan.candidate.title, f"{seconds:.0f} s", buys, takes + "".join(f"; {x}!" for x in plan.flags)))
+    known = float(np.max(proposal.now.relative, initial=0.0)) < WELL_KNOWN
+    verdict = ". ".join((*([ENOUGH] if known else []), *proposal.words)) + "."
+    if not rows:
+        return Proposed((), verdict)
+    caption = "Expected standard errors, now and with the best manoeuvre added."
+    return Proposed(tuple(rows), verdict, ((caption, proposal_picture(proposal)),))
+
+
+def _times(factor: float) -> str:
+    return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
+
+
+def response_pictures(fits: Sequence[Fit]) -> tuple[tuple[str, Any], ...]:
+    """Return the Bode picture when one of the fits measured a frequency response."""
+    found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
+    if found is None:
+        return ()
+    response = FrequencyResponse.from_dict(found.extra["response"])
+    caption = "Frequency response from input to rate, with coherence; the line is Nomoto's first order."
+    return ((caption, frequency_picture(response, {"Nomoto 1": Nomoto1.from_single_dof(found.model)})),)
