@@ -58,7 +58,7 @@ def check_units(trial: Trial) -> list[Doubt]:
             ratio = _track_ratio(trial["x"], trial["y"], speed)
             found += _judged(trial, "x, y", name, ratio, "length")
     if "psi" in trial:
-        _check_heading_alone(trial, trial["psi"])
+        found += _heading_alone(trial, trial["psi"])
     return found
 
 
@@ -142,11 +142,11 @@ def _known(channel: Channel) -> tuple[Array, Array]:
     return t, channel.values[good][first]
 
 
-def _check_heading_alone(trial: Trial, psi: Channel) -> None:
+def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     """Judge a heading by itself: by the height of its wraps, and by how fast it would turn."""
     t, x = _known(psi)
     if len(t) < 20:
-        return
+        return []
     steps = np.abs(np.diff(x))
     usual = float(np.median(steps))
     wraps = steps[steps > max(0.5 * float(np.ptp(x)), 20.0 * usual)]
@@ -159,10 +159,9 @@ def _check_heading_alone(trial: Trial, psi: Channel) -> None:
     lag = max(1, round(0.5 * WINDOW / max(float(np.median(np.diff(t))), 1e-6)))
     turned = np.concatenate([[0.0], np.cumsum(np.angle(np.exp(1j * np.diff(x))))])
     if len(t) <= lag + 20:
-        return
+        return []
     rate = float(np.median(np.abs(turned[lag:] - turned[:-lag]) / (t[lag:] - t[:-lag])))
-    if rate > TURN:
-        raise BadFile(
-            f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s): "
-            "its numbers are degrees and its head says radians; correct the unit in the head"
-        )
+    if rate <= TURN:
+        return []
+    cause = f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s)"
+    return [Doubt("unit", cause, "its head says radians: are the numbers degrees? correct the unit in the head")]
