@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import BadFile
 
-__all__ = ["DOFS", "SIGNALS", "Dof", "parse_header", "to_si", "wrap"]
+__all__ = ["DOFS", "SIGNALS", "Dof", "column_unit", "parse_header", "to_si", "wrap"]
 
 SIGNALS: dict[str, tuple[str, str]] = {
     "x": ("m", "north position"),
@@ -175,3 +175,15 @@ def to_si(unit: str) -> tuple[str, float]:
 def wrap(angle: float) -> float:
     """Wrap an angle [rad] to (-pi, pi]."""
     return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def column_unit(name: str, unit: str) -> tuple[str, float]:
+    """Return :func:`to_si` of a column's unit; ``us`` of a pulse (``pwm...``, ``servo...``, ``rc...``) is no time.
+
+    Raises
+    ------
+    BadFile
+        When the unit is not known.
+    """
+    is_pulse = name.lower().startswith(("pwm", "servo", "rc"))
+    return to_si("pwm" if is_pulse and unit.strip() in ("us", "µs") else unit)

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import BadFile, MissingChannel
-from gcs_autotune.sname import parse_header, to_si
+from gcs_autotune.errors import BadFile, MissingChannel, UsageError
+from gcs_autotune.sname import column_unit, parse_header
 
 __all__ = ["Channel", "Mark", "Trial", "load_trial", "save_trial"]
 
@@ -156,8 +156,10 @@ def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:
     return cells
 
 
-def load_trial(path: Path) -> Trial:
+def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
     """Read a CSV run written by :func:`save_trial` or by anybody using ``name[unit]`` heads.
+
+    columns : head (or its name) in the file -> the head it should have, for files with names of their own.
 
     The time column is ``t`` (or the first column whose unit is a time). Empty cells and ``nan`` are missing
     samples. Units are converted to SI. Columns of unknown name are kept; non-numeric ones are an error.
@@ -166,7 +168,9 @@ def load_trial(path: Path) -> Trial:
     ------
     BadFile
         Not readable, no time column, unknown unit, a damaged row (a truncated *last* row is dropped and
-        noted in ``meta["dropped_rows"]``), no rows.
+        noted in ``meta["dropped_rows"]``), no rows, two columns of one name.
+    UsageError
+        A name in *columns* that the file does not have.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
@@ -175,8 +179,8 @@ def load_trial(path: Path) -> Trial:
         raise BadFile(f"{path} cannot be read as a CSV run: {error}") from error
     if len(rows) < 2:
         raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
-    heads = [parse_header(h) for h in rows[0]]
-    units = [to_si(unit) for _, unit in heads]
+    heads = _heads(path, rows[0], columns or {})
+    units = [column_unit(name, unit) for name, unit in heads]
     time_column = _time_column(path, heads, units)
     table, dropped = _table(path, rows, len(heads))
     t = table[:, time_column] * units[time_column][1]
@@ -192,6 +196,21 @@ def load_trial(path: Path) -> Trial:
     if dropped:
         meta["dropped_rows"] = dropped
     return _with_side_file(Trial(path.stem, channels, meta=meta), path.with_suffix(".json"))
+
+
+def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple[str, str]]:
+    plain = [parse_header(h) for h in row]
+    wanted = {parse_header(old): parse_header(new) for old, new in columns.items()}
+    known = {*plain, *((name, "") for name, _ in plain)}
+    missing = [name for name, unit in wanted if (name, unit) not in known]
+    if missing:
+        raise UsageError(f"{path} has no column {', '.join(missing)}; it has {', '.join(name for name, _ in plain)}")
+    heads = [wanted.get(head, wanted.get((head[0], ""), head)) for head in plain]
+    names = [name for name, _ in heads]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise BadFile(f"{path} has more than one column called {', '.join(twice)}; rename one")
+    return heads
 
 
 def _time_column(path: Path, heads: list[tuple[str, str]], units: list[tuple[str, float]]) -> int:

@@ -35,8 +35,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from gcs_autotune.identify import load_runs
     from gcs_autotune.identify.ship import Particulars, ship_figures
+    from gcs_autotune.logs import load_runs
     from gcs_autotune.report import sheets_summary
 
     ship = Particulars(_known(args.length), _known(args.speed), args.scale)

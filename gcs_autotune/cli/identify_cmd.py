@@ -19,7 +19,11 @@ __all__ = ["COMMAND"]
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "runs", nargs="*", type=Path, metavar="RUN", help="a run directory, or CSV files with name[unit] heads"
+        "runs",
+        nargs="*",
+        type=Path,
+        metavar="RUN",
+        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog) or a log on board (.bin)",
     )
     what = parser.add_argument_group("model")
     what.add_argument("--dof", metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof")
@@ -50,6 +54,15 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--option", action="append", default=[], metavar="K=V", help="an option of the method; --method list shows them"
     )
+    read = parser.add_argument_group("reading")
+    read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
+    read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
+    read.add_argument(
+        "--columns",
+        metavar="OLD=NEW,...",
+        default="",
+        help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
+    )
     check = parser.add_argument_group("check")
     check.add_argument(
         "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
@@ -76,7 +89,8 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.text import Text
 
-    from gcs_autotune.identify import METHODS, load_runs
+    from gcs_autotune.identify import METHODS
+    from gcs_autotune.logs import load_runs, parse_columns
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
@@ -84,11 +98,15 @@ def _run(args: argparse.Namespace) -> int:
         _list(METHODS)
         return 0
     if not args.runs:
-        raise UsageError("name at least one run: a run directory or a CSV file with heads like t[s],psi[rad],N[N m]")
-    runs = [trial for path in args.runs for trial in load_runs(path)]
+        raise UsageError("name at least one run: a run directory, a log, or a CSV file like t[s],psi[rad],N[N m]")
+    how = {
+        "system": args.system_id,
+        "columns": parse_columns(args.columns) if args.columns else None,
+    }
+    runs = [trial for path in args.runs for trial in load_runs(path, pick=_stretches(args.pick), **how)]
     if args.plan is not None:
         return _follow(args, runs)
-    unseen = [trial for path in args.validate for trial in load_runs(path)]
+    unseen = [trial for path in args.validate for trial in load_runs(path, **how)]
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     settings = StudySettings(
         dof=args.dof,
@@ -115,6 +133,13 @@ def _run(args: argparse.Namespace) -> int:
     if page is not None:
         console.print(Text(f"\nPage: {page}"), soft_wrap=True)
     return 0
+
+
+def _stretches(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(piece) for piece in text.split(",") if piece.strip())
+    except ValueError:
+        raise UsageError(f"--pick {text}: give the numbers of stretches, e.g. --pick 2,3") from None
 
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial]) -> int:
@@ -177,8 +202,8 @@ COMMAND = Command(
     name="identify",
     help="identify inertia, drag and constant force from recorded runs",
     description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, or a coupled "
-    "model (--dof horizontal, --dof 6dof) from run directories or CSV files with columns like t[s], psi[rad], "
-    "r[rad/s], N[N m]. Several runs are fitted together.",
+    "model (--dof horizontal, --dof 6dof) from run directories, CSV files with columns like t[s], psi[rad], "
+    "r[rad/s], N[N m], telemetry logs (.tlog) or logs on board (.bin). Several runs are fitted together.",
     add_arguments=_add_arguments,
     run=_run,
 )

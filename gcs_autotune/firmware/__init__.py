@@ -9,8 +9,19 @@ from collections.abc import Mapping
 
 from gcs_autotune.firmware import ardurover, ardusub
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
 
-__all__ = ["FIRMWARE", "Axis", "Firmware", "Gain", "firmware_for"]
+__all__ = [
+    "FIRMWARE",
+    "Axis",
+    "Firmware",
+    "Gain",
+    "Output",
+    "ParameterSource",
+    "ServoMap",
+    "firmware_for",
+    "read_servo_map",
+]
 
 FIRMWARE: Mapping[str, Firmware] = {
     "ardurover": ardurover.FIRMWARE,

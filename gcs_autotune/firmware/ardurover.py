@@ -70,6 +70,7 @@ FIRMWARE = Firmware(
     neutral_pwm=1500,
     axes={"heading": _HEADING},
     servo_functions={26: "N", 70: "X"},
+    skid_functions={73: {"X": 1.0, "N": 1.0}, 74: {"X": 1.0, "N": -1.0}},
     motor_span=500.0,
     manual_dead_zone=True,
 )

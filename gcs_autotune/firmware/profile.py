@@ -46,7 +46,8 @@ class Firmware:
     ``channels`` maps a force name to the RC channel (1-based) that RC_CHANNELS_OVERRIDE drives in
     ``manual_mode``; how far is read from the vehicle's own RCn parameters. ``mixing`` maps a frame
     (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
-    ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead.
+    ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead, or, with two side
+    thrusters, ``skid_functions`` (function number -> factor per force).
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     """
 
@@ -64,6 +65,7 @@ class Firmware:
     axes: Mapping[str, Axis]
     gcs_id_parameters: Sequence[str] = ("MAV_GCS_SYSID", "SYSID_MYGCS")
     servo_functions: Mapping[int, str] = field(default_factory=dict)
+    skid_functions: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     frame_parameter: str = ""
     mixing: Mapping[int, Sequence[Mapping[str, float]]] = field(default_factory=dict)
     motor_span: float = 500.0

@@ -12,6 +12,8 @@ thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of p
 plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all
 limits       what runs can and cannot tell, the next best manoeuvre, structure decided
 result       what comes out: ``Fit``, its parameters, traces and doubts
+intake       runs as handed in: split at clock jumps, units checked, useless ones left out by name
+cleaning     one channel; ``rails`` clipped sensors, ``input_holes``; ``consistency`` are the runs of one craft?
 validate     free run on runs the model has not seen
 uncertainty  (in ``axis``) covariance, correlated residuals, Cramer-Rao bound
 ===========  ==================================================================================================
@@ -23,7 +25,6 @@ from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.axis.validation import ResidualStatistics, free_run, residual_statistics
 from gcs_autotune.identify.cleaning import quantum
 from gcs_autotune.identify.door import fit, fit_axis
-from gcs_autotune.identify.files import load_runs
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
 from gcs_autotune.identify.relay.decision import decide
@@ -48,7 +49,6 @@ __all__ = [
     "free_run",
     "heading_loop",
     "identify_process",
-    "load_runs",
     "loop_cycles",
     "process_from_response",
     "quantum",

@@ -16,16 +16,48 @@ __all__ = ["clean", "quantum", "unwrap"]
 Array = NDArray[np.float64]
 
 
+JUMP_SAMPLES = 3
+"""This many samples in a row older than one before them are a clock that jumped; fewer came late."""
+
+LATE = 0.05
+"""Largest share of late samples that may be left out. Chosen: beyond it the clock is not to be trusted."""
+
+
+OVERTAKEN = 5.0
+"""Median steps that a sample may come late and still be believed."""
+
+
+def jumps_back(t: Array) -> NDArray[np.intp]:
+    """Return the indices of the samples at which the clock restarts at an earlier time."""
+    known = np.flatnonzero(np.isfinite(t))
+    stamps = t[known]
+    found = []
+    for i in np.flatnonzero(np.diff(stamps) < 0.0) + 1:
+        after = stamps[i : i + JUMP_SAMPLES]
+        if len(after) == JUMP_SAMPLES and np.all(after < stamps[i - 1]) and np.all(np.diff(after) >= 0.0):
+            found.append(known[i])
+    return np.array(found, dtype=np.intp)
+
+
 def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Drop what is not a number and repeated stamps (the first stays); refuse stamps that run backwards."""
+    """Drop what is not a number, repeated stamps (the first stays); put late samples in order.
+
+    Raises
+    ------
+    BadFile
+        The clock jumps back.
+    """
     good = np.isfinite(channel.t) & np.isfinite(channel.values)
     t, values = channel.t[good], channel.values[good]
-    if np.any(np.diff(t) < 0.0):
-        where = float(t[int(np.argmax(np.diff(t) < 0.0))])
+    late = np.concatenate([[False], t[1:] < np.maximum.accumulate(t)[:-1]]) if len(t) else np.zeros(0, dtype=bool)
+    jumps = jumps_back(t)
+    if len(jumps) or late.sum() > max(1.0, LATE * len(t)):
+        where = float(t[(jumps[0] if len(jumps) else int(np.argmax(late))) - 1])
         raise BadFile(
             f"the clock of run '{run}' jumps back after t = {where:.3f} s (channel {channel.name}): "
             "cut the file there and identify the parts as two runs"
         )
+    t, values = _in_order(t, values, late)
     first = np.concatenate([[True], np.diff(t) > 0.0]) if len(t) else np.zeros(0, dtype=bool)
     lost, repeated = int((~good).sum()), int((~first).sum())
     if lost:
@@ -34,6 +66,14 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
                 "missing-samples",
                 f"{lost} samples of {channel.name} in run '{run}' are not numbers",
                 "check the sensor and the logger; the samples were left out",
+            )
+        )
+    if late.any():
+        notes.append(
+            Doubt(
+                "late-samples",
+                f"{int(late.sum())} samples of {channel.name} in run '{run}' are older than the one before them",
+                "log with the vehicle's own time stamps; they were put in order, or left out when far too old",
             )
         )
     if repeated > 0.02 * len(t):
@@ -45,6 +85,16 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             )
         )
     return replace(channel, t=t[first], values=values[first])
+
+
+def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Put late samples where their stamps say; leave out those too late to have been merely overtaken."""
+    if not late.any():
+        return t, values
+    behind = np.maximum.accumulate(t) - t
+    keep = behind <= OVERTAKEN * float(np.median(np.diff(t[~late])))
+    order = np.argsort(t[keep], kind="stable")
+    return t[keep][order], values[keep][order]
 
 
 def unwrap(t: Array, angle: Array, rate: Channel | None) -> Array:

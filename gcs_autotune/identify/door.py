@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case
@@ -12,11 +13,12 @@ from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.limits.information import with_bounds
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles
-from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.models.coupled import FORMS, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
@@ -93,17 +95,19 @@ def _fit_coupled(
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
-    form = form.driven_by({name for run in runs for name in run.channels})
+    driven = form.driven_by({name for run in runs for name in run.channels})
+    runs, records, doubts = prepared_runs(runs, lambda run: prepare_coupled(run, driven, use))
     case = CoupledCase(
-        form=form,
-        records=tuple(record for run in runs for record in prepare_coupled(run, form, use)),
+        form=driven,
+        records=tuple(records),
         delay=None if delay == "auto" else _seconds(delay),
         robust=loss == "soft_l1",
         names=tuple(run.name for run in runs),
         trials=runs,
         options=options,
     )
-    return with_bounds(chosen.coupled(case), runs)
+    found = with_bounds(chosen.coupled(case), runs)
+    return _with_doubts(found, [*doubts, *(d for r in records for d in r.notes)])
 
 
 def fit_axis(
@@ -132,28 +136,40 @@ def fit_axis(
         lookup({str(name): name for name in FREE}, structure, "drag structure")
     known_delay = None if delay == "auto" else _seconds(delay)
     axis = _common_axis(runs, dof)
-    records = [record for run in runs for record in prepare(run, axis)]
+    runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
     _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
-    case = Case(
-        records=records,
-        cycles=_cycles(runs, axis),
-        structure=structure,
-        delay=known_delay,
-        use=use,
-        robust=loss == "soft_l1",
-        names=tuple(run.name for run in runs),
-        dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
-        trials=runs,
-        options=options,
+    found = chosen.axis(
+        Case(
+            records=records,
+            cycles=_cycles(runs, axis),
+            structure=structure,
+            delay=known_delay,
+            use=use,
+            robust=loss == "soft_l1",
+            names=tuple(run.name for run in runs),
+            dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
+            trials=runs,
+            options=options,
+        )
     )
-    return with_bounds(chosen.axis(case), runs)
+    return _with_doubts(with_bounds(found, runs), [*doubts, *(d for r in records for d in r.doubts)])
+
+
+_Kind = TypeVar("_Kind", bound=Fit)
+
+
+def _with_doubts(fit: _Kind, doubts: Sequence[Doubt]) -> _Kind:
+    """Add what is doubtful about the runs themselves, each once."""
+    known = {(d.slug, d.cause) for d in fit.doubts}
+    new = {(d.slug, d.cause): d for d in doubts if (d.slug, d.cause) not in known}
+    return replace(fit, doubts=(*new.values(), *fit.doubts)) if new else fit
 
 
 def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     if not together:
         raise NotInformative("no run was given to identify from")
-    return together
+    return take_in(together)
 
 
 def _method(name: str, loss: str, options: dict[str, Any]) -> Method:

@@ -99,7 +99,7 @@ def _step(here: Local, x: Array, low: Array, high: Array, damping: float) -> tup
 
 def inverse_of(information: Array) -> Array:
     """Return the inverse of an information matrix, scaled against bad units; directions without any get 1e13."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-100))  # its inverse can still be squared
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     inverse: Array = (vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(scale, scale)
     return inverse

@@ -34,7 +34,7 @@ class Effort:
     """How much a dear cost is worth.
 
     ``trials`` per round but the last, to a loose end; ``exact``: the last goes on to the end; ``astray``: given up
-    after three rounds when the noise of some signal is still so many times that at the start.
+    after two rounds when the noise of some signal is still so many times that at the start.
     """
 
     trials: int
@@ -70,9 +70,10 @@ def alternate(
             break
         found, x, laws = nearer, nearer.x, likeliest(residuals, now)
         settled = all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws)
+        settled = settled and (effort is None or nearer.converged)
         if settled and effort is not None and effort.exact and not last:
             found = descend(partial(cost.at, laws=laws), x, low, high) or found
-        astray = effort is not None and turn >= 2 and max(laws[n].sigma / first[n].sigma for n in laws) > effort.astray
+        astray = effort is not None and turn >= 1 and max(laws[n].sigma / first[n].sigma for n in laws) > effort.astray
         if settled or astray:
             break
     return None if found is None else (found, dict(laws))

@@ -1,11 +1,11 @@
 """The link room: bytes to and from the vehicle, turned into a craft that manoeuvres can fly.
 
-The only room that knows pymavlink and serial ports. Its parts, from the wire up:
+The only room that knows serial ports, and with ``logs`` the only one that knows pymavlink. Its parts, from the wire up:
 
 * ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``child``, ``memory``;
 * ``wire`` frames, ``tlog`` logs; ``session`` heartbeat, discovery, routing, liveness;
 * ``parameters``, ``journal`` and ``loan`` (borrow, verify, give back), ``params_file``;
-* ``commands``, ``rates``; ``telemetry`` with ``stamps``, ``servo``, ``watchdog``, ``recorder``;
+* ``commands``, ``rates``; ``telemetry`` with ``stamps``, ``watchdog``, ``recorder``;
 * ``mavlink_craft`` (:class:`MavlinkCraft`), put together by :func:`open_craft` (``boarding``).
 
 Adding a transport: a class with ``_read_available``, ``_write``, ``_close``, and a line in ``TRANSPORTS``.

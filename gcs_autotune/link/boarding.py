@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gcs_autotune.errors import AutotuneError, ParameterMissing, WrongVehicle
-from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for
+from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for, read_servo_map
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.identity import VehicleIdentity, type_name
 from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
 from gcs_autotune.link.overrides import read_override_map
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rates import Rates
-from gcs_autotune.link.servo import read_servo_map
 from gcs_autotune.link.session import Session
 
 __all__ = ["NEEDED_RATES", "WANTED_RATES", "open_craft"]

@@ -14,13 +14,12 @@ from gcs_autotune.errors import (
     NotAsFound,
     TelemetryFault,
 )
-from gcs_autotune.firmware import Firmware
+from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.recorder import Recorder
-from gcs_autotune.link.servo import ServoMap
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.targets import ATTITUDE_TARGETS, depth_target
 from gcs_autotune.link.telemetry import Telemetry

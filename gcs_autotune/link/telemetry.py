@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from gcs_autotune.firmware import ServoMap
+from gcs_autotune.frames import flat, to_body
 from gcs_autotune.link.recorder import Recorder
-from gcs_autotune.link.servo import ServoMap
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.stamps import BootClock, Unwrapper
 from gcs_autotune.link.watchdog import Watchdog
@@ -14,8 +15,6 @@ from gcs_autotune.link.wire import Message
 
 __all__ = ["Telemetry"]
 
-_EARTH = 6_378_137.0
-"""Equatorial radius of WGS 84 [m]; a metre of position in a kilometre is all the flat map has to hold."""
 _PREFER_LOCAL = 2.0
 """Chosen: seconds that GLOBAL_POSITION_INT waits for LOCAL_POSITION_NED before it becomes the position."""
 _UNKNOWN_VOLTAGE = 65535
@@ -152,10 +151,7 @@ class Telemetry:
         """Return metres north and east of the first fix."""
         if self._origin is None:
             self._origin = (lat_deg, lon_deg)
-        lat0, lon0 = self._origin
-        north = math.radians(lat_deg - lat0) * _EARTH
-        east = math.radians((lon_deg - lon0 + 180.0) % 360.0 - 180.0) * _EARTH * math.cos(math.radians(lat0))
-        return north, east
+        return flat(lat_deg, lon_deg, self._origin)
 
     def _velocity(self, t: float, north: float, east: float) -> dict[str, float]:
         """Turn velocity over ground [m/s] into the body frame, with the heading carried forward to *t*."""
@@ -163,10 +159,9 @@ class Telemetry:
         rate = self.value("r")
         if math.isfinite(rate) and abs(t - self.t) < 1.0:
             psi += rate * (t - self.t)
-        c, s = math.cos(psi), math.sin(psi)
         velocity = {"U": math.hypot(north, east)}
         if math.isfinite(psi):
-            velocity |= {"u": north * c + east * s, "v": east * c - north * s}
+            velocity["u"], velocity["v"] = to_body(north, east, psi)
         return velocity
 
     def _vfr_hud(self, m: Message) -> None:

@@ -126,11 +126,12 @@ def test_a_hopeless_file_gets_one_clear_line_and_exit_code_6(capsys, tmp_path, c
     assert "Traceback" not in err
 
 
-def test_a_log_that_cannot_be_read_yet_says_what_can(capsys, tmp_path):
+def test_a_file_that_is_no_log_is_refused_in_one_line(capsys, tmp_path):
     (tmp_path / "x.tlog").write_bytes(b"\x00" * 30)
     code, _, err = run(capsys, "identify", tmp_path / "x.tlog")
     assert code == 6
-    assert "run directory" in err
+    assert "no MAVLink message" in err
+    assert err.count("\n") == 1
 
 
 def test_an_unknown_vehicle_names_the_nearest(capsys, tmp_path):

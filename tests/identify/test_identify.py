@@ -12,7 +12,8 @@ import pytest
 from identify_water import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
-from gcs_autotune.identify import METHODS, fit_axis, free_run, load_runs, residual_statistics
+from gcs_autotune.identify import METHODS, fit_axis, free_run, residual_statistics
+from gcs_autotune.logs import load_runs
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial, save_trial
 

@@ -12,11 +12,10 @@ from scripted_vehicle import ScriptedVehicle
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, TelemetryFault
-from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.firmware import FIRMWARE, Output, ServoMap, read_servo_map
 from gcs_autotune.link import Commands, MemoryLink, Parameters, Rates, Session
 from gcs_autotune.link.overrides import RcChannel, read_override_map
 from gcs_autotune.link.recorder import Recorder
-from gcs_autotune.link.servo import Output, ServoMap, read_servo_map
 from gcs_autotune.link.stamps import BootClock, Unwrapper
 from gcs_autotune.link.telemetry import Telemetry
 from gcs_autotune.link.watchdog import Watchdog

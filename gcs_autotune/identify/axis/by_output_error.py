@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,15 @@ from gcs_autotune.identify.axis.start import DELAYS, bounds_of, misfit, start_fr
 from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
 from gcs_autotune.identify.axis.uncertainty import inflation, whiteness
 from gcs_autotune.identify.relay import iso
-from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Status, Trace
+from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Parameter, Status, Trace
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["fit_by_output_error"]
 
 Array = NDArray[np.float64]
+
+HALF = 0.5
+"""Standard error, as a share of the value, beyond which a parameter counts as unknown."""
 
 GOOD_START = 0.05
 """Share of the motion's variance that an IS-O start may leave before a scan is tried as well."""
@@ -100,6 +103,18 @@ def _check_that_input_explains(records: Sequence[Record], chosen: Selection) -> 
         )
 
 
+def _check_that_something_is_known(records: Sequence[Record], parameters: Mapping[str, Parameter]) -> None:
+    """Refuse an answer in which neither inertia nor any drag is known to half its value."""
+    craft = [parameters[n] for n in records[0].dof.parameter_names()[:3] if parameters[n].status != "absent"]
+    if any(p.std <= HALF * abs(p.value) for p in craft):
+        return
+    errors = ", ".join(f"{p.name} {100.0 * p.std / max(abs(p.value), 1e-300):.0f} %" for p in craft)
+    raise NotInformative(
+        f"run '{records[0].run}' hardly moves for its noise: no parameter of the craft is known (standard errors: "
+        f"{errors}); record longer, with larger inputs, best a relay"
+    )
+
+
 def _assembled(
     case: Case,
     chosen: Selection,
@@ -116,6 +131,7 @@ def _assembled(
     if "a" in solution.at_bound or "c" in solution.at_bound:
         _admit_unresolved_inertia(covariance, model.alpha)
     parameters = named_parameters(model, covariance, _status(case, chosen))
+    _check_that_something_is_known(records, parameters)
     main = solution.residuals[0].signal.name
     rms, fit_percent = solution.rms(main), _fit_percent(solution, main)
     findings = Findings(case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from gcs_autotune.identify.axis.objective import Bounds
 from gcs_autotune.identify.axis.output_error import Solution, solve
 from gcs_autotune.identify.axis.structure import Selection
 from gcs_autotune.identify.axis.uncertainty import autocorrelation, inflation, is_white
+from gcs_autotune.identify.consistency import Estimate, apart_doubts, belongs, runs_apart
 from gcs_autotune.identify.result import Doubt
 
 __all__ = ["fit_doubts"]
@@ -72,8 +74,11 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
                 "look at the residuals; wind, waves, a slow actuator or another axis may be at work",
             )
         )
-    found += [d for d in (_outliers(solution), _runs_disagree(chosen, case, bounds, names)) if d is not None]
-    return found
+    outliers = _outliers(solution)
+    found += [outliers] if outliers is not None else []
+    apart = _runs_apart(chosen, case, bounds, names)
+    disagree = _runs_disagree(chosen, bounds, names) if not apart else None
+    return [*found, *apart, *([disagree] if disagree is not None else [])]
 
 
 def _second_drag(chosen: Selection) -> Doubt | None:
@@ -125,23 +130,46 @@ def _outliers(solution: Solution) -> Doubt | None:
     )
 
 
-def _runs_disagree(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> Doubt | None:
+def _runs_apart(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
+    """Compare what each run says alone with what the others say, all with the drag structure chosen."""
+    stretches = [[i for i, r in enumerate(chosen.records) if belongs(r.run, name, case.names)] for name in case.names]
+    craft = np.flatnonzero(chosen.solution.free[:3])
+
+    def estimate(runs: tuple[int, ...]) -> Estimate | None:
+        found = _solved(chosen, bounds, names, [i for run in runs for i in stretches[run]])
+        if found is None or found.at_bound:
+            return None
+        factors = inflation(found)[craft]
+        return Estimate(found.theta[craft], found.covariance[np.ix_(craft, craft)] * np.outer(factors, factors))
+
+    if len(case.names) < 2 or not all(stretches):
+        return []
+    return apart_doubts(runs_apart(case.names, estimate))
+
+
+def _solved(chosen: Selection, bounds: Bounds, names: tuple[str, ...], which: Sequence[int]) -> Solution | None:
+    """Fit some of the stretches, structure, delay and noise as in the common fit."""
+    common, records = chosen.solution, [chosen.records[i] for i in which]
+    measured = {s.name for r in records for s in r.signals}
+    return solve(
+        records,
+        names,
+        common.theta,
+        np.array([*common.free[:4], False]),
+        bounds,
+        initial=common.initial[list(which)],
+        noise={n: common.noise[n] for n in names if n in measured},
+        quanta=common.quanta,
+    )
+
+
+def _runs_disagree(chosen: Selection, bounds: Bounds, names: tuple[str, ...]) -> Doubt | None:
     """Fit every stretch by itself and compare its inertia with the common one."""
     if len(chosen.records) < 2:
         return None
     common, odd = chosen.solution, []
-    free = np.array([*common.free[:4], False])
     for i, record in enumerate(chosen.records):
-        alone = solve(
-            [record],
-            names,
-            common.theta,
-            free,
-            bounds,
-            initial=common.initial[i : i + 1],
-            noise={n: common.noise[n] for n in names if any(s.name == n for s in record.signals)},
-            quanta=common.quanta,
-        )
+        alone = _solved(chosen, bounds, names, [i])
         if alone is None:
             continue
         difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)

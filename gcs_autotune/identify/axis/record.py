@@ -15,7 +15,11 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.axis.ahead import DISTANCE, ahead_doubt, with_ahead
+from gcs_autotune.identify.axis.track import along_track
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.input_holes import holes_of, outside
+from gcs_autotune.identify.notes import told
+from gcs_autotune.identify.rails import within_range
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
@@ -153,10 +157,15 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Record, ...]:
         )
     source = next((n for n in names if _varies(trial[n])), names[0])
     doubt = ahead_doubt(trial) if trial is not measured else None
-    notes: list[Doubt] = [] if doubt is None else [doubt]
+    notes = [*told(trial), *([] if doubt is None else [doubt])]
     drive = clean(trial[source], trial.name, notes)
     rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
+    if position is not None and rate is None and trial is measured:
+        position = along_track(trial, axis, position, notes)
+    hidden = holes_of(drive, trial.name, notes)
+    rate = None if rate is None else outside(rate, hidden)
+    position = None if position is None else outside(position, hidden)
     _check_excitation(trial, drive, [c for c in (position, rate) if c is not None])
     if position is not None and axis.angular:
         position = replace(position, values=unwrap(position.t, position.values, rate))
@@ -198,9 +207,10 @@ def _stretches(
                 "fly within good radio range; the stretches were fitted with initial states of their own",
             )
         )
+    measured = [None if c is None else within_range(c, trial.name, notes) for c in (position, rate)]
     parts: list[Record] = []
     for start, end in itertools.pairwise(borders):
-        signals = [_signal(c, float(start), float(end)) for c in (position, rate)]
+        signals = [_signal(c, float(start), float(end)) for c in measured]
         if max((len(s.t) for s in signals if s is not None), default=0) < MIN_SAMPLES:
             continue
         name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"

@@ -47,7 +47,9 @@ def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits,
     margin = FIRST_MARGIN
     while True:
         late = tuple(later(r, margin) for r in whole)
-        without = local_fit(form, late, limits, robust=robust)
+        without = _again(plain, late, limits, robust)
+        if without is None:
+            return Delayed(plain, 0.0)
         lagged = _lagged(form, without, limits, hint, robust)
         if lagged is None or lagged.value("delay") <= margin:
             break
@@ -61,6 +63,16 @@ def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits,
     if evidence > DELAY_EVIDENCE and lagged.value("delay") > 3.0 * std and "delay" not in lagged.at_bound:
         return Delayed(Local(lagged, without.records, without.pieces), evidence)
     return Delayed(plain, evidence)
+
+
+def _again(plain: Local, records: Sequence[CoupledRecord], limits: Limits, robust: bool) -> Local | None:
+    """Fit the same form to records that begin later, from where the fit to the whole ended."""
+    if plain.pieces:
+        return plain
+    form, solution = plain.solution.form, plain.solution
+    initial = ground_of(form, records).initial
+    found = solve_coupled(form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust)
+    return None if found is None else Local(found, tuple(records))
 
 
 def _one_step(plain: CoupledSolution, records: Sequence[CoupledRecord]) -> tuple[float, float]:

@@ -85,7 +85,8 @@ class CoupledObjective:
     """The cost of the *free* parameters of *form* and the initial states of *records*.
 
     ``theta`` (p,) all parameters in the form's order: what is not free stays; ``initial`` (n,) states per record,
-    likewise. ``fixed_states``: initial states stay as given.
+    likewise. ``fixed_states``: initial states stay as given. ``patience``: steps per stamp of a simulation; what is
+    stiffer is no craft whose samples these are.
     """
 
     form: Form
@@ -94,6 +95,7 @@ class CoupledObjective:
     theta: Array
     initial: tuple[Array, ...]
     fixed_states: bool = False
+    patience: int = 30
     simulators: tuple[Simulator, ...] = field(init=False)
     places: Index = field(init=False)
     columns_of: tuple[Index, ...] = field(init=False)
@@ -104,7 +106,7 @@ class CoupledObjective:
         simulators, columns, states, used = [], [], [], len(self.free)
         for record in self.records:
             names = () if self.fixed_states else free_states(self.form, record)
-            simulator = Simulator(self.form, self.free, names)
+            simulator = Simulator(self.form, self.free, names, patience=self.patience)
             simulators.append(simulator)
             columns.append(np.concatenate([np.arange(len(self.free)), used + np.arange(len(names))]))
             states.append(np.array([simulator.states.index(n) for n in names], dtype=np.int64))

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.axis.record import MIN_SAMPLES, Signal, edges
 from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.input_holes import holes_of, outside
+from gcs_autotune.identify.notes import told
+from gcs_autotune.identify.rails import within_range
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS
@@ -76,13 +79,16 @@ def prepare_coupled(trial: Trial, form: Form, use: Sequence[str] | None = None) 
         have = ", ".join(trial.channels) or "nothing"
         raise MissingChannel(f"run '{trial.name}' lacks the input {', '.join(absent)} of '{form.name}'; it has {have}")
     names = _names(trial, form, use)
-    notes: list[Doubt] = []
+    notes = told(trial)
     drives = [clean(trial[c], trial.name, notes) for c in form.inputs]
     channels = {n: clean(trial[n], trial.name, notes) for n in names}
     for name, channel in channels.items():
         dof = next(d for d in DOFS.values() if name in (d.position, d.velocity))
         if name == dof.position and dof.angular:
             channels[name] = replace(channel, values=unwrap(channel.t, channel.values, channels.get(dof.velocity)))
+    for drive in drives:
+        hidden = holes_of(drive, trial.name, notes)
+        channels = {n: outside(c, hidden) for n, c in channels.items()}
     _check(trial, form, drives, channels)
     t_in, table = _joined(drives)
     return _cut(trial, t_in, table, tuple(d.unit for d in drives), channels, notes)
@@ -147,6 +153,7 @@ def _cut(
                 "fly within good radio range; the stretches were fitted with initial states of their own",
             )
         )
+    channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}
     parts: list[CoupledRecord] = []
     for start, end in itertools.pairwise(borders):
         signals = {}

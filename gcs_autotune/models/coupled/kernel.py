@@ -26,8 +26,10 @@ __all__ = [
     "SIN_PHI",
     "SIN_THETA",
     "Program",
+    "advance",
     "evaluate",
     "imbalances",
+    "scratch",
     "sweep",
 ]
 
@@ -42,9 +44,6 @@ REACH = 0.25
 
 RUNAWAY = 1e6
 """State at which a simulation is given up."""
-
-MAX_STEPS, FREE_STEPS = 20, 20000
-"""Steps per stamp, beyond so many at all, before a simulation is given up as hopelessly stiff."""
 
 
 class Program(NamedTuple):
@@ -193,7 +192,7 @@ def _factor(code: int, full: Array, place: Index, u: Array, lagged: Array, first
 
 
 class Scratch(NamedTuple):
-    """Room to compute in, so that nothing is allocated per evaluation; see :func:`_scratch`."""
+    """Room to compute in, so that nothing is allocated per evaluation; see :func:`scratch`."""
 
     full: Array
     force: Array
@@ -209,7 +208,7 @@ class Scratch(NamedTuple):
 
 
 @njit(cache=True)
-def _scratch(n: int, q: int) -> Scratch:
+def scratch(n: int, q: int) -> Scratch:
     """Return scratch for *n* states and *q* sensitivities."""
     return Scratch(
         np.zeros(12),
@@ -245,7 +244,7 @@ def evaluate(
     M : (6, 6); M_inverse : (k, k) of its active part. free : (p,) column of ``B`` per parameter, -1 if not wanted.
     The column of the delay stays zero: a delay acts at the jumps only.
     """
-    _evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, _scratch(len(x), B.shape[1]))
+    _evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, scratch(len(x), B.shape[1]))
 
 
 @njit(cache=True)
@@ -400,7 +399,7 @@ def _rate(A: Array) -> float:
 
 
 @njit(cache=True)
-def _advance(
+def advance(
     P: Program,
     theta: Array,
     M: Array,
@@ -476,15 +475,16 @@ def sweep(
     q: int,
     deriv: bool,
     pace: float,
+    most: float,
     X: Array,
     S_out: Array,
 ) -> tuple[bool, float]:
     """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and with *deriv* ``S_out`` (s, n, q).
 
     inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column :
-    (n,) column of the sensitivity to each initial state, -1 if it is known. pace : fastest rate [1/s] expected.
-    free : as for :func:`evaluate`, all -1 without *deriv*. Returns whether
-    the motion stayed finite, and the fastest rate met.
+    (n,) column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1
+    without *deriv*. pace : fastest rate [1/s] expected; most : steps to be spent. Returns whether the motion stayed
+    finite, and the fastest rate met.
     """
     n = len(x_0)
     x = x_0.copy()
@@ -494,12 +494,12 @@ def sweep(
             S[i, state_column[i]] = 1.0
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))
     kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q))
-    W = _scratch(n, q)
+    W = scratch(n, q)
     before = np.zeros(n)
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     delay_column = free[P.delay] if P.delay >= 0 else -1
     t, j, fastest = t_out[0], 0, 0.0
-    spent, allowed = 0.0, FREE_STEPS + MAX_STEPS * len(t_out)
+    spent = 0.0
     while j + 1 < len(t_in) and t_in[j + 1] + delay <= t:
         j += 1
     for s in range(len(t_out)):
@@ -508,12 +508,12 @@ def sweep(
             stop = t_in[j + 1] + delay if jump else t_out[s]
             if stop > t:
                 span, held = stop - t, inputs[j]
-                finite, rate = _advance(
+                finite, rate = advance(
                     P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
                 )
                 spent += span * pace / REACH
                 fastest = max(fastest, rate)
-                if not finite or spent > allowed:
+                if not finite or spent > most:
                     return False, fastest
                 t = stop
             if jump:
@@ -540,7 +540,7 @@ def imbalances(P: Program, theta: Array, M: Array, X: Array, nu_dot: Array, inpu
     k, n = len(P.active), X.shape[1]
     unit = np.eye(k)
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
-    W = _scratch(n, 1)
+    W = scratch(n, 1)
     free = np.full(len(theta), -1, dtype=np.int64)
     for s in range(len(X)):
         _evaluate(P, theta, M, unit, X[s], inputs[s], free, False, f, A, B, W)

@@ -35,6 +35,9 @@ PACES = 2.0 ** (np.arange(-8, 41) / 2.0)
 TRIES, FINER = 4, 8.0
 """A motion that runs away is tried again with steps this much shorter, as steps too long run away by themselves."""
 
+PATIENCE, STEPS = 70, 2000
+"""Steps per stamp, and so many more for a short run, that a simulation may take."""
+
 SLACK = 0.2
 """A simulation far slower than its steps, in shares of their pace, lets the next one take longer steps again."""
 
@@ -58,9 +61,18 @@ class Simulator:
     ----------
     free : names of the parameters sensitivities are wanted for, in this order.
     free_states : names of the initial states (``u``, ``psi``, ``x`` ...) likewise; they come after the parameters.
+    patience : steps per stamp before a simulation is given up as hopelessly stiff.
     """
 
-    def __init__(self, form: Form, free: Sequence[str] = (), free_states: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        form: Form,
+        free: Sequence[str] = (),
+        free_states: Sequence[str] = (),
+        *,
+        patience: int = PATIENCE,
+    ) -> None:
+        self.patience = patience
         self.form = form
         self.free = tuple(free)
         self.free_states = tuple(free_states)
@@ -107,7 +119,7 @@ class Simulator:
         n, q = len(self.states), len(self.free) + len(self.free_states)
         X = np.empty((len(t_out), n))
         S = np.empty((len(t_out), n, q)) if sensitivities else np.empty((0, 0, 0))
-        for _ in range(TRIES):
+        for _ in range(TRIES if self.patience >= PATIENCE else 2):
             finite, fastest = kernel.sweep(
                 self.program,
                 np.asarray(theta, dtype=np.float64),
@@ -122,6 +134,7 @@ class Simulator:
                 q if sensitivities else 1,
                 sensitivities,
                 self._pace,
+                STEPS + self.patience * len(t_out),
                 X,
                 S,
             )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from coupled_water import BOAT, horizontal, levels, sail
 
+from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.models.coupled import FORMS
 from gcs_autotune.trial import Channel, Trial
@@ -47,8 +50,9 @@ def test_noise_levels_are_those_that_were_added(fitted: Fit) -> None:
 
 
 def test_a_run_of_another_vehicle_is_named(runs: list[Trial]) -> None:
-    stranger = sailed(3, boat={**BOAT, "X_udot": -60.0, "N_r": -6.0})
-    doubts = {d.slug: d for d in fit([*runs, stranger], FORM, delay=0.0).doubts}
+    stranger = sailed(3, seconds=20.0, boat={**BOAT, "X_udot": -60.0, "N_r": -6.0})
+    short = [run.between(0.0, 20.0) for run in runs]
+    doubts = {d.slug: d for d in fit([*short, stranger], FORM, delay=0.0).doubts}
     assert "run-apart" in doubts
     assert "'run 3'" in doubts["run-apart"].cause
 
@@ -61,3 +65,46 @@ def test_a_delay_is_found_and_none_is_made_up(runs: list[Trial]) -> None:
     late = fit([sailed(seed, delay=0.35) for seed in (1, 2)], FORM)
     assert late.parameters["delay"].value == pytest.approx(0.35, abs=0.03)
     assert "delay" not in fit(runs, FORM).parameters
+
+
+def test_bounds_are_kept_and_told(runs: list[Trial]) -> None:
+    held = fit(runs[:1], FORM, delay=0.0, bounds={"N_v": (-5.0, 0.0)})
+    assert held.parameters["N_v"].value == 0.0
+    assert held.parameters["N_v"].status == "at_bound"
+    assert "at-bound" in {d.slug for d in held.doubts}
+
+
+def test_bounds_for_what_is_not_free_are_refused(runs: list[Trial]) -> None:
+    with pytest.raises(UsageError, match="not free"):
+        fit(runs, FORM, bounds={"N_vv": (0.0, 1.0)})
+
+
+def test_what_the_runs_say_nothing_about_is_named(runs: list[Trial]) -> None:
+    free = FORM.freeing("Y_vr")
+    straight = [replace(r, channels={**r.channels, "N": replace(r["N"], values=0.0 * r["N"].values)}) for r in runs]
+    told = fit(straight, free.without("N_0", "X_0"), delay=0.0, use=["u"])
+    named = next(d for d in told.doubts if d.slug == "not-excited")
+    assert "N_rdot" in named.cause
+
+
+def test_soft_l1_bears_with_outliers(runs: list[Trial]) -> None:
+    rng = np.random.default_rng(5)
+    spoilt = []
+    for run in runs:
+        u = run["u"]
+        values = np.where(rng.random(len(u)) < 0.03, u.values + 2.0, u.values)
+        spoilt.append(replace(run, channels={**run.channels, "u": replace(u, values=values)}))
+    plain, robust = (fit(spoilt, FORM, delay=0.0, loss=loss) for loss in ("linear", "soft_l1"))
+    assert "outliers" in {d.slug for d in plain.doubts}
+    off = {f: abs(f.parameters["X_uu"].value - BOAT["X_uu"]) for f in (plain, robust)}
+    assert off[robust] < 0.5 * off[plain]
+
+
+def test_gps_and_compass_alone_are_enough() -> None:
+    run = sailed(4, seconds=60.0)
+    slow = {n: Channel(n, "m", run[n].t[::10], run[n].values[::10]) for n in ("x", "y")}
+    told = fit(replace(run, channels={**slow, **{n: run[n] for n in ("psi", "X", "N")}}), FORM, delay=0.0)
+    for name in ("X_udot", "Y_vdot", "N_rdot", "N_r"):
+        parameter = told.parameters[name]
+        assert abs(parameter.value - BOAT[name]) < 4.0 * parameter.std
+        assert parameter.std < 0.2 * abs(BOAT[name])

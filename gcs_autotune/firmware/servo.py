@@ -8,21 +8,36 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 
 from gcs_autotune.errors import PreconditionFailed
-from gcs_autotune.firmware import Firmware
-from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.firmware.profile import Firmware
 
-__all__ = ["Output", "ServoMap", "read_servo_map"]
+__all__ = ["Output", "ParameterSource", "ServoMap", "read_servo_map"]
 
 _OUTPUTS = 8
 """Outputs looked at: the first eight, those SERVO_OUTPUT_RAW carries in every version."""
 _MOTOR1 = 33
 """SERVOn_FUNCTION of motor 1; motors 2 to 8 follow."""
 _FORCES = ("X", "Y", "Z", "N")
+
+
+class ParameterSource(Protocol):
+    """Where parameters are looked up: a vehicle that answers, or what a log recorded of one."""
+
+    def read(self, name: str) -> float:
+        """Return one value; raises ``ParameterMissing``."""
+        ...
+
+    def read_all(self, names: Iterable[str]) -> dict[str, float]:
+        """Return all of them; raises ``ParameterMissing``."""
+        ...
+
+    def read_existing(self, names: Iterable[str]) -> dict[str, float]:
+        """Return those of *names* that there are."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +93,10 @@ class ServoMap:
         }
 
 
-def read_servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
-    """Ask the vehicle how its outputs are wired and return the map.
+def read_servo_map(parameters: ParameterSource, firmware: Firmware, *, skid: bool = False) -> ServoMap:
+    """Look up how the outputs are wired and return the map.
+
+    skid : whether two side thrusters will do where there is no steering output.
 
     Raises
     ------
@@ -90,23 +107,30 @@ def read_servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
     by_function = {int(value): int(name[5:-9]) for name, value in reversed(functions.items())}
     if firmware.frame_parameter:
         return _by_frame(parameters, firmware, by_function)
+    if skid and all(number in by_function for number in firmware.skid_functions):
+        return _wired(parameters, firmware.skid_functions, by_function)
     return _by_function(parameters, firmware, by_function)
 
 
-def _by_function(parameters: Parameters, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
+def _by_function(parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
     missing = [f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function]
     if missing:
         raise PreconditionFailed(
             f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "
             "(Skid steering, functions 73 and 74, has no steering output to measure.)"
         )
-    wired = {number: by_function[number] for number in firmware.servo_functions}
-    outputs = _read_outputs(parameters, wired.values())
-    factors = [{firmware.servo_functions[number]: 1.0} for number in wired]
-    return ServoMap.of_mixing([outputs[channel] for channel in wired.values()], factors)
+    return _wired(parameters, {n: {force: 1.0} for n, force in firmware.servo_functions.items()}, by_function)
 
 
-def _read_outputs(parameters: Parameters, channels: Iterable[int]) -> dict[int, Output]:
+def _wired(
+    parameters: ParameterSource, factors: Mapping[int, Mapping[str, float]], by_function: Mapping[int, int]
+) -> ServoMap:
+    channels = [by_function[number] for number in factors]
+    outputs = _read_outputs(parameters, channels)
+    return ServoMap.of_mixing([outputs[channel] for channel in channels], list(factors.values()))
+
+
+def _read_outputs(parameters: ParameterSource, channels: Iterable[int]) -> dict[int, Output]:
     wanted = list(channels)
     fields = ("MIN", "TRIM", "MAX", "REVERSED")
     values = parameters.read_all(f"SERVO{n}_{field}" for n in wanted for field in fields)
@@ -121,7 +145,7 @@ def _read_outputs(parameters: Parameters, channels: Iterable[int]) -> dict[int, 
     return outputs
 
 
-def _by_frame(parameters: Parameters, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
+def _by_frame(parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
     frame = int(parameters.read(firmware.frame_parameter))
     factors = firmware.mixing.get(frame)
     if factors is None:

@@ -1,0 +1,30 @@
+"""From the globe to the flat map, from the map to the body: what telemetry and log readers share."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["flat", "to_body"]
+
+EARTH = 6_378_137.0
+"""Equatorial radius of WGS 84 [m]; a metre of position in a kilometre is all the flat map has to hold."""
+
+Number = TypeVar("Number", float, NDArray[np.float64])
+
+
+def flat(lat: Number, lon: Number, origin: tuple[float, float]) -> tuple[Number, Number]:
+    """Return metres north and east of *origin* for positions in degrees."""
+    north = (lat - origin[0]) * (math.pi / 180.0 * EARTH)
+    shrink = math.cos(math.radians(origin[0]))
+    east = ((lon - origin[1] + 180.0) % 360.0 - 180.0) * (math.pi / 180.0 * EARTH * shrink)
+    return north, east
+
+
+def to_body(north: Number, east: Number, psi: Number) -> tuple[Number, Number]:
+    """Return velocity ahead and to starboard from velocity over ground and heading [rad]."""
+    c, s = cast("Number", np.cos(psi)), cast("Number", np.sin(psi))
+    return north * c + east * s, east * c - north * s

@@ -1,0 +1,219 @@
+"""Records made ready for the filters, and one pass of a filter over all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.model import program_of, states_of
+
+__all__ = ["Bank", "Levels", "Passed", "Prior", "Smoothed", "Track"]
+
+Array = NDArray[np.float64]
+
+LONGEST = 0.5
+"""Longest interval [s] a filter crosses in one step; longer ones get stamps without samples. Chosen: Simpson's rule for
+the process noise then errs below 1 % for craft with time constants above half a second."""
+
+HASTE = 1.5
+"""Over-relaxation of the drive's fixed point, which alone is slow where a run hardly tells of process noise."""
+
+_CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """One record: ``stamps`` (s,), samples ``Y`` (s, m) with NaN where a signal has none, inputs as in the record."""
+
+    record: CoupledRecord
+    stamps: Array
+    Y: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """Noise: ``noise`` (m,) variance of every signal; ``drive`` (n,) intensity of the white noise driving every state
+    [unit^2/s]; ``walk`` (p,) that of the free parameters."""
+
+    noise: Array
+    drive: Array
+    walk: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """What is assumed before the first sample: ``states`` (records, n) and their standard deviations ``spread``, free
+    parameters (p,) with ``covariance`` (p, p)."""
+
+    states: Array
+    spread: Array
+    parameters: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passed:
+    """One pass: free parameters (p,) and their covariance at the end, log likelihood, a tape per record."""
+
+    parameters: Array
+    covariance: Array
+    log_likelihood: float
+    tapes: tuple[Tape, ...]
+
+    @property
+    def innovations(self) -> tuple[Array, Array]:
+        """All innovations (records' stamps, m) and their variances, NaN where there is no sample."""
+        return np.vstack([t.e for t in self.tapes]), np.vstack([t.S for t in self.tapes])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothed:
+    """The same run seen from its end: trajectories (s, n + p) with variances, per record; ``score`` of the levels.
+
+    ``by_noise`` (2, m), ``by_drive`` (2, n): a level is right where both rows agree.
+    """
+
+    trajectories: tuple[Array, ...]
+    variances: tuple[Array, ...]
+    by_noise: Array
+    by_drive: Array
+
+
+class Bank:
+    """A form and its records, ready for filters.
+
+    Parameters
+    ----------
+    free : names of the parameters carried in the filter's state; none for a filter with known parameters.
+    """
+
+    def __init__(self, form: Form, records: Sequence[CoupledRecord], free: Sequence[str]) -> None:
+        self.form = form
+        self.program = program_of(form)
+        self.states = states_of(form)
+        self.signals = tuple(dict.fromkeys(n for r in records for n in r.signals))
+        self.tracks = tuple(_track(r, self.signals) for r in records)
+        self.free = tuple(free)
+        names, n = form.parameters, len(self.states)
+        self.places = np.array([names.index(f) for f in self.free], dtype=np.int64)
+        self._columns = np.array([n + self.free.index(x) if x in self.free else -1 for x in names], dtype=np.int64)
+        self._codes = np.array([_CODES.index(x) for x in self.signals], dtype=np.int64)
+        self._pace = [1.0] * len(self.tracks)
+
+    def with_free(self, free: Sequence[str]) -> Bank:
+        """Return a bank of the same records with other parameters in the state."""
+        return Bank(self.form, [t.record for t in self.tracks], free)
+
+    def run(
+        self,
+        theta: Array,
+        prior: Prior,
+        levels: Levels,
+        *,
+        about: Sequence[Array] | None = None,
+        sigma: bool = False,
+        full: bool = False,
+    ) -> Passed | None:
+        """Filter all records one after the other; None when the motion runs away.
+
+        Parameters
+        ----------
+        theta : (all,) every parameter; the free ones count only with *about*.
+        about : a trajectory (s, n) per record to linearise about, with the parameters of *theta*; None: linearise at
+            the estimate.
+        sigma : carry mean and covariance by sigma points.
+        full : keep what :meth:`smooth` needs.
+        """
+        n, p = len(self.states), len(self.free)
+        parameters, covariance = prior.parameters.copy(), prior.covariance.copy()
+        tapes, total = [], 0.0
+        for i, track in enumerate(self.tracks):
+            mean, cov = np.concatenate([prior.states[i], parameters]), np.zeros((n + p, n + p))
+            cov[:n, :n], cov[n:, n:] = np.diag(prior.spread[i] ** 2), covariance
+            tape = new_tape(len(track.stamps), len(self.signals), n, n + p, full=full)
+            pace = forward(
+                self.program,
+                np.asarray(theta, dtype=np.float64),
+                self.places,
+                self._columns,
+                mean,
+                cov,
+                track.record.t_in,
+                track.record.inputs,
+                track.stamps,
+                track.Y,
+                self._codes,
+                levels.noise,
+                levels.drive,
+                levels.walk,
+                np.zeros((0, n)) if about is None else np.ascontiguousarray(about[i][:, :n]),
+                sigma,
+                self._pace[i],
+                tape,
+            )
+            if pace < 0.0:
+                return None
+            if not self.free:
+                self._pace[i] = max(self._pace[i], float(2.0 ** np.ceil(np.log2(max(pace, 1e-3)) + 0.2)))
+            seen = ~np.isnan(tape.S)
+            e, S = tape.e[seen], tape.S[seen]
+            if not np.all(np.isfinite(e)) or not np.all(S > 0.0):
+                return None
+            total -= 0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S)))
+            parameters, covariance = mean[n:], cov[n:, n:].copy()
+            tapes.append(tape)
+        return Passed(parameters, covariance, total, tuple(tapes))
+
+    def smooth(self, passed: Passed, levels: Levels) -> Smoothed:
+        """Run a full pass backwards."""
+        n, p, m = len(self.states), len(self.free), len(self.signals)
+        adjoint, information = np.zeros(n + p), np.zeros((n + p, n + p))
+        by_noise, by_drive = np.zeros((2, m)), np.zeros((2, n))
+        trajectories: list[Array] = []
+        variances: list[Array] = []
+        for track, tape in zip(reversed(self.tracks), reversed(passed.tapes), strict=True):
+            adjoint[:n] = 0.0
+            information[:n], information[:, :n] = 0.0, 0.0
+            path, var = np.empty((len(track.stamps), n + p)), np.empty((len(track.stamps), n + p))
+            backward(track.stamps, levels.noise, tape, adjoint, information, path, var, by_noise, by_drive)
+            trajectories.insert(0, path)
+            variances.insert(0, var)
+        return Smoothed(tuple(trajectories), tuple(variances), by_noise, by_drive)
+
+
+def _track(record: CoupledRecord, signals: Sequence[str]) -> Track:
+    stamps = record.stamps
+    holes = np.flatnonzero(np.diff(stamps) > LONGEST)
+    between = [
+        np.linspace(stamps[i], stamps[i + 1], int(np.ceil((stamps[i + 1] - stamps[i]) / LONGEST)) + 1)[1:-1]
+        for i in holes
+    ]
+    stamps = np.unique(np.concatenate([stamps, *between]))
+    Y = np.full((len(stamps), len(signals)), np.nan)
+    for j, name in enumerate(signals):
+        if name in record.signals:
+            signal = record.signals[name]
+            Y[np.searchsorted(stamps, signal.t), j] = signal.values
+    return Track(record, stamps, Y)
+
+
+def tuned(levels: Levels, smoothed: Smoothed, floors: Array, *, noise: bool = True, drive: bool = True) -> Levels:
+    """Return levels nearer to the maximum of the likelihood: each times the ratio of its two score rows.
+
+    The score of a variance is half the difference of the rows (``backward``), so the maximum is a fixed point; a level
+    the run knows nothing of keeps its value. floors : (m,) least variances, from the steps of the sensors' scales.
+    """
+    r, q = levels.noise.copy(), levels.drive.copy()
+    if noise:
+        a, b = smoothed.by_noise
+        r = np.maximum(r * np.clip(np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0), 0.05, 20.0), floors)
+    if drive:
+        a, b = smoothed.by_drive
+        q = q * np.clip(np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0), 0.02, 20.0) ** HASTE
+    return replace(levels, noise=r, drive=q)

@@ -1,0 +1,170 @@
+"""Extended and sigma-point Kalman filters with the parameters in the state: seed 001, (8)-(18).
+
+The filter runs over the records, the noise levels are fitted to what it leaves, and it runs again from its own answer,
+until the parameters settle. A repeated pass starts three standard errors wide around the last answer, which is a fixed
+point then; what that prior adds to the information is taken away again, so that the data count once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.kalman.bank import Levels, Passed, Prior, Smoothed
+from gcs_autotune.identify.kalman.report import Found, report, thinned
+from gcs_autotune.identify.kalman.smoother import SETTLED, iterate, positive_inertia, settled
+from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_states, task_of
+from gcs_autotune.identify.result import Fit
+
+__all__ = ["FILTER_OPTIONS", "fit_by_ekf", "fit_by_ukf"]
+
+Array = NDArray[np.float64]
+
+FILTER_OPTIONS = (
+    *OPTIONS,
+    ("parameter_walk", "how far a parameter may drift in 1 s, as a share of its natural scale (0: constants)"),
+    ("passes", "most passes over the runs (40); 1 is the recursive filter"),
+)
+
+PASSES = 40
+"""Most passes. Chosen: levels settle geometrically, 10 to 25 passes do."""
+
+CLOSE = 0.5
+"""Move of all parameters in standard errors below which the states seen from the run's end are trusted too."""
+
+
+HOPELESS = 3
+"""Passes after which an inertia that is not positive definite is taken for lost."""
+
+
+def fit_by_ekf(case: CoupledCase) -> Fit:
+    """Fit by the extended Kalman filter; *case* and result as every method for coupled models."""
+    return _fit(case, "ekf", sigma=False)
+
+
+def fit_by_ukf(case: CoupledCase) -> Fit:
+    """Fit by the sigma-point filter; see :mod:`.sigma`."""
+    return _fit(case, "ukf", sigma=True)
+
+
+def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
+    task = task_of(case)
+    passes = int(case.options.get("passes", PASSES))
+    walk = float(case.options.get("parameter_walk", 0.0))
+    if passes < 1 or walk < 0.0:
+        raise UsageError(f"passes must be 1 or more and parameter_walk not negative, not {passes} and {walk}")
+    drift = (walk * task.start.scale) ** 2
+    ended = _passes(task, task.prior, replace(task.start.levels, walk=drift), passes, sigma=sigma)
+    rescued = passes > 1 and (ended is None or not positive_inertia(task, ended.passed.parameters))
+    if rescued:
+        smooth = iterate(task, passes)
+        first = task.prior
+        states, spread = first_states(smooth.smoothed, first.spread)
+        near = Prior(states, spread, smooth.passed.parameters, REPEAT**2 * smooth.passed.covariance)
+        ended = _passes(task, near, replace(smooth.levels, walk=drift), passes, sigma=sigma) or ended
+    if ended is None:
+        raise NotInformative(
+            f"the filter ran away on run '{case.names[0]}' from these start values: give others (start=...), "
+            "or a wider state_noise"
+        )
+    std = np.sqrt(np.diag(ended.covariance))
+    found = Found(
+        ended.passed.parameters,
+        ended.covariance,
+        std if walk == 0.0 else np.full(len(std), np.nan),
+        ended.levels,
+        ended.passed,
+        ended.moved,
+        extra={"passes": ended.count, "rescued": rescued, "history": _history(task, ended.passed)},
+    )
+    return report(task, method, found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ended:
+    """The last pass, the covariance of the parameters by the data alone, levels, last moves, how many passes."""
+
+    passed: Passed
+    covariance: Array
+    levels: Levels
+    moved: Array
+    count: int
+
+
+def _passes(task: Task, prior: Prior, levels: Levels, passes: int, *, sigma: bool) -> _Ended | None:
+    """Run at most *passes* passes from *prior*; None when even the first runs away."""
+    ended, close = None, False
+    for count in range(1, passes + 1):
+        now = _survived(task, prior, levels, sigma=sigma)
+        if now is None:
+            break
+        passed, levels = now
+        smoothed = task.bank.smooth(passed, levels)
+        after = task.tuned(levels, smoothed)
+        covariance = passed.covariance if count == 1 else _alone(passed.covariance, prior.covariance)
+        moved = np.abs(passed.parameters - prior.parameters) / np.sqrt(np.diag(covariance))
+        moved = moved if count > 1 else np.zeros_like(moved)
+        ended = _Ended(passed, covariance, levels, moved, count)
+        if count > 1 and bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed):
+            break
+        if count >= HOPELESS and not positive_inertia(task, passed.parameters):
+            break
+        levels = after
+        close = close or bool(count > 1 and np.all(moved < CLOSE))
+        prior = _next(task, passed, covariance, smoothed, close=close)
+    return ended
+
+
+def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple[Passed, Levels] | None:
+    """Run a pass; when the motion runs away, with ever more process noise, which ties the states to the samples."""
+    for _ in range(6):
+        passed = task.bank.run(task.theta(prior.parameters), prior, levels, sigma=sigma, full=True)
+        if passed is not None:
+            return passed, levels
+        levels = replace(levels, drive=np.maximum(task.loose, 10.0 * levels.drive))
+    return None
+
+
+def _next(task: Task, passed: Passed, covariance: Array, smoothed: Smoothed, *, close: bool) -> Prior:
+    """Return the prior of the next pass: where this one ended, wide again, but not wider than at first.
+
+    close : the parameters are near their end, so that the first states seen from the end can be trusted.
+    """
+    first = task.prior
+    wide = np.minimum(REPEAT, np.sqrt(np.diag(first.covariance) / np.diag(covariance)))
+    states, spread = first_states(smoothed, first.spread)
+    return Prior(states, spread if close else first.spread, passed.parameters, covariance * np.outer(wide, wide))
+
+
+def _alone(after: Array, before: Array) -> Array:
+    """Return what the data alone say: the covariance *after* a pass without the information of that *before* it."""
+    unit = np.sqrt(np.diag(before))
+    w, V = np.linalg.eigh(after / np.outer(unit, unit))
+    root = V * np.sqrt(np.maximum(w, 1e-300))
+    share, W = np.linalg.eigh(root.T @ np.linalg.inv(before / np.outer(unit, unit)) @ root)
+    side = root @ W
+    alone: Array = (side / np.maximum(1.0 - share, 1e-3)) @ side.T * np.outer(unit, unit)
+    return alone
+
+
+def _history(task: Task, passed: Passed) -> dict[str, Any]:
+    """Return every parameter over the last pass, run by run: stamps, value, standard deviation, thinned."""
+    n = len(task.bank.states)
+    runs = []
+    for track, tape in zip(task.bank.tracks, passed.tapes, strict=True):
+        at = thinned(np.arange(len(track.stamps)))
+        std = np.sqrt(np.diagonal(tape.covariance[at], axis1=1, axis2=2))
+        runs.append(
+            {
+                "run": track.record.run,
+                "t": track.stamps[at].tolist(),
+                "value": {f: tape.mean[at, n + i].tolist() for i, f in enumerate(task.bank.free)},
+                "std": {f: std[:, n + i].tolist() for i, f in enumerate(task.bank.free)},
+            }
+        )
+    return {"runs": runs}

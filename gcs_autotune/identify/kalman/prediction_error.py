@@ -1,0 +1,185 @@
+"""Prediction error: parameters, measurement noise and process noise of greatest likelihood, together.
+
+The likelihood is that of the innovations of a filter with known parameters,
+``-1/2 sum(e^2/S + ln 2 pi S)``. Its derivatives by the parameters are differences of whole passes, so that the gain's
+and the innovation variances' own dependence on every parameter is in them; steps and covariance come from
+``sum(de de'/S + dS dS'/(2 S^2))``, the information. The start is the iterated smoother's.
+
+Ljung 1999, *System Identification*, chapter 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.kalman.bank import Bank, Levels, Passed, Prior
+from gcs_autotune.identify.kalman.report import Found, report
+from gcs_autotune.identify.kalman.smoother import iterate
+from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.result import Fit
+
+__all__ = ["PEM_OPTIONS", "fit_by_prediction_error"]
+
+Array = NDArray[np.float64]
+
+PEM_OPTIONS = (*OPTIONS, ("rounds", "most scoring rounds (20)"))
+
+ROUNDS = 20
+"""Most scoring rounds. Chosen: from the smoother's answer three to six suffice."""
+
+STEP = 1e-2
+"""Length of a difference in standard errors: the likelihood is a parabola over it."""
+
+ENOUGH = 1e-3
+"""Expected gain of the log likelihood at which the search ends: a thousandth of a standard error's."""
+
+SMOOTHER_ROUNDS = 30
+"""Rounds of the smoother that gives the start."""
+
+ACTIVE = 1e-3
+"""Process noise is estimated when what it adds to the score's power exceeds this; below it is put to zero."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """Unknowns: free parameters (p,), logarithms of the levels sought (l,), and the prior states of the records."""
+
+    parameters: Array
+    logs: Array
+
+
+class _Likelihood:
+    """The log likelihood of a task over its unknowns, with its score and information."""
+
+    def __init__(self, task: Task, levels: Levels, states: Array, spread: Array) -> None:
+        self.task, self.levels = task, levels
+        self.bank: Bank = task.bank.with_free(())
+        nothing = np.zeros(0)
+        self.prior = Prior(states, spread, nothing, np.zeros((0, 0)))
+        m = len(levels.noise)
+        sought = list(range(m)) if task.tune_noise else []
+        if task.tune_drive:
+            sought += [m + int(i) for i in np.flatnonzero(levels.drive > 0.0)]
+        self.sought = np.array(sought, dtype=np.int64)
+
+    def start(self, parameters: Array) -> _Point:
+        """Return the point of *parameters* and the task's levels."""
+        return _Point(parameters, np.log(np.concatenate([self.levels.noise, self.levels.drive])[self.sought]))
+
+    def levels_at(self, point: _Point) -> Levels:
+        """Return all levels at *point*."""
+        m, together = len(self.levels.noise), np.concatenate([self.levels.noise, self.levels.drive])
+        together[self.sought] = np.exp(point.logs)
+        noise = np.maximum(together[:m], self.task.start.floors)
+        return Levels(noise, together[m:], np.zeros(0))
+
+    def at(self, point: _Point, *, full: bool = False) -> Passed | None:
+        """Return the filter's pass at *point*."""
+        return self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
+
+    def score(self, point: _Point, here: Passed, steps: Array) -> tuple[Array, Array]:
+        """Return gradient and information by parameters and levels; *steps* (p + l,) are difference lengths."""
+        e, S = here.innovations
+        seen = ~np.isnan(S)
+        e, S = e[seen], S[seen]
+        p, J, D = len(point.parameters), [], []
+        for i, step in enumerate(steps):
+            for sign in (1.0, -1.0):
+                moved = self.at(_moved(point, p, i, sign * step))
+                if moved is not None:
+                    break
+            if moved is None:
+                J.append(np.zeros_like(e))
+                D.append(np.zeros_like(e))
+                continue
+            e_1, S_1 = (a[seen] for a in moved.innovations)
+            J.append((e_1 - e) / (sign * step))
+            D.append((S_1 - S) / (sign * step))
+        j, d = np.array(J), np.array(D)
+        gradient = -(j @ (e / S)) - 0.5 * d @ ((1.0 - e * e / S) / S)
+        information = (j / S) @ j.T + 0.5 * (d / S**2) @ d.T
+        return gradient, information
+
+
+def fit_by_prediction_error(case: CoupledCase) -> Fit:
+    """Fit by prediction error; *case* and result as every method for coupled models."""
+    task = task_of(case)
+    rounds = int(case.options.get("rounds", ROUNDS))
+    if rounds < 1:
+        raise UsageError(f"rounds must be 1 or more, not {rounds}")
+    ended = iterate(task, SMOOTHER_ROUNDS)
+    prior = first_states(ended.smoothed, task.start.spread)
+    likelihood = _Likelihood(task, _thresholded(ended.levels, ended.smoothed.by_drive), *prior)
+    point = likelihood.start(ended.passed.parameters)
+    here = likelihood.at(point)
+    if here is None:
+        return report(task, "prediction-error", _as_it_was(ended.passed, ended.levels))
+    p = len(point.parameters)
+    std = np.concatenate([np.sqrt(np.diag(ended.passed.covariance)), np.full(len(point.logs), 0.2)])
+    moved, covariance, count = np.zeros(p), ended.passed.covariance, 0
+    while count < rounds:
+        count += 1
+        gradient, information = likelihood.score(point, here, STEP * std)
+        guard = np.concatenate([(task.spread * task.start.scale) ** -2.0 * 1e-2, np.full(len(point.logs), 1e-2)])
+        whole = inverse_of(information + np.diag(guard))
+        covariance, std = whole[:p, :p], np.minimum(np.sqrt(np.diag(whole)), 10.0 * std)
+        step = whole @ gradient
+        step[p:] = np.clip(step[p:], -2.0, 2.0)
+        better, reached, length = _line(likelihood, point, here, step)
+        moved = np.abs(length * step[:p]) / np.sqrt(np.diag(covariance))
+        gain = 0.5 * float(gradient @ whole @ gradient)
+        if better is None:
+            break
+        point, here = reached, better
+        if gain < ENOUGH:
+            break
+    levels = likelihood.levels_at(point)
+    last = likelihood.at(point, full=True) or here
+    found = Found(
+        point.parameters,
+        covariance,
+        np.sqrt(np.diag(covariance)),
+        replace(levels, walk=np.zeros(p)),
+        last,
+        moved,
+        extra={"rounds": count},
+    )
+    return report(task, "prediction-error", found)
+
+
+def _moved(point: _Point, p: int, i: int, by: float) -> _Point:
+    parameters, logs = point.parameters.copy(), point.logs.copy()
+    if i < p:
+        parameters[i] += by
+    else:
+        logs[i - p] += by
+    return _Point(parameters, logs)
+
+
+def _line(likelihood: _Likelihood, point: _Point, here: Passed, step: Array) -> tuple[Passed | None, _Point, float]:
+    """Return the first point along *step*, halved if need be, that is more likely; None when there is none."""
+    p, length = len(point.parameters), 1.0
+    for _ in range(12):
+        trial = _Point(point.parameters + length * step[:p], point.logs + length * step[p:])
+        there = likelihood.at(trial)
+        if there is not None and there.log_likelihood >= here.log_likelihood:
+            return there, trial, length
+        length *= 0.5
+    return None, point, 0.0
+
+
+def _thresholded(levels: Levels, by_drive: Array) -> Levels:
+    """Return levels with the process noise that does not matter put to zero: its score there points down."""
+    share = levels.drive * by_drive[1]
+    return replace(levels, drive=np.where(share > ACTIVE, levels.drive, 0.0))
+
+
+def _as_it_was(passed: Passed, levels: Levels) -> Found:
+    std = np.sqrt(np.diag(passed.covariance))
+    return Found(passed.parameters, passed.covariance, std, levels, passed, np.full(len(std), np.inf))

@@ -1,0 +1,121 @@
+"""From what a filter found to a ``Fit``: parameters, free-run traces, innovations and doubts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.validation import residual_statistics
+from gcs_autotune.identify.coupled.free_run import run_freely
+from gcs_autotune.identify.kalman.bank import Levels, Passed
+from gcs_autotune.identify.kalman.doubts import filter_doubts
+from gcs_autotune.identify.kalman.task import Task
+from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
+from gcs_autotune.models.coupled import CoupledModel, unit_of
+
+__all__ = ["MOST_POINTS", "Found", "report"]
+
+Array = NDArray[np.float64]
+
+MOST_POINTS = 200
+"""Points of a history kept for pictures."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What a method found: free parameters (p,), covariance (p, p), their bounds (p,), levels, its last pass.
+
+    ``moved`` (p,): how far the last round still moved each parameter, in its standard errors; ``extra`` for the fit.
+    """
+
+    parameters: Array
+    covariance: Array
+    bounds: Array
+    levels: Levels
+    last: Passed
+    moved: Array
+    doubts: tuple[Doubt, ...] = ()
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+def report(task: Task, method: str, found: Found) -> Fit:
+    """Return the fit of *method*."""
+    form, bank, case = task.bank.form, task.bank, task.case
+    units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
+    std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    parameters: dict[str, Parameter] = {}
+    for name in form.parameters:
+        unit = unit_of(name, units, normalised=form.normalised)
+        if name in bank.free:
+            i = bank.free.index(name)
+            value, bound = float(found.parameters[i]), float(found.bounds[i])
+            parameters[name] = Parameter(name, value, unit, float(std[i]), "fitted", bound)
+        else:
+            parameters[name] = Parameter(name, float(form.known[name]), unit, 0.0, "fixed")
+    covariance = np.zeros((len(form.parameters), len(form.parameters)))
+    covariance[np.ix_(bank.places, bank.places)] = found.covariance
+    model = CoupledModel(form, {n: p.value for n, p in parameters.items()})
+    traces, runaway = _free_runs(model, task)
+    own = tuple(d for r in case.records for d in r.notes)
+    return Fit(
+        dof="+".join(form.dofs) if len(form.dofs) > 1 else form.dofs[0],
+        structure=form.name,
+        method=method,
+        model=model,
+        parameters=parameters,
+        covariance=covariance,
+        fit_percent=float(np.mean([residual_statistics(t).fit_percent for t in traces])) if traces else float("nan"),
+        used=case.names,
+        noise={s: float(np.sqrt(v)) for s, v in zip(bank.signals, found.levels.noise, strict=True)},
+        doubts=(*own, *found.doubts, *runaway, *filter_doubts(task, found.last, found.moved, std, model)),
+        traces=traces,
+        extra={
+            "state_noise": {
+                s: float(np.sqrt(v)) for s, v in zip(bank.states, found.levels.drive, strict=True) if s in "uvwpqr"
+            },
+            "log_likelihood": found.last.log_likelihood,
+            "innovations": _innovations(task, found.last),
+            **found.extra,
+        },
+    )
+
+
+def _free_runs(model: CoupledModel, task: Task) -> tuple[tuple[Trace, ...], tuple[Doubt, ...]]:
+    traces: list[Trace] = []
+    try:
+        for record in task.case.records:
+            traces += run_freely(model, record)
+    except NotInformative as error:
+        cure = "give start values, or fly a run that shows the drag (coast down, steps at several speeds)"
+        return tuple(traces), (Doubt("runs-away", str(error), cure),)
+    return tuple(traces), ()
+
+
+def _innovations(task: Task, last: Passed) -> dict[str, Any]:
+    """Return one-step prediction errors per run and signal, with the standard deviations the filter expects."""
+    runs: dict[str, Any] = {}
+    for track, tape in zip(task.bank.tracks, last.tapes, strict=True):
+        own = {}
+        for j, name in enumerate(task.bank.signals):
+            seen = np.flatnonzero(~np.isnan(tape.S[:, j]))
+            at = thinned(seen)
+            own[name] = {
+                "t": track.stamps[at].tolist(),
+                "error": tape.e[at, j].tolist(),
+                "std": np.sqrt(tape.S[at, j]).tolist(),
+            }
+        runs[track.record.run] = own
+    return runs
+
+
+def thinned(indices: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return at most MOST_POINTS of *indices*, first and last among them."""
+    whole = np.asarray(indices, dtype=np.int64)
+    if len(whole) <= MOST_POINTS:
+        return whole
+    return whole[np.round(np.linspace(0, len(whole) - 1, MOST_POINTS)).astype(np.int64)]

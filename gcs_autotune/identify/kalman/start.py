@@ -1,0 +1,307 @@
+"""Where a filter begins: motion smoothed without a model, the equations of motion as a regression on it, and scales.
+
+The smoother is this room's own, with velocities that walk at random: it takes positions only as well as velocities, at
+whatever stamps, and its walk is fitted by maximum likelihood. The equations of motion are linear in the derivatives
+(seed 000 (10)-(12), seed 001 (25)), so least squares gives the parameters to begin with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.axis.record import Signal
+from gcs_autotune.identify.coupled.free_run import first_state
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
+from gcs_autotune.models.coupled.kernel import evaluate
+from gcs_autotune.models.coupled.model import inertia_matrix, program_of, states_of
+from gcs_autotune.sname import DOFS
+
+__all__ = ["Motion", "Start", "begin", "rough_noise", "smoothed_motion"]
+
+Array = NDArray[np.float64]
+
+ROUNDS = 12
+"""Rounds to fit the walk of the velocities; start values need no more."""
+
+SPECIAL_START: Mapping[str, tuple[float, float]] = {
+    "delay": (0.0, 0.2),
+    "lag": (0.2, 0.3),
+    "V_x": (0.0, 0.3),
+    "V_y": (0.0, 0.3),
+}
+"""Start value and standard deviation for what the regression cannot see [s, s, m/s, m/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One record smoothed without a model: stamps (s,), states (s, n), accelerations (s, k), inputs (s, m), and
+    ``seen`` (k,): whether the run tells of a velocity at all. ``walk`` (k,) is the drive found [unit^2/s]."""
+
+    t: Array
+    X: Array
+    nu_dot: Array
+    inputs: Array
+    seen: NDArray[np.bool_]
+    walk: Array
+    noise: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """What a filter begins with.
+
+    ``theta`` (all,) parameters and the ``scale`` (p,) of the free ones: the size at which a term matters as much as
+    all others together. ``states`` (records, n) at every start, ``spread`` their standard deviations; ``levels`` with
+    a drive on the high side; ``floors`` (m,) least variances of the signals; ``paths`` (s, n) the smoothed states;
+    ``cautious`` (all,) parameters that cannot run away, should ``theta``: inertia as input over acceleration suggests,
+    no drag.
+    """
+
+    theta: Array
+    scale: Array
+    states: Array
+    spread: Array
+    levels: Levels
+    floors: Array
+    paths: tuple[Array, ...]
+    cautious: Array
+
+
+def begin(bank: Bank, given: Mapping[str, float]) -> Start:
+    """Return where to begin; *given* overrides the regression's values."""
+    form = bank.form
+    motions = [smoothed_motion(form, track.record, bank.signals) for track in bank.tracks]
+    given = _possible(form, given)
+    theta, scale, left = _regression(form, motions, given)
+    dt = float(np.median(np.concatenate([np.diff(t.stamps) for t in bank.tracks])))
+    k, n = len(form.dofs), len(bank.states)
+    drive = np.zeros(n)
+    drive[k : 2 * k] = left**2 * dt
+    noise = np.mean([m.noise for m in motions], axis=0)
+    steps = [max((t.record.signals[s].step for t in bank.tracks if s in t.record.signals), default=0.0)
+             for s in bank.signals]  # fmt: skip
+    floors = np.maximum(np.array(steps) ** 2 / 12.0, 1e-6 * noise)
+    states = np.array([m.X[0] for m in motions])
+    spread = np.array([_spread(form, t.record, m) for t, m in zip(bank.tracks, motions, strict=True)])
+    levels = Levels(np.maximum(noise, floors), drive, np.zeros(len(form.free)))
+    return Start(
+        theta,
+        scale,
+        states,
+        spread,
+        levels,
+        floors,
+        tuple(m.X for m in motions),
+        _cautious(form, theta, motions, given),
+    )
+
+
+def rough_noise(signal: Signal) -> float:
+    """Return the standard deviation of a signal's noise, from how far samples lie off the line through neighbours."""
+    t, y = signal.t, signal.values
+    w = (t[2:] - t[1:-1]) / (t[2:] - t[:-2])
+    off = (y[1:-1] - w * y[:-2] - (1.0 - w) * y[2:]) / np.sqrt(1.0 + w**2 + (1.0 - w) ** 2)
+    least = max(1e-4 * float(np.std(y)), signal.step / math.sqrt(12.0), 1e-12)
+    return max(1.4826 * float(np.median(np.abs(off))), least)
+
+
+def smoothed_motion(form: Form, record: CoupledRecord, signals: Sequence[str] = ()) -> Motion:
+    """Smooth one record with velocities that walk at random; *signals* gives the order of ``noise`` (m,)."""
+    walk = Form(
+        name="walk",
+        title="velocities that walk at random",
+        dofs=form.dofs,
+        free=(),
+        known={"m": 1.0, "I_x": 1.0, "I_y": 1.0, "I_z": 1.0},
+        inputs={},
+        coriolis=False,
+    )
+    bank = Bank(walk, [record], ())
+    k, names = len(form.dofs), bank.states
+    first, spread = first_state(record, names), _spread_of(names, record)
+    prior = Prior(first[None, :], spread[None, :], np.zeros(0), np.zeros((0, 0)))
+    noise = np.array([rough_noise(record.signals[s]) ** 2 for s in bank.signals])
+    drive = np.concatenate([np.zeros(k), np.maximum(spread[k:] ** 2, 1e-12)])
+    levels = Levels(noise, drive, np.zeros(0))
+    theta = np.array([walk.known[n] for n in walk.parameters])
+    found = None
+    for _ in range(ROUNDS):
+        passed = bank.run(theta, prior, levels, full=True)
+        if passed is None:
+            break
+        found = bank.smooth(passed, levels)
+        levels = tuned(levels, found, 0.25 * noise)
+    t = bank.tracks[0].stamps
+    n = len(states_of(form))
+    X, seen = np.zeros((len(t), n)), np.zeros(k, dtype=bool)
+    row = np.maximum(np.searchsorted(record.t_in, t, side="right") - 1, 0)
+    inputs = np.ascontiguousarray(record.inputs[row])
+    if found is not None:
+        X[:, : 2 * k] = found.trajectories[0]
+        seen = np.mean(found.variances[0][:, k:], axis=0) < 0.25 * np.maximum(np.var(X[:, k : 2 * k], axis=0), 1e-12)
+    X[:, 2 * k :] = inputs if n > 2 * k else 0.0
+    nu_dot = np.gradient(X[:, k : 2 * k], t, axis=0)
+    by_name = dict(zip(bank.signals, levels.noise, strict=True))
+    order = np.array([by_name.get(s, np.nan) for s in signals])
+    return Motion(t, X, nu_dot, inputs, seen, levels.drive[k:], order)
+
+
+def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float]) -> tuple[Array, Array, Array]:
+    """Return all parameters, the scales of the free ones, and the accelerations (k,) the equations do not explain."""
+    names = form.parameters
+    theta = np.array(
+        [{**{n: s[0] for n, s in SPECIAL_START.items()}, **given, **form.known}.get(n, 0.0) for n in names]
+    )
+    sought = [n for n in form.free if n not in SPECIAL and n not in given]
+    base, columns = _balance(form, theta, motions), []
+    for name in form.free:
+        one = theta.copy()
+        one[names.index(name)] += 1.0
+        columns.append(_balance(form, one, motions) - base if name not in SPECIAL else np.zeros_like(base))
+    J = np.stack(columns, axis=2)
+    seen = np.any([m.seen for m in motions], axis=0)
+    weight = np.where(seen, 1.0, 0.0)
+    size = np.sqrt(np.mean(J**2, axis=0))
+    at = [form.free.index(n) for n in sought]
+    left = base
+    if sought:
+        rows = weight / np.maximum(np.sqrt(np.mean(base**2, axis=0)), 1e-12)
+        for _ in range(3):
+            A = (J[:, :, at] * rows[None, :, None]).reshape(-1, len(at))
+            unit = np.maximum(np.sqrt(np.mean(A**2, axis=0)), 1e-300)
+            G = (A / unit).T @ (A / unit) + 1e-6 * len(A) * np.eye(len(at))
+            found = np.linalg.solve(G, -(A / unit).T @ (base * rows).ravel()) / unit
+            left = base + J[:, :, at] @ found
+            rows = weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-12)
+        theta[[names.index(n) for n in sought]] = found
+    _make_inertia_positive(form, theta, motions, given)
+    M = inertia_matrix(form, theta)
+    active = program_of(form).active
+    inertia = np.abs(np.diag(M[np.ix_(active, active)]))
+    force = np.sqrt(np.mean(base**2, axis=0)) + np.sqrt(np.mean((base - left) ** 2, axis=0))
+    acceleration = np.sqrt(np.mean(np.vstack([m.nu_dot for m in motions]) ** 2, axis=0))
+    force = np.maximum(force, inertia * acceleration)
+    scale = np.array([
+        SPECIAL_START[n][1] if n in SPECIAL else _scale(force, size[:, i], theta[names.index(n)])
+        for i, n in enumerate(form.free)
+    ])  # fmt: skip
+    unexplained = np.sqrt(np.mean(left**2, axis=0)) / np.maximum(inertia, 1e-12)
+    return theta, scale, np.clip(unexplained, 0.05 * acceleration, 3.0 * acceleration + 1e-9)
+
+
+def _possible(form: Form, given: Mapping[str, float]) -> dict[str, float]:
+    """Return *given* without its inertias when they make an inertia matrix that no craft has.
+
+    A filter cannot come back from there: on the way the inertia passes through zero and every acceleration through
+    infinity.
+    """
+    named = {**given, **form.known}
+    inertias = [n for n in given if inertia_of(n) is not None or n in RIGID_BODY]
+    if set(inertias) >= {n for n in form.free if inertia_of(n) is not None or n in RIGID_BODY} and inertias:
+        active = program_of(form).active
+        M = inertia_matrix(form, np.array([named.get(n, 0.0) for n in form.parameters]))[np.ix_(active, active)]
+        if np.any(np.linalg.eigvalsh(0.5 * (M + M.T)) <= 0.0):
+            return {n: v for n, v in given.items() if n not in inertias}
+    return dict(given)
+
+
+def _scale(force: Array, size: Array, value: float) -> float:
+    rows = size > 1e-9 * max(float(size.max()), 1e-300)
+    natural = float(np.max(force[rows] / size[rows])) if rows.any() else 1.0
+    return max(natural, abs(value), 1e-9)
+
+
+def _balance(form: Form, theta: Array, motions: Sequence[Motion]) -> Array:
+    """Return ``F - C nu - M nu_dot`` (all stamps, k): zero where the equations hold, affine in the derivatives."""
+    program, M = program_of(form), inertia_matrix(form, theta)
+    k, n = len(program.active), len(states_of(form))
+    inner, unit = M[np.ix_(program.active, program.active)], np.eye(k)
+    free = np.full(len(theta), -1, dtype=np.int64)
+    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
+    rows = []
+    for motion in motions:
+        for x, nu_dot, u in zip(motion.X, motion.nu_dot, motion.inputs, strict=True):
+            evaluate(program, theta, M, unit, x, u, free, False, f, A, B)
+            rows.append(f[k : 2 * k] - inner @ nu_dot)
+    return np.array(rows)
+
+
+def _make_inertia_positive(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
+    """Replace inertias that came out negative by what input over acceleration suggests."""
+    active = program_of(form).active
+    M = inertia_matrix(form, theta)[np.ix_(active, active)]
+    if not np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 1e-3 * np.max(np.abs(M))):
+        _rough_inertia(form, theta, motions, given)
+
+
+def _cautious(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> Array:
+    names, cautious = form.parameters, theta.copy()
+    gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
+    for name in form.free:
+        if name not in SPECIAL and name not in RIGID_BODY and name not in gains and inertia_of(name) is None:
+            cautious[names.index(name)] = 0.0
+    _rough_inertia(form, cautious, motions, given)
+    return cautious
+
+
+def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
+    """Set the free inertias not *given* to what input over acceleration suggests, none off the diagonal."""
+    names, active = form.parameters, program_of(form).active
+    acceleration = np.sqrt(np.mean(np.vstack([m.nu_dot for m in motions]) ** 2, axis=0))
+    still = theta.copy()
+    for name in form.free:
+        if name not in given and name not in SPECIAL:
+            still[names.index(name)] = 0.0
+    zero = [Motion(m.t, 0.0 * m.X, 0.0 * m.nu_dot, m.inputs, m.seen, m.walk, m.noise) for m in motions]
+    force = np.sqrt(np.mean(_balance(form, still, zero) ** 2, axis=0))
+    rough = force / np.maximum(acceleration, 1e-12)
+    rough[rough <= 0.0] = float(np.max(rough)) if np.any(rough > 0.0) else 1.0
+    without = inertia_matrix(form, still)[np.ix_(active, active)]
+    for name in form.free:
+        entry = inertia_of(name)
+        if entry is None or name in given:
+            continue
+        place = int(np.flatnonzero(active == entry.row)[0])
+        diagonal = entry.row == entry.column
+        theta[names.index(name)] = -max(rough[place] - without[place, place], 0.1 * rough[place]) if diagonal else 0.0
+
+
+def _spread(form: Form, record: CoupledRecord, motion: Motion) -> Array:
+    names = states_of(form)
+    k = 2 * len(form.dofs)
+    spread = np.zeros(len(names))
+    spread[:k] = _spread_of(names[:k], record)
+    spread[k:] = 0.5 * np.ptp(motion.inputs, axis=0) if len(names) > k else 0.0
+    return spread
+
+
+def _spread_of(names: Sequence[str], record: CoupledRecord) -> Array:
+    """Return the standard deviations (n,) assumed of the first state: wide against noise, of the size of the motion."""
+    spread = np.zeros(len(names))
+    speed = 0.0
+    for name in ("x", "y"):
+        if name in record.signals:
+            signal = record.signals[name]
+            speed = max(speed, float(np.sqrt(np.mean(np.gradient(signal.values, signal.t) ** 2))))
+    for i, name in enumerate(names):
+        own = next(d for d in DOFS.values() if name in (d.velocity, d.position))
+        if name in record.signals:
+            spread[i] = np.std(record.signals[name].values) + 10.0 * rough_noise(record.signals[name])
+        elif name == own.velocity:
+            rate = speed if own.name in ("surge", "sway") else 0.0
+            if own.position in record.signals:
+                signal = record.signals[own.position]
+                rate = max(rate, float(np.sqrt(np.mean(np.gradient(signal.values, signal.t) ** 2))))
+            others = [float(np.std(s.values)) for n, s in record.signals.items() if n in ("u", "v")]
+            spread[i] = rate if rate > 0.0 else max([*others, 0.1])
+        elif name == "psi" and {"x", "y"} & set(record.signals):
+            spread[i] = 3.0
+    return spread

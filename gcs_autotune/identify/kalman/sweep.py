@@ -1,0 +1,334 @@
+"""The compiled filter, forwards, and its adjoint, backwards.
+
+Forwards: state and free parameters as one augmented vector (seed 001, (8)-(12)), time update (14)-(15) over the true
+interval between stamps, measurement update (16)-(18) one sample after the other, in Joseph's form, so that any subset
+of the signals may be present at a stamp. Backwards: the adjoint recursion of Bryson and Frazier, which smooths without
+inverting a covariance, and gives the exact derivatives of the likelihood by every noise level.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.kalman.sigma import sigma_step
+from gcs_autotune.identify.kalman.transition import inertia, measure, step
+from gcs_autotune.models.coupled.kernel import Program
+
+__all__ = ["Tape", "backward", "forward", "new_tape"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Tape(NamedTuple):
+    """What a forward pass leaves behind, for s stamps, m signals, n states, N = n + free parameters.
+
+    ``mean`` (s, N), ``covariance`` (s, N, N) after each stamp's samples; ``F`` (s, n, N), ``late`` (s, n, n) the
+    transition into each stamp; ``e``, ``S`` (s, m) innovations and their variances (NaN where no sample);
+    ``K``, ``H`` (s, m, N) gains and output derivatives.
+    """
+
+    mean: Array
+    covariance: Array
+    F: Array
+    late: Array
+    e: Array
+    S: Array
+    K: Array
+    H: Array
+
+
+def new_tape(s: int, m: int, n: int, N: int, *, full: bool) -> Tape:
+    """Return room for a pass; without *full* only the innovations are kept."""
+    k = s if full else 0
+    return Tape(
+        np.zeros((k, N)),
+        np.zeros((k, N, N)),
+        np.zeros((k, n, N)),
+        np.zeros((k, n, n)),
+        np.full((s, m), np.nan),
+        np.full((s, m), np.nan),
+        np.zeros((k, m, N)),
+        np.zeros((k, m, N)),
+    )
+
+
+@njit(cache=True)
+def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, h: float) -> None:
+    """Carry *cov* (N, N) over an interval of *h* seconds: seed 001 (15), noise by Simpson's rule."""
+    n, N = F.shape
+    T = np.dot(F, cov)
+    top = np.dot(T, np.ascontiguousarray(F.T))
+    for i in range(n):
+        for j in range(n, N):
+            cov[i, j] = T[i, j]
+            cov[j, i] = T[i, j]
+    for i in range(n):
+        for j in range(i, n):
+            value = 0.5 * (top[i, j] + top[j, i])
+            for o in range(n):
+                if q[o] > 0.0:
+                    early = F[i, o] * F[j, o] + 4.0 * late[i, o] * late[j, o]
+                    value += q[o] * h / 6.0 * (early + (1.0 if i == o and j == o else 0.0))
+            cov[i, j] = value
+            cov[j, i] = value
+    for i in range(n, N):
+        cov[i, i] += walk[i - n] * h
+
+
+@njit(cache=True)
+def _measurement_update(cov: Array, K: Array, H: Array, r: float) -> None:
+    """Update *cov* by one sample in Joseph's form, (I - K H) P (I - K H)' + K r K', in N^2 operations."""
+    N = len(K)
+    HP = np.zeros(N)
+    for j in range(N):
+        for i in range(N):
+            if H[i] != 0.0:
+                HP[j] += H[i] * cov[i, j]
+    for i in range(N):
+        for j in range(N):
+            cov[i, j] -= K[i] * HP[j]
+    PH = np.zeros(N)
+    for i in range(N):
+        for j in range(N):
+            if H[j] != 0.0:
+                PH[i] += cov[i, j] * H[j]
+    for i in range(N):
+        for j in range(N):
+            cov[i, j] += (r * K[i] - PH[i]) * K[j]
+    for i in range(N):
+        for j in range(i):
+            value = 0.5 * (cov[i, j] + cov[j, i])
+            cov[i, j] = value
+            cov[j, i] = value
+
+
+@njit(cache=True, nogil=True)
+def forward(
+    P: Program,
+    theta: Array,
+    places: Index,
+    free: Index,
+    mean: Array,
+    cov: Array,
+    t_in: Array,
+    inputs: Array,
+    stamps: Array,
+    Y: Array,
+    codes: Index,
+    r: Array,
+    q: Array,
+    walk: Array,
+    reference: Array,
+    sigma: bool,
+    pace: float,
+    tape: Tape,
+) -> float:
+    """Filter one record; *mean* (N,) and *cov* (N, N) go in as the prior at ``stamps[0]`` and come out at the end.
+
+    theta : all parameters; places : (p,) where the free ones stand in it; free : (all,) their column in the augmented
+    vector, -1 for known ones. Y : (s, m) samples, NaN where there is none; codes : (m,) what they are (see
+    :func:`measure`); r : (m,) variances. q : (n,) intensity of the white noise that drives each state [unit^2/s];
+    walk : (p,) that of the parameters. reference : (s, n) trajectory to linearise about with the parameters in
+    *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
+
+    pace : rate [1/s] steps are made for at least; a filter with moving parameters makes them finer where it must.
+
+    Returns the fastest rate [1/s] met, or -1 - (index of the stamp at which the motion ran away).
+    """
+    n, N, p = len(q), len(mean), len(places)
+    theta = theta.copy()
+    given = theta.copy()
+    fixed = len(reference) > 0
+    M, M_inverse = np.zeros((6, 6)), np.zeros((len(P.active), len(P.active)))
+    if not fixed:
+        for i in range(p):
+            theta[places[i]] = mean[n + i]
+    positive = inertia(P, theta, M, M_inverse)
+    full = len(tape.mean) > 0
+    F, late, H, K, g = np.zeros((n, N)), np.zeros((n, n)), np.zeros(N), np.zeros(N), np.zeros(N)
+    x, before, moved = np.zeros(n), np.zeros(n), mean.copy()
+    delay = theta[P.delay] if P.delay >= 0 else 0.0
+    row, now, fastest = 0, pace, 0.0
+    while row + 1 < len(t_in) and t_in[row + 1] + delay <= stamps[0]:
+        row += 1
+    for s in range(len(stamps)):
+        if s > 0:
+            h = stamps[s] - stamps[s - 1]
+            for i in range(n):
+                x[i] = reference[s - 1, i] if fixed else mean[i]
+            first = row
+            rate = -1.0
+            for _ in range(8):
+                before[:] = x
+                rate, row = step(
+                    P, theta, M, M_inverse, x, F, late, stamps[s - 1], stamps[s], first, t_in, inputs, free, now
+                )
+                if rate >= 0.0 and rate <= 2.0 * now:
+                    break
+                now = 4.0 * now if rate < 0.0 else 1.2 * rate
+                x[:] = before
+            if rate < 0.0:
+                return -1.0 - s
+            now = max(pace, 1.5 * rate if rate > now else 0.7 * now)
+            fastest = max(fastest, rate)
+            if fixed:
+                for i in range(n):
+                    for j in range(n):
+                        x[i] += F[i, j] * (mean[j] - reference[s - 1, j])
+                    for j in range(p):
+                        x[i] += F[i, n + j] * (mean[n + j] - given[places[j]])
+            if not sigma or not sigma_step(
+                P, theta, places, free, mean, cov, x, F, late, q, walk, stamps[s - 1], stamps[s], first, t_in, inputs,
+                now,
+            ):  # fmt: skip
+                _time_update(cov, F, late, q, walk, h)
+            for i in range(n):
+                mean[i] = x[i]
+            if full:
+                tape.F[s] = F
+                tape.late[s] = late
+        for i in range(len(codes)):
+            if np.isnan(Y[s, i]):
+                continue
+            value = measure(P, theta, reference[s] if fixed else mean[:n], codes[i], free, H)
+            error = Y[s, i] - value
+            if fixed:
+                for j in range(n):
+                    error -= H[j] * (mean[j] - reference[s, j])
+                for j in range(p):
+                    error -= H[n + j] * (mean[n + j] - given[places[j]])
+            g[:] = 0.0
+            for j in range(N):
+                if H[j] != 0.0:
+                    for o in range(N):
+                        g[o] += cov[o, j] * H[j]
+            variance = r[i]
+            for j in range(N):
+                variance += H[j] * g[j]
+            for j in range(N):
+                K[j] = g[j] / variance
+                moved[j] = mean[j] + K[j] * error
+            _measurement_update(cov, K, H, r[i])
+            if p > 0 and not fixed:
+                positive = _move_parameters(P, theta, places, mean, moved, n, M, M_inverse, positive)
+            for j in range(N):
+                mean[j] = moved[j]
+                if not abs(mean[j]) < 1e9:
+                    return -1.0 - s
+            tape.e[s, i] = error
+            tape.S[s, i] = variance
+            if full:
+                tape.K[s, i] = K
+                tape.H[s, i] = H
+        if full:
+            tape.mean[s] = mean
+            tape.covariance[s] = cov
+    return fastest
+
+
+@njit(cache=True)
+def _move_parameters(
+    P: Program,
+    theta: Array,
+    places: Index,
+    mean: Array,
+    moved: Array,
+    n: int,
+    M: Array,
+    M_inverse: Array,
+    positive: bool,
+) -> bool:
+    """Take over the parameters of *moved*, less far when the inertia would cease to be positive definite."""
+    for _ in range(30):
+        for i in range(len(places)):
+            theta[places[i]] = moved[n + i]
+        good = inertia(P, theta, M, M_inverse)
+        if good or not positive:
+            return good
+        for i in range(len(places)):
+            moved[n + i] = 0.5 * (moved[n + i] + mean[n + i])
+    for i in range(len(places)):
+        moved[n + i] = mean[n + i]
+        theta[places[i]] = mean[n + i]
+    return inertia(P, theta, M, M_inverse)
+
+
+@njit(cache=True, nogil=True)
+def backward(
+    stamps: Array,
+    r: Array,
+    tape: Tape,
+    adjoint: Array,
+    information: Array,
+    smoothed: Array,
+    variances: Array,
+    by_noise: Array,
+    by_drive: Array,
+) -> None:
+    """Run the adjoint over a full *tape*.
+
+    adjoint : (N,), information : (N, N), in: those of the records after this one (states zero), out: at its start.
+    smoothed : (s, N) filled with smoothed means; variances : (s, N) likewise. by_noise : (2, m) and by_drive : (2, n)
+    are added to: twice the derivative of the log likelihood by a variance is row 0 minus row 1.
+    """
+    m, N = tape.K.shape[1], tape.K.shape[2]
+    n = tape.F.shape[1]
+    carried = np.zeros((N, N))
+    for s in range(len(stamps) - 1, -1, -1):
+        cov = tape.covariance[s]
+        down = np.dot(cov, adjoint)
+        second = np.dot(cov, information)
+        for i in range(N):
+            smoothed[s, i] = tape.mean[s, i] - down[i]
+            value = cov[i, i]
+            for j in range(N):
+                value -= second[i, j] * cov[j, i]
+            variances[s, i] = max(value, 0.0)
+        for i in range(m - 1, -1, -1):
+            S = tape.S[s, i]
+            if np.isnan(S):
+                continue
+            K, H, e = tape.K[s, i], tape.H[s, i], tape.e[s, i]
+            LK = np.dot(information, K)
+            push, weight = np.dot(K, adjoint), np.dot(K, LK)
+            u = e / S + push
+            by_noise[0, i] += u * u
+            by_noise[1, i] += 1.0 / S + weight
+            for j in range(N):
+                adjoint[j] -= H[j] * u
+            for j in range(N):
+                for o in range(N):
+                    information[j, o] += H[j] * H[o] * (1.0 / S + weight) - H[j] * LK[o] - LK[j] * H[o]
+        if s == 0:
+            return
+        F, late, h = tape.F[s], tape.late[s], (stamps[s] - stamps[s - 1]) / 6.0
+        F_adjoint = np.dot(np.ascontiguousarray(F.T), adjoint[:n])
+        F_information = np.dot(np.ascontiguousarray(F.T), information[:n])
+        whole = np.dot(np.ascontiguousarray(F_information[:, :n]), F)
+        block = np.ascontiguousarray(information[:n, :n])
+        late_adjoint = np.dot(np.ascontiguousarray(late.T), adjoint[:n])
+        late_block = np.dot(np.ascontiguousarray(late.T), np.dot(block, late))
+        for i in range(n):
+            by_drive[0, i] += h * (F_adjoint[i] ** 2 + 4.0 * late_adjoint[i] ** 2 + adjoint[i] ** 2)
+            by_drive[1, i] += h * (whole[i, i] + 4.0 * late_block[i, i] + information[i, i])
+        for i in range(n, N):
+            F_adjoint[i] += adjoint[i]
+        for i in range(N):
+            for j in range(N):
+                value = whole[i, j]
+                if j >= n:
+                    value += F_information[i, j]
+                if i >= n:
+                    value += F_information[j, i]
+                if i >= n and j >= n:
+                    value += information[i, j]
+                carried[i, j] = value
+        for i in range(N):
+            adjoint[i] = F_adjoint[i]
+            for j in range(N):
+                information[i, j] = 0.5 * (carried[i, j] + carried[j, i])

@@ -1,0 +1,123 @@
+"""A question as the filters take it: bank, start, options read and checked; and the noise levels a user fixes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, Smoothed, tuned
+from gcs_autotune.identify.kalman.start import Start, begin
+
+__all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]
+
+Array = NDArray[np.float64]
+
+OPTIONS = (
+    ("state_noise", "process noise: standard deviation a velocity gains in 1 s [m/s, rad/s], one or by velocity"),
+    ("measurement_noise", "standard deviation of every signal, by name [SI]; estimated when not given"),
+    ("start", "start value of some or all parameters, by name; the others come from a regression"),
+    ("spread", "how far a parameter may lie from its start, in units of its natural scale (1)"),
+)
+"""Options all methods of this room understand."""
+
+REPEAT = 3.0
+"""Standard errors a repeated pass begins with: wide enough to move, narrow enough to stay where the model is linear."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What every method here works on.
+
+    ``tune_noise``, ``tune_drive``: whether levels are estimated or given. ``loose`` (n,): a drive on the high side,
+    which ties the states to the samples.
+    """
+
+    case: CoupledCase
+    bank: Bank
+    start: Start
+    spread: float
+    tune_noise: bool
+    tune_drive: bool
+    loose: Array
+
+    @property
+    def prior(self) -> Prior:
+        """What is assumed before the first sample."""
+        theta = self.start.theta[self.bank.places]
+        return Prior(self.start.states, self.start.spread, theta, np.diag((self.spread * self.start.scale) ** 2))
+
+    def theta(self, free: Array) -> Array:
+        """Return all parameters with the free ones at *free* (p,)."""
+        theta = self.start.theta.copy()
+        theta[self.bank.places] = free
+        return theta
+
+    def tuned(self, levels: Levels, smoothed: Smoothed) -> Levels:
+        """Return *levels* nearer to the most likely ones, those given by the user as they were given."""
+        levels = tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
+        return levels if self.tune_drive else replace(levels, drive=self.start.levels.drive)
+
+
+def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
+    """Return the records' first states (records, n), seen from their ends, and the spread to begin again with."""
+    n = widest.shape[1]
+    states = np.array([path[0, :n] for path in smoothed.trajectories])
+    std = np.sqrt(np.array([var[0, :n] for var in smoothed.variances]))
+    return states, np.minimum(REPEAT * std, widest)
+
+
+def task_of(case: CoupledCase) -> Task:
+    """Read a case and its options.
+
+    Raises
+    ------
+    UsageError
+        An option that cannot be read.
+    NotInformative
+        The form has no free parameter.
+    """
+    form = case.form
+    if case.delay and "delay" not in form.free:
+        form = form.fixing({"delay": case.delay})
+    if not form.free:
+        raise NotInformative(f"form '{form.name}' has no free parameter: there is nothing to identify")
+    bank = Bank(form, case.records, form.free)
+    given = {**form.start, **_numbers(case.options, "start")}
+    unknown = set(given) - set(form.parameters)
+    if unknown:
+        raise UsageError(f"start names {', '.join(sorted(unknown))}, which form '{form.name}' does not have")
+    start = begin(bank, given)
+    levels, loose = start.levels, start.levels.drive
+    noise, drive = _numbers(case.options, "measurement_noise"), case.options.get("state_noise")
+    if noise:
+        r = [noise[s] ** 2 if s in noise else v for s, v in zip(bank.signals, levels.noise, strict=True)]
+        levels = replace(levels, noise=np.maximum(np.array(r), 1e-24))
+    if drive is not None:
+        levels = replace(levels, drive=_drive(bank, drive))
+    spread = float(case.options.get("spread", 1.0))
+    if not spread > 0.0:
+        raise UsageError(f"spread must be positive, not {spread}")
+    tune_noise = not set(bank.signals) <= set(noise)
+    return Task(case, bank, replace(start, levels=levels), spread, tune_noise, drive is None, loose)
+
+
+def _numbers(options: Mapping[str, Any], name: str) -> dict[str, float]:
+    given = options.get(name, {})
+    try:
+        return {str(k): float(v) for k, v in dict(given).items()}
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"option '{name}' wants numbers by name, such as {{'u': 0.1}}, not {given!r}") from error
+
+
+def _drive(bank: Bank, given: Any) -> Array:
+    velocities = [s for s in bank.states if s in "uvwpqr"]
+    values = dict.fromkeys(velocities, float(given)) if isinstance(given, (int, float)) else dict(given)
+    if set(values) - set(velocities) or any(float(v) < 0.0 for v in values.values()):
+        raise UsageError(f"state_noise wants numbers >= 0 for {', '.join(velocities)}, not {given!r}")
+    return np.array([float(values.get(s, 0.0)) ** 2 for s in bank.states])

@@ -1,0 +1,159 @@
+"""The method ``instrumental-variables``: least squares without its noise bias.
+
+Least squares is biased because its regressors hold the noise of the equations' errors. Instruments are what the
+regressors would be without noise: those of the motion simulated with the last estimate (refined instrumental
+variables, Young 2011), found anew until nothing changes. What smoothing and sampling do to the equations they do to the
+simulated ones too, so that their share is taken off the errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
+from gcs_autotune.identify.regression.collinearity import collinearity_doubts
+from gcs_autotune.identify.regression.covariance import scores_covariance
+from gcs_autotune.identify.regression.noise_bias import as_simulated
+from gcs_autotune.identify.regression.outcome import fit_of, model_of
+from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
+from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
+from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
+from gcs_autotune.identify.regression.solver import Estimate, information
+from gcs_autotune.identify.regression.spread import NoiseDraw, raised
+from gcs_autotune.identify.result import Doubt, Fit
+
+__all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
+
+Array = NDArray[np.float64]
+
+OPTIONS = RECIPE_OPTIONS
+"""Options of ``fit`` read by this method."""
+
+ROUNDS = 25
+"""Most simulations of all runs; five to eight suffice."""
+
+SETTLED = 0.01
+"""Step, in standard errors, at which the estimate is settled."""
+
+HALVINGS = 8
+"""How often a step is halved when the model it leads to cannot be simulated."""
+
+
+def fit_by_instruments(case: CoupledCase) -> Fit:
+    """Fit *case* by refined instrumental variables, from least squares; errors as there."""
+    recipe, motions, first, draws = recipe_of(case, robust=case.robust)
+    doubts: list[Doubt] = []
+    try:
+        estimate, rounds = _refined(recipe, case.records, first, draws)
+    except NotInformative as error:
+        estimate, rounds = first, 0
+        doubts.append(
+            Doubt(
+                "no-instruments",
+                f"no instruments could be simulated ({error}): the estimate is that of least squares, with its bias",
+                "take output-error, or a form with fewer terms",
+            )
+        )
+    if rounds and not estimate.converged:
+        doubts.append(
+            Doubt(
+                "not-converged",
+                f"instruments and estimate still change after {rounds} rounds",
+                "excite the craft more, or take output-error",
+            )
+        )
+    doubts += collinearity_doubts(estimate)
+    checks = check_physics(model_of(recipe.form, estimate.theta), velocities_visited(motions))
+    doubts += physics_doubts(checks)
+    extra: dict[str, Any] = {
+        "equation": recipe.equation,
+        "derivative": recipe.derivative,
+        "window": recipe.window,
+        "rounds": rounds,
+        "least_squares": dict(zip(recipe.form.free, first.free.tolist(), strict=True)),
+        "physics": [check.told for check in checks],
+        "converged": estimate.converged,
+    }
+    return fit_of(case, estimate, motions, "instrumental-variables", doubts, extra)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Instruments:
+    """Errors (n, k) and Jacobian (n, k, f) of the equations on the simulated motion."""
+
+    errors: Array
+    jacobian: Array
+
+
+def _simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array) -> _Instruments:
+    """Return the instruments of *theta*; NotInformative when a run cannot be simulated."""
+    found = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
+    if found is None:
+        raise NotInformative(f"the inertia of '{recipe.form.name}' became singular")
+    return _Instruments(*found)
+
+
+def _refined(
+    recipe: Recipe, records: Sequence[CoupledRecord], first: Estimate, draws: Sequence[NoiseDraw]
+) -> tuple[Estimate, int]:
+    equations, f = first.equations, len(first.equations.free)
+    theta, trusted = first.theta.copy(), _simulated(recipe, records, first.theta)
+    estimate, rounds, base = first, 0, first.errors
+    Z, bread = first.jacobian, np.eye(f)
+    for rounds in range(1, ROUNDS + 1):
+        found = equations.errors(theta)
+        assert found is not None
+        base, J = found
+        errors = base - trusted.errors
+        weights = np.ones_like(errors) / np.maximum(np.mean(errors**2, axis=0), 1e-300)
+        Z = trusted.jacobian * weights[:, :, None]
+        gain = np.einsum("nif,nig->fg", Z, J, optimize=True)
+        gain += 1e-9 * np.diag(np.diag(information(trusted.jacobian, weights))) + 1e-300 * np.eye(f)
+        scores = np.einsum("nif,ni->nf", Z, errors, optimize=True)
+        bread = _inverse(gain)
+        meat = scores_covariance([p for p in np.split(scores, list(equations.ends[:-1])) if len(p)])
+        covariance = bread @ meat @ bread.T
+        step = -bread @ scores.sum(axis=0)
+        estimate = Estimate(equations, theta, errors, trusted.jacobian, weights, covariance, converged=False)
+        size = np.abs(step) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        if float(size.max(initial=0.0)) < SETTLED:
+            estimate = replace(estimate, converged=True)
+            break
+        if rounds == ROUNDS:
+            break
+        theta, trusted = _moved(recipe, records, theta, step)
+    return raised(estimate, Z, bread, recipe.errors(draws, theta), base), rounds
+
+
+def _moved(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array, step: Array) -> tuple[Array, _Instruments]:
+    """Take the longest of *step*, half of it ... whose model can be simulated."""
+    for halving in range(HALVINGS):
+        there = theta.copy()
+        there[: len(step)] += step * 0.5**halving
+        try:
+            return there, _simulated(recipe, records, there)
+        except NotInformative:
+            if halving == HALVINGS - 1:
+                raise
+    raise NotInformative(f"no step of '{recipe.form.name}' leads to a model that can be simulated")
+
+
+def _inverse(A: Array) -> Array:
+    """Return the inverse of a square matrix, scaled against bad units."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(A)), math.sqrt(1e-300)))
+    inverse: Array = np.linalg.pinv(A / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+    return inverse
+
+
+fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instruments(case)))
+"""Instrumental variables for one degree of freedom."""

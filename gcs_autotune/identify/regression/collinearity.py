@@ -1,0 +1,64 @@
+"""Which terms move together in these runs, so that their parameters cannot be told apart (variance inflation)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.regression.solver import Estimate
+from gcs_autotune.identify.result import Doubt
+
+__all__ = ["collinearity_doubts", "inflation_factors"]
+
+Array = NDArray[np.float64]
+
+TOO_MUCH = 100.0
+"""Variance inflation above which two terms are said to move together: 99 % of one is in the others."""
+
+SHARE = 0.3
+"""Smallest share in the worst direction of a parameter that is named."""
+
+
+def inflation_factors(information: Array) -> Array:
+    """Return the variance inflation factor (f,) of each parameter: 1 when its term moves on its own."""
+    factors: Array = np.diag(information) * np.diag(inverse_of(information))
+    return factors
+
+
+def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
+    """Return what cannot be told apart, and what was not excited at all."""
+    information, names = estimate.information, estimate.equations.form.free
+    doubts: list[Doubt] = []
+    dead = np.diag(information) <= 0.0
+    if np.any(dead):
+        doubts.append(
+            Doubt(
+                "not-excited",
+                f"nothing in these runs depends on {', '.join(n for n, d in zip(names, dead, strict=True) if d)}",
+                "fly a manoeuvre that moves these degrees of freedom, or leave the terms out",
+            )
+        )
+    alive = np.flatnonzero(~dead)
+    if len(alive) < 2:
+        return doubts
+    scale = np.sqrt(np.diag(information)[alive])
+    R = information[np.ix_(alive, alive)] / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(R)
+    factors = inflation_factors(information[np.ix_(alive, alive)])
+    told: set[int] = set()
+    for value, vector in zip(values, vectors.T, strict=True):
+        together = [int(i) for i in np.flatnonzero(np.abs(vector) > SHARE) if factors[i] > TOO_MUCH]
+        if value > 0.05 or len(together) < 2 or told & set(together):
+            continue
+        told |= set(together)
+        terms = " and ".join(names[int(alive[i])] for i in together)
+        largest = max(float(factors[i]) for i in together)
+        doubts.append(
+            Doubt(
+                "collinear",
+                f"the terms of {terms} move together in these runs (variance inflation {largest:.0f})",
+                "fly other speeds and rates of turn as well, or leave one of them out",
+            )
+        )
+    return doubts

@@ -1,0 +1,90 @@
+"""What a regression found, in the words of :class:`Fit`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.free_run import run_freely
+from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.regression.solver import Estimate
+from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
+from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+
+__all__ = ["fit_of", "model_of"]
+
+Array = NDArray[np.float64]
+
+STABLE = "runs-away"
+"""Slug of the doubt that the model found cannot be simulated on its own runs."""
+
+
+def model_of(form: Form, theta: Array) -> CoupledModel:
+    """Return *form* with the parameters (p,)."""
+    return CoupledModel(form, dict(zip(form.parameters, theta.tolist(), strict=True)))
+
+
+def fit_of(
+    case: CoupledCase,
+    estimate: Estimate,
+    motions: Sequence[Motion],
+    method: str,
+    doubts: Sequence[Doubt],
+    extra: Mapping[str, Any],
+) -> Fit:
+    """Return the :class:`Fit`; its traces are free runs, not the regression's own residuals."""
+    form = estimate.equations.form
+    model = model_of(form, estimate.theta)
+    units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
+    p, f = len(form.parameters), len(form.free)
+    covariance = np.zeros((p, p))
+    covariance[:f, :f] = estimate.covariance
+    parameters = {}
+    for i, name in enumerate(form.parameters):
+        std = math.sqrt(max(float(covariance[i, i]), 0.0))
+        unit = unit_of(name, units, normalised=form.normalised)
+        parameters[name] = Parameter(name, float(estimate.theta[i]), unit, std, "fitted" if i < f else "fixed")
+    said = [note for record in case.records for note in record.notes] + list(doubts)
+    traces: list[Trace] = []
+    try:
+        for record in case.records:
+            traces += run_freely(model, record)
+    except NotInformative as error:
+        traces = []
+        said.append(Doubt(STABLE, str(error), "excite the craft more, or leave terms out of the form"))
+    return Fit(
+        dof="+".join(form.dofs),
+        structure=form.name,
+        method=method,
+        model=model,
+        parameters=parameters,
+        covariance=covariance,
+        fit_percent=_fit_percent(traces),
+        used=case.names,
+        noise=_noise(motions),
+        doubts=tuple(said),
+        traces=tuple(traces),
+        extra={"delay": form.known.get("delay", 0.0), **extra},
+    )
+
+
+def _fit_percent(traces: Sequence[Trace]) -> float:
+    shares = []
+    for name in dict.fromkeys(t.signal for t in traces):
+        own = [t for t in traces if t.signal == name]
+        power = sum(float(np.var(t.measured)) * len(t.t) for t in own)
+        left = sum(float(np.sum((t.measured - t.fitted) ** 2)) for t in own)
+        if power > 0.0:
+            shares.append(100.0 * (1.0 - math.sqrt(left / power)))
+    return float(np.mean(shares)) if shares else math.nan
+
+
+def _noise(motions: Sequence[Motion]) -> dict[str, float]:
+    names = dict.fromkeys(n for m in motions for n in m.noise)
+    return {n: math.sqrt(float(np.mean([m.noise[n] ** 2 for m in motions if n in m.noise]))) for n in names}

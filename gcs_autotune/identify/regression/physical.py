@@ -1,0 +1,161 @@
+"""Does a model obey physics: M symmetric and positive, C without power, D positive over the velocities visited.
+
+Seed 000 (9)-(11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.models.coupled import CoupledModel, Form, kernel
+from gcs_autotune.models.coupled.model import program_of
+
+__all__ = ["Check", "check_physics", "damping_slopes", "physics_doubts", "velocities_visited"]
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = 64
+"""Directions in which the farthest velocity is looked for: D is linear in their magnitudes, so the rest lie between."""
+
+ROUNDING = 1e-9
+"""Relative size below which an asymmetry or a negative eigenvalue is rounding."""
+
+POWERLESS = 0.1
+"""Share of the coupling terms' power that may be left over before C is called not skew."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One verdict: what was looked at, whether it holds, by how much (0 is the border), and in words."""
+
+    what: str
+    holds: bool
+    margin: float
+    told: str
+
+
+def velocities_visited(motions: Sequence[Motion]) -> Array:
+    """Return velocities (m, 6) that bound those of the runs in magnitude."""
+    nu = np.concatenate([m.nu for m in motions])
+    scale = np.maximum(np.abs(nu).max(axis=0), 1e-12)
+    directions = np.random.default_rng(0).standard_normal((DIRECTIONS, 6))
+    far = np.argmax((np.abs(nu) / scale) @ directions.T, axis=0)
+    picked: Array = nu[np.unique(far)]
+    return picked
+
+
+def check_physics(model: CoupledModel, visited: Array) -> tuple[Check, ...]:
+    """Return the verdicts on *model* over the velocities *visited* (m, 6).
+
+    ``M symmetric``, ``M positive``, ``C skew`` and ``D positive``; margins are relative to the diagonals.
+    """
+    M = model.inertia
+    return (
+        _symmetric(M),
+        _positive("M positive", "inertia M", _least(0.5 * (M + M.T))),
+        _skew(model, visited),
+        _damping(model, visited),
+    )
+
+
+def _symmetric(M: Array) -> Check:
+    size = float(np.max(np.abs(M)))
+    off = float(np.max(np.abs(M - M.T))) / max(size, 1e-300)
+    holds = off <= ROUNDING
+    told = "M is symmetric" if holds else f"M is not symmetric: entries differ from their mirrors by up to {off:.1%}"
+    return Check("M symmetric", holds, -off, told)
+
+
+def _positive(what: str, name: str, least: float) -> Check:
+    holds = least > -ROUNDING
+    told = f"{name} is positive" if holds else f"{name} is not positive: an eigenvalue of {least:.2g} of its diagonal"
+    return Check(what, holds, least, told)
+
+
+def _least(A: Array) -> float:
+    """Return the smallest eigenvalue of symmetric A (..., k, k), scaled by the magnitude of its diagonal."""
+    diagonal = np.abs(np.diagonal(A, axis1=-2, axis2=-1))
+    if A.ndim > 2:
+        diagonal = diagonal.max(axis=0)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return float(np.linalg.eigvalsh(A * scale[:, None] * scale).min())
+
+
+def _skew(model: CoupledModel, visited: Array) -> Check:
+    """C from M is skew by construction; products that the form names may do work together."""
+    powers = []
+    for row, par, coefficient, factors in _terms(model.form):
+        moving = [c for c in factors if c >= 0]
+        if len(moving) == 2 and all(c < kernel.NU_SIZE for c in moving) and moving[0] != moving[1]:
+            value = coefficient * (model.theta[par] if par >= 0 else 1.0)
+            powers.append(value * visited[:, row] * visited[:, moving[0]] * visited[:, moving[1]])
+    if not powers:
+        return Check("C skew", True, 0.0, "C is skew: Coriolis forces do no work")
+    left, whole = np.abs(np.sum(powers, axis=0)).max(), np.sum(np.abs(powers), axis=0).max()
+    share = float(left / max(whole, 1e-300))
+    holds = share <= POWERLESS
+    told = (
+        f"C is skew: coupling forces do no work (to {share:.1%})"
+        if holds
+        else f"C is not skew: {share:.0%} of the coupling forces' power is left over"
+    )
+    return Check("C skew", holds, POWERLESS - share, told)
+
+
+def _damping(model: CoupledModel, visited: Array) -> Check:
+    rows, slopes = damping_slopes(model.form, visited)
+    if not len(rows):
+        return Check("D positive", True, 0.0, "the form has no damping on its diagonal")
+    D = np.tensordot(np.append(model.theta, 1.0), slopes, axes=1)
+    return _positive("D positive", "damping D", _least(0.5 * (D + D.transpose(0, 2, 1))))
+
+
+def damping_slopes(form: Form, visited: Array) -> tuple[tuple[int, ...], Array]:
+    """Return the places of the damped degrees of freedom and D's derivative (p + 1, m, d, d) by every parameter.
+
+    The last entry belongs to no parameter. D holds the linear derivatives and those with one modulus; products of
+    two velocities belong to C.
+    """
+    active = [int(a) for a in program_of(form).active]
+    entries = []
+    for row, par, coefficient, factors in _terms(form):
+        moving = [c for c in factors if c >= 0]
+        plain = [c for c in moving if c < kernel.NU_SIZE]
+        sizes = [c - kernel.NU_SIZE for c in moving if kernel.NU_SIZE <= c < kernel.ETA]
+        if len(plain) == 1 and len(plain) + len(sizes) == len(moving):
+            entries.append((row, plain[0], par, coefficient, sizes))
+    damped = tuple(a for a in active if any(row == a == column for row, column, *_ in entries))
+    slopes = np.zeros((len(form.parameters) + 1, len(visited), len(damped), len(damped)))
+    for row, column, par, coefficient, sizes in entries:
+        if row in damped and column in damped:
+            weight = np.prod(np.abs(visited[:, sizes]), axis=1) if sizes else np.ones(len(visited))
+            slopes[par, :, damped.index(row), damped.index(column)] -= coefficient * weight
+    return damped, slopes
+
+
+def _terms(form: Form) -> list[tuple[int, int, float, tuple[int, ...]]]:
+    program = program_of(form)
+    return [
+        (int(r), int(p), float(c), tuple(int(x) for x in f))
+        for r, p, c, f in zip(program.rows, program.pars, program.coefs, program.factors, strict=True)
+    ]
+
+
+def physics_doubts(checks: Sequence[Check]) -> list[Doubt]:
+    """Return one doubt for everything that does not hold."""
+    wrong = [c.told for c in checks if not c.holds]
+    if not wrong:
+        return []
+    return [
+        Doubt(
+            "not-physical",
+            "; ".join(wrong),
+            "longer runs with more excitation, fewer terms, or physical=True to hold M and D positive",
+        )
+    ]

@@ -1,0 +1,239 @@
+"""Value, rate and acceleration of one noisy, unevenly sampled signal, at any times.
+
+Two ways, both with their degree of smoothing chosen by the data:
+
+* ``savitzky-golay``: a polynomial through the nearest samples (the filter of seed 000, II-C, for uneven stamps), the
+  number of samples chosen by leave-one-out prediction;
+* ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers and Marx 1996), the penalty chosen
+  by generalised cross-validation (Craven and Wahba 1979), or by the rounding error of a coarse sensor where that is
+  larger than the scatter cross-validation believes in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import solveh_banded
+from scipy.optimize import minimize_scalar
+
+from gcs_autotune.identify.axis.record import Signal
+
+__all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spline"]
+
+Array = NDArray[np.float64]
+
+WIDTHS = (5, 7, 9, 13, 19, 27, 39)
+"""Numbers of samples a local polynomial may span."""
+
+CUBIC = 3
+"""Degree of the local polynomials: the lowest whose second derivative has a slope."""
+
+MOST_SPLINES = 1500
+"""Most B-splines per signal: cost is linear in them, and no craft needs a finer curve."""
+
+EXACT = 120
+"""Number of splines up to which the degrees of freedom of the smoother are counted exactly."""
+
+PROBES = 32
+"""Random probes that count them beyond (Hutchinson 1990); the relative error is about ``1/sqrt(PROBES * splines)``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smooth:
+    """A signal made smooth: ``at(t, order)`` gives its derivative of that order at times *t*.
+
+    ``noise`` standard deviation of what was taken away, per sample; ``setting`` the samples or the penalty chosen, to
+    smooth another signal in exactly the same way; ``reach`` [s] half-width of the neighbourhood that forms a value.
+    ``noise`` and ``reach`` may be NaN when the setting was given.
+    """
+
+    at: Callable[[Array, int], Array]
+    noise: float
+    setting: float
+    reach: float
+
+
+Smoother = Callable[[Signal, int, "float | None"], Smooth]
+"""(signal, highest derivative wanted, setting or None) -> Smooth."""
+
+
+def local_polynomial(signal: Signal, order: int, setting: float | None = None) -> Smooth:
+    """Smooth by cubic polynomials through the nearest *setting* samples (chosen when None)."""
+    n = len(signal.t)
+    widths = [int(setting)] if setting is not None else [w for w in WIDTHS if w < n] or [min(n, WIDTHS[0])]
+    best: tuple[float, int, float] | None = None
+    for width in widths:
+        missed, noise = _left_out(signal, width)
+        if best is None or missed < best[0]:
+            best = (missed, width, noise)
+    assert best is not None
+    width = best[1]
+
+    def at(t: Array, derivative: int) -> Array:
+        return math.factorial(derivative) * _coefficients(signal, t, width)[0][:, derivative]
+
+    reach = 0.5 * width * float(np.median(np.diff(signal.t)))
+    return Smooth(at, best[2], float(width), reach)
+
+
+def _coefficients(signal: Signal, t: Array, width: int) -> tuple[Array, Array]:
+    """Return the polynomials' coefficients (s, 4) about each of *t* and the weight (s,) of a sample lying there."""
+    n = len(signal.t)
+    nearest = np.searchsorted(0.5 * (signal.t[1:] + signal.t[:-1]), t)
+    at = np.clip(nearest - width // 2, 0, n - width)[:, None] + np.arange(width)
+    span = signal.t[at[:, -1]] - signal.t[at[:, 0]]
+    z = (signal.t[at] - t[:, None]) / span[:, None]
+    degree = min(CUBIC, width - 1)
+    V = z[:, :, None] ** np.arange(degree + 1)
+    turned = V.transpose(0, 2, 1)
+    inverse = np.linalg.inv(turned @ V + 1e-12 * np.eye(degree + 1))
+    c = (inverse @ (turned @ signal.values[at][:, :, None]))[:, :, 0] / span[:, None] ** np.arange(degree + 1)
+    return c, inverse[:, 0, 0]
+
+
+def _left_out(signal: Signal, width: int) -> tuple[float, float]:
+    """Return the mean squared leave-one-out error and the noise of a sample."""
+    c, own = _coefficients(signal, signal.t, width)
+    left = signal.values - c[:, 0]
+    rest = np.maximum(1.0 - own, 1e-6)
+    return float(np.mean((left / rest) ** 2)), math.sqrt(float(left @ left) / max(float(rest.sum()), 1e-9))
+
+
+def penalised_spline(signal: Signal, order: int, setting: float | None = None) -> Smooth:
+    """Smooth by a spline whose (order + 1)-th derivative is penalised, so that the *order*-th is smooth.
+
+    order : 1 for velocities (a cubic), 2 for positions (quintic). setting : the penalty relative to the data's weight.
+    """
+    penalty_order = order + 1
+    fit = _PSpline(signal, 2 * order + 1, penalty_order)
+    noise = reach = math.nan
+    if setting is None:
+        low, high = -8.0, 12.0
+        found = minimize_scalar(lambda e: fit.cross_validation(10.0**e), bounds=(low, high), method="bounded")
+        exponent = float(found.x)
+        floor = signal.step / math.sqrt(12.0)
+        if floor > 0.0 and fit.noise(10.0**exponent) < floor:
+            exponent = _where_noise_is(fit, floor, exponent, high)
+        setting = 10.0**exponent
+        noise = fit.noise(setting)
+        reach = 0.5 * float(signal.t[-1] - signal.t[0]) / max(fit.freedom(setting), 2.0)
+    coefficients = fit.coefficients(setting)
+    spline = BSpline(fit.knots, coefficients, fit.degree)
+
+    def at(t: Array, derivative: int) -> Array:
+        inside = np.clip(t, signal.t[0], signal.t[-1])
+        return np.asarray(spline(inside, nu=derivative), dtype=np.float64)
+
+    return Smooth(at, noise, setting, reach)
+
+
+def _where_noise_is(fit: _PSpline, floor: float, low: float, high: float) -> float:
+    """Return the exponent of the penalty at which the scatter about the curve is *floor* (bisection)."""
+    if fit.noise(10.0**high) < floor:
+        return high
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fit.noise(10.0**middle) < floor else (low, middle)
+    return high
+
+
+class _PSpline:
+    """Least squares of B-splines on even knots with a penalty on differences of their coefficients, banded."""
+
+    def __init__(self, signal: Signal, degree: int, penalty_order: int) -> None:
+        t, self.degree = signal.t, degree
+        length = float(t[-1] - t[0])
+        pieces = int(np.clip(round(length / float(np.median(np.diff(t)))), 4, MOST_SPLINES))
+        self.knots = t[0] + length / pieces * np.arange(-degree, pieces + degree + 1)
+        self.count = pieces + degree
+        self.n, self.values = len(t), signal.values
+        self.first = np.clip(np.searchsorted(self.knots, t, side="right") - 1, degree, self.count - 1) - degree
+        self.local = _local_values(self.knots, t, degree, self.first)
+        self.gram = np.zeros((degree + 1, self.count))
+        for k in range(degree + 1):
+            for j in range(degree + 1 - k):
+                np.add.at(self.gram[k], self.first + j, self.local[:, j] * self.local[:, j + k])
+        self.penalty = _difference_penalty(self.count, penalty_order, degree + 1)
+        self.scale = float(self.gram[0].sum() / self.penalty[0].sum())
+        self.right = np.zeros(self.count)
+        for j in range(degree + 1):
+            np.add.at(self.right, self.first + j, self.local[:, j] * self.values)
+
+    @cached_property
+    def _probes(self) -> tuple[Array, Array, float]:
+        """Return probes, the Gram matrix times them, and what one probe counts for."""
+        if self.count <= EXACT:
+            return np.eye(self.count), _banded_times(self.gram, np.eye(self.count)), 1.0
+        probes = np.random.default_rng(0).choice([-1.0, 1.0], (self.count, PROBES))
+        return probes, _banded_times(self.gram, probes), 1.0 / PROBES
+
+    def _solve(self, penalty: float, right: Array) -> Array:
+        A = self.gram + penalty * self.scale * self.penalty
+        A[0] += 1e-12 * A[0].max()
+        return np.asarray(solveh_banded(A, right, lower=True, check_finite=False), dtype=np.float64)
+
+    def coefficients(self, penalty: float) -> Array:
+        return self._solve(penalty, self.right)
+
+    def freedom(self, penalty: float) -> float:
+        """Return the effective number of parameters, the trace of the smoother."""
+        probes, through, share = self._probes
+        return share * float(np.sum(probes * self._solve(penalty, through)))
+
+    def _left(self, penalty: float) -> float:
+        c = self.coefficients(penalty)
+        fitted = sum(self.local[:, j] * c[self.first + j] for j in range(self.degree + 1))
+        left = self.values - fitted
+        return float(left @ left)
+
+    def cross_validation(self, penalty: float) -> float:
+        """Return the generalised cross-validation score."""
+        rest = max(self.n - self.freedom(penalty), 1e-3 * self.n)
+        return math.log(max(self._left(penalty), 1e-300)) - 2.0 * math.log(rest)
+
+    def noise(self, penalty: float) -> float:
+        return math.sqrt(self._left(penalty) / max(self.n - self.freedom(penalty), 1e-3 * self.n))
+
+
+def _local_values(knots: Array, t: Array, degree: int, first: NDArray[np.intp]) -> Array:
+    """Return the degree + 1 B-splines (n, degree + 1) alive at each of *t* (de Boor's recursion)."""
+    place = first + degree
+    B = np.zeros((len(t), degree + 1))
+    B[:, degree] = 1.0
+    for d in range(1, degree + 1):
+        for j in range(degree - d, degree + 1):
+            i = place - degree + j
+            left = (t - knots[i]) / (knots[i + d] - knots[i]) * B[:, j]
+            right = (knots[i + d + 1] - t) / (knots[i + d + 1] - knots[i + 1]) * B[:, j + 1] if j < degree else 0.0
+            B[:, j] = left + right
+    return B
+
+
+def _difference_penalty(count: int, order: int, rows: int) -> Array:
+    """Return the lower band (rows, count) of D'D for differences of *order*."""
+    weights = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
+    band = np.zeros((rows, count))
+    for i in range(order + 1):
+        for j in range(i, order + 1):
+            band[j - i, i : i + count - order] += weights[i] * weights[j]
+    return band
+
+
+def _banded_times(band: Array, X: Array) -> Array:
+    """Return the symmetric matrix with lower *band* times *X* (count, m)."""
+    out: Array = band[0][:, None] * X
+    for k in range(1, len(band)):
+        off = band[k, : len(X) - k][:, None]
+        out[k:] += off * X[:-k]
+        out[:-k] += off * X[k:]
+    return out
+
+
+SMOOTHERS: Mapping[str, Smoother] = {"smoothing": penalised_spline, "savitzky-golay": local_polynomial}
+"""Name (the option ``derivative``) -> smoother."""

@@ -1,0 +1,286 @@
+"""Least squares of the accelerations: the estimator behind every method of this room.
+
+The papers put the acceleration on the left, ``nu_dot = Phi theta`` (seed 000 (5)-(8), thesis (4.17)-(4.22)), so that
+its noise, by far the largest, is the error of the equation and does no harm. For a form the same reads: minimise
+``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that is (4.15) exactly, by a change of variables; with a full M
+it is its generalisation. Gauss-Newton solves it; degrees of freedom are weighed by the variance they leave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.regression.covariance import scores_covariance
+from gcs_autotune.identify.regression.rows import Rows
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.derivatives import SPECIAL, inertia_of
+from gcs_autotune.models.coupled.model import inertia_matrix, program_of
+
+__all__ = ["Barrier", "Equations", "Estimate", "solve"]
+
+Array = NDArray[np.float64]
+
+ROUNDS = 8
+"""Rounds of weighing at most; two to four suffice."""
+
+SETTLED = 1e-3
+"""Relative change of every weight below which they have settled."""
+
+LEVERAGE = 1e-9
+"""Ridge in shares of each parameter's own information: only what is not excited at all feels it."""
+
+Barrier = Callable[[Array], "Local | None"]
+"""Cost added to the sum of squares, of all parameters (p,); None where it is infinite."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """The rows of all stretches for one form: ``E`` (n, k, p + 1), where each stretch ends, what is free.
+
+    ``by_inertia`` (f, k, k) derivative of M by each free parameter.
+    """
+
+    form: Form
+    E: Array
+    ends: tuple[int, ...]
+    free: tuple[int, ...]
+    by_inertia: Array
+
+    @classmethod
+    def of(cls, form: Form, rows: Sequence[Rows]) -> Equations:
+        """Stack the rows of all stretches.
+
+        Raises
+        ------
+        UsageError
+            Delay, lag or current are free: the equations are not linear in them.
+        """
+        odd = [n for n in form.free if n in SPECIAL]
+        if odd:
+            raise UsageError(
+                f"least squares cannot find {', '.join(odd)} of '{form.name}': the equations are not linear in them; "
+                "make them known, or use output-error"
+            )
+        active = program_of(form).active
+        base = inertia_matrix(form, np.zeros(len(form.parameters)))
+        by = []
+        for p in range(len(form.free)):
+            one = np.zeros(len(form.parameters))
+            one[p] = 1.0
+            by.append((inertia_matrix(form, one) - base)[np.ix_(active, active)])
+        stack = np.concatenate([r.E for r in rows])
+        _check_scale(form, stack)
+        ends = tuple(int(e) for e in np.cumsum([len(r.E) for r in rows]))
+        return cls(form, stack, ends, tuple(range(len(form.free))), np.array(by))
+
+    def inertia(self, theta: Array) -> Array:
+        """Return M (k, k)."""
+        active = program_of(self.form).active
+        M: Array = inertia_matrix(self.form, theta)[np.ix_(active, active)]
+        return M
+
+    def errors(self, theta: Array) -> tuple[Array, Array] | None:
+        """Return acceleration errors (n, k) and their Jacobian (n, k, f); None when M is singular."""
+        M = self.inertia(theta)
+        size = np.sqrt(np.maximum(np.abs(np.diag(M)), 1e-300))
+        if not np.linalg.cond(M / np.outer(size, size)) < 1e10:
+            return None
+        inverse = np.linalg.inv(M)
+        e = (self.E @ np.append(theta, 1.0)) @ inverse.T
+        moved = np.einsum("fij,nj->nif", self.by_inertia, e, optimize=True)
+        J = np.einsum("ij,njf->nif", inverse, self.E[:, :, list(self.free)] - moved, optimize=True)
+        return e, J
+
+
+def _check_scale(form: Form, E: Array) -> None:
+    """Refuse equations of which nothing is known: all their parameters could be twice as large."""
+    f = len(form.free)
+    theta = np.array([form.known.get(n, 0.0) for n in form.parameters] + [1.0])
+    scaled = np.any((E @ theta) != 0.0, axis=0)
+    uses = np.any(E[:, :, :f] != 0.0, axis=0)
+    while True:
+        known = uses[scaled].any(axis=0)
+        reached = scaled | (uses & known).any(axis=1)
+        if np.array_equal(reached, scaled):
+            break
+        scaled = reached
+    lost = [d for d, has, any_free in zip(form.dofs, scaled, uses.any(axis=1), strict=True) if any_free and not has]
+    if lost:
+        raise UsageError(
+            f"the equation of {' and '.join(lost)} in '{form.name}' has no force and no parameter that is known: only "
+            "the ratios of its parameters can be found; make one of them known (its inertia, say)"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What least squares found.
+
+    theta (p,), all parameters; errors (n, k) and jacobian (n, k, f) of the accelerations there; weights (n, k), one
+    over their variance (and less for outliers); covariance (f, f) of the free parameters, robust to coloured
+    residuals; converged.
+    """
+
+    equations: Equations
+    theta: Array
+    errors: Array
+    jacobian: Array
+    weights: Array
+    covariance: Array
+    converged: bool
+
+    @property
+    def free(self) -> Array:
+        """Values of the free parameters (f,)."""
+        return self.theta[: len(self.equations.free)]
+
+    @property
+    def information(self) -> Array:
+        """``J' W J`` (f, f)."""
+        return information(self.jacobian, self.weights)
+
+
+def information(J: Array, weights: Array) -> Array:
+    """Return ``J' W J`` for J (n, k, f) and weights (n, k)."""
+    flat = (J * np.sqrt(weights)[:, :, None]).reshape(-1, J.shape[2])
+    gram: Array = flat.T @ flat
+    return gram
+
+
+def solve(
+    equations: Equations, starts: Sequence[Array], *, robust: bool = False, barrier: Barrier | None = None
+) -> Estimate:
+    """Return the best least-squares estimate from any of *starts* (each (p,), all parameters).
+
+    robust : weights of the soft-L1 loss against outliers.
+
+    Raises
+    ------
+    NotInformative
+        No start has a regular inertia matrix, or fewer rows than parameters.
+    """
+    n, k = equations.E.shape[:2]
+    f = len(equations.free)
+    if n * k < f + 1:
+        raise NotInformative(f"{n} rows cannot tell {f} parameters of '{equations.form.name}': use longer runs")
+    best: tuple[float, Estimate] | None = None
+    for start in starts:
+        found = _from(equations, start, robust, barrier)
+        if found is not None:
+            level = float(np.sum(np.log(np.maximum(np.mean(found.errors**2, axis=0), 1e-300))))
+            if best is None or level < best[0] - 1e-9:
+                best = (level, found)
+    if best is None:
+        raise NotInformative(
+            f"the accelerations of '{equations.form.name}' do not follow from its inputs: no inertia could be found. "
+            "Check that inputs and motion belong together"
+        )
+    estimate = best[1]
+    return replace(estimate, covariance=_covariance(estimate))
+
+
+def _from(equations: Equations, start: Array, robust: bool, barrier: Barrier | None) -> Estimate | None:
+    theta, f = start.copy(), len(equations.free)
+    found = equations.errors(theta)
+    if found is None:
+        return None
+    weights = _weights(found[0], robust)
+    converged = False
+    for _ in range(ROUNDS):
+        at = weights
+
+        def local(x: Array, w: Array = at) -> Local | None:
+            full = np.concatenate([x, theta[f:]])
+            there = equations.errors(full)
+            extra = barrier(full) if barrier is not None else None
+            if there is None or (barrier is not None and extra is None):
+                return None
+            e, J = there
+            curvature = information(J, w)
+            curvature = curvature + LEVERAGE * np.diag(np.diag(curvature))
+            here = Local(float(np.sum(w * e * e)), np.einsum("nif,ni->f", J, w * e, optimize=True), curvature)
+            return here if extra is None else _sum(here, extra)
+
+        minimum = descend(local, theta[:f], np.full(f, -np.inf), np.full(f, np.inf))
+        if minimum is None:
+            return None
+        theta[:f] = minimum.x
+        found = equations.errors(theta)
+        if found is None:
+            return None
+        fresh = _weights(found[0], robust)
+        change = float(np.max(np.abs(np.log(np.mean(fresh, axis=0) / np.mean(weights, axis=0)))))
+        weights, converged = fresh, minimum.converged
+        if change < SETTLED:
+            break
+    e, J = found
+    return Estimate(equations, theta, e, J, weights, np.zeros((f, f)), converged)
+
+
+def _sum(a: Local, b: Local) -> Local:
+    return Local(a.cost + b.cost, a.gradient + b.gradient, a.curvature + b.curvature)
+
+
+def _weights(e: Array, robust: bool) -> Array:
+    variance = np.mean(e**2, axis=0) if not robust else (1.4826 * np.median(np.abs(e), axis=0)) ** 2
+    variance = np.maximum(variance, 1e-12 * max(float(variance.max()), 1e-290))
+    w = np.ones_like(e) / variance
+    return w / np.sqrt(1.0 + e**2 / variance) if robust else w
+
+
+def _covariance(estimate: Estimate) -> Array:
+    """Sandwich of the information and the covariance of the scores, each stretch a series of its own."""
+    bread = inverse_of(estimate.information)
+    scores = np.einsum("nif,ni->nf", estimate.jacobian, estimate.weights * estimate.errors, optimize=True)
+    parts = np.split(scores, list(estimate.equations.ends[:-1]))
+    covariance: Array = bread @ scores_covariance([p for p in parts if len(p)]) @ bread
+    return covariance
+
+
+def row_starts(equations: Equations) -> list[Array]:
+    """Return starts (p,): the equations of motion as they stand, and with the inertia taken from the inputs' gain.
+
+    The first, least squares of the forces, finds too little inertia when accelerations are noisy; the second regresses
+    each row's acceleration on everything else, as seed 000 (8), which noise on the acceleration cannot bias.
+    """
+    form, f = equations.form, len(equations.free)
+    theta = np.array([{**form.start, **form.known}.get(n, 0.0) for n in form.parameters])
+    given = np.append(np.where(np.arange(len(theta)) < f, 0.0, theta), 1.0)
+    y = -(equations.E @ given).ravel()
+    A = equations.E[:, :, :f].reshape(-1, f)
+    starts = [theta.copy()] if form.start else []
+    forces = theta.copy()
+    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    forces[:f] = np.linalg.lstsq(A / scale, y, rcond=1e-10)[0] / scale
+    starts += [forces, _by_rows(equations, forces)]
+    return starts
+
+
+def _by_rows(equations: Equations, theta: Array) -> Array:
+    """Return *theta* with each diagonal inertia from a regression of its own acceleration."""
+    form, out = equations.form, theta.copy()
+    active = program_of(form).active
+    for p, name in enumerate(form.free):
+        inertia = inertia_of(name)
+        if inertia is None or inertia.row != inertia.column:
+            continue
+        row = int(np.flatnonzero(active == inertia.row)[0])
+        E = equations.E[:, row]
+        own = E[:, p]
+        fixed = E @ np.append(np.where(np.arange(len(theta)) < len(form.free), 0.0, theta), 1.0)
+        others = [q for q in equations.free if q != p and np.any(E[:, q] != 0.0)]
+        if not np.any(fixed != 0.0):
+            continue
+        A = np.column_stack([fixed, *(E[:, q] for q in others)])
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        c = np.linalg.lstsq(A / scale, -own, rcond=1e-10)[0] / scale
+        if abs(c[0]) > 0.0:
+            out[p] = 1.0 / c[0]
+            out[others] = c[1:] / c[0]
+    return out

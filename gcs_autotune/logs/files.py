@@ -1,0 +1,101 @@
+"""Finding the runs to identify from on disk: one table of readers, by suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.logs.dataflash import load_dataflash
+from gcs_autotune.logs.renaming import renamed
+from gcs_autotune.logs.tlog import load_tlog
+from gcs_autotune.trial import Trial, load_trial
+
+__all__ = ["READERS", "TRIALS_FOLDER", "load_runs"]
+
+TRIALS_FOLDER = "trials"
+"""Where a run directory keeps its recorded manoeuvres."""
+
+IDENTIFYING = "relay"
+"""The manoeuvre (``meta["manoeuvre"]`` in a trial's side file) a run directory is identified from."""
+
+READERS: Mapping[str, Callable[[Path, int | None], list[Trial]]] = {
+    ".tlog": load_tlog,
+    ".bin": load_dataflash,
+    ".log": load_dataflash,
+}
+"""Suffix -> reader of (path, system id); anything else is read as CSV. A format is one file and one line here."""
+
+
+def load_runs(
+    path: Path | str,
+    *,
+    pick: Collection[int] = (),
+    system: int | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> list[Trial]:
+    """Return the runs at *path*, in order of file name or of time.
+
+    * a CSV file: that trial;
+    * a telemetry log (``.tlog``) or a log on board (``.bin``, ``.log``): one trial per stretch armed in one mode;
+    * a run directory: those of its ``trials/*.csv`` whose side file says ``"manoeuvre": "relay"``; when no side
+      file names any manoeuvre at all (files from elsewhere), every CSV there;
+    * any other directory: its ``*.csv``, by the same rule, or its logs when it has no CSV.
+
+    Parameters
+    ----------
+    pick : numbers of the stretches of a log to return (``dive#3`` is 3); all when empty.
+    system : system id of the vehicle meant, for a log that heard several.
+    columns : name in the file -> ``channel[unit]``, see :func:`parse_columns`.
+
+    Raises
+    ------
+    BadFile
+        Nothing at *path*, nothing readable in it, or none of a relay; and what ``load_trial`` raises.
+    NotInformative
+        A log without a stretch that is armed, driven and moves.
+    UsageError
+        A *pick*, *system* or *columns* that is not there.
+    """
+    place = Path(path)
+    if place.is_dir():
+        return _of_directory(place, pick, system, columns)
+    if not place.is_file():
+        raise BadFile(f"{place}: no such file or run directory")
+    reader = READERS.get(place.suffix.lower())
+    if reader is None:
+        return [load_trial(place, columns)]
+    runs = reader(place, system)
+    if columns:
+        runs = [renamed(run, columns) for run in runs]
+    return _picked(place, runs, pick)
+
+
+def _picked(place: Path, runs: list[Trial], pick: Collection[int]) -> list[Trial]:
+    found = [r for r in runs if not pick or r.meta["stretch"] in pick]
+    missing = set(pick) - {r.meta["stretch"] for r in found}
+    if missing:
+        there = "; ".join(r.name for r in runs)
+        numbers = ", ".join(map(str, sorted(missing)))
+        raise UsageError(f"{place} has no stretch {numbers} to identify from; it has: {there}")
+    return found
+
+
+def _of_directory(
+    place: Path, pick: Collection[int], system: int | None, columns: Mapping[str, str] | None
+) -> list[Trial]:
+    folder = place / TRIALS_FOLDER if (place / TRIALS_FOLDER).is_dir() else place
+    files = sorted(folder.glob("*.csv"))
+    if not files:
+        logs = sorted(f for f in folder.iterdir() if f.suffix.lower() in READERS and f.suffix.lower() != ".log")
+        if not logs:
+            raise BadFile(f"{folder} holds no recorded run (*.csv, *.tlog, *.bin); give a file or a run directory")
+        return [run for log in logs for run in load_runs(log, pick=pick, system=system, columns=columns)]
+    trials = [load_trial(file, columns) for file in files]
+    if not any("manoeuvre" in t.meta for t in trials):
+        return trials
+    relays = [t for t in trials if t.meta.get("manoeuvre") == IDENTIFYING]
+    if not relays:
+        kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in trials}))
+        raise BadFile(f"{folder} holds no relay experiment, only: {kinds}; name the CSV file to identify from it")
+    return relays

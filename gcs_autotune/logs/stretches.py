@@ -1,0 +1,159 @@
+"""A tape cut into runs: one per stretch armed in one mode, those that nothing drives or moves left out."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.logs.channels import motion_channels
+from gcs_autotune.logs.outputs import drive_channels
+from gcs_autotune.logs.tape import Note, Tape
+from gcs_autotune.trial import Channel, Mark, Trial
+
+__all__ = ["runs_of"]
+
+SHORTEST = 5.0
+"""Chosen [s]: a shorter stretch is no manoeuvre."""
+FEWEST = 20
+"""Fewest samples of any motion channel."""
+FORCES = ("X", "Y", "Z", "K", "M", "N")
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """From ``start`` to ``end`` [s] the craft was armed in ``mode``."""
+
+    start: float
+    end: float
+    mode: str
+
+
+def runs_of(tapes: list[Tape], meta: Mapping[str, Any], notes: list[Note]) -> list[Trial]:
+    """Return the runs in *tapes*, numbered through in order of time, e.g. ``dive#3 MANUAL 120-185 s``.
+
+    Raises
+    ------
+    NotInformative
+        No stretch is driven and moves; the message says what was there.
+    """
+    runs: list[Trial] = []
+    dropped: list[str] = []
+    number = 0
+    for tape in tapes:
+        motion, sources = motion_channels(tape)
+        drive, origin, doubts = drive_channels(tape)
+        zero = tape.span[0]
+        for stretch in _stretches(tape):
+            number += 1
+            name = f"{tape.name}#{number} {stretch.mode} {stretch.start - zero:.0f}-{stretch.end - zero:.0f} s"
+            run = Trial(name, {**motion, **drive}).between(stretch.start, stretch.end)
+            run = Trial(
+                name,
+                {n: c for n, c in run.channels.items() if len(c)},
+                _marks(tape, stretch),
+                "imported",
+                meta={
+                    **meta,
+                    "vehicle": tape.vehicle,
+                    "firmware": tape.firmware.name if tape.firmware else "unknown",
+                    "mode": stretch.mode,
+                    "stretch": number,
+                    "clock": tape.clock,
+                    "late_samples": tape.late,
+                    "input_from": origin,
+                    "sources": sources,
+                    **({"outputs_dated": "midway"} if origin == "servo outputs" else {}),
+                    "notes": [*notes, *tape.notes, *doubts],
+                },
+            )
+            why = _useless(run, stretch, doubts)
+            if why:
+                dropped.append(f"{name}: {why}")
+            else:
+                runs.append(run)
+    if not runs:
+        raise NotInformative(_nothing(tapes, dropped))
+    return [_with_dropped(run, dropped) for run in runs]
+
+
+def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
+    return Trial(run.name, run.channels, run.marks, run.ending, run.reason, {**run.meta, "stretches_left_out": dropped})
+
+
+def _stretches(tape: Tape) -> list[_Stretch]:
+    """Cut at every change of mode or arming; without any word of arming the craft counts as armed."""
+    start, end = tape.span
+    armed = tape.arming or [(start, True)]
+    modes = tape.modes or [(start, -1)]
+    cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end})
+    found: list[_Stretch] = []
+    for a, b in itertools.pairwise(cuts):
+        is_armed = _at(armed, a)
+        if not is_armed or b <= a:
+            continue
+        number = _at(modes, a)
+        mode = "armed" if number is None or number < 0 else _mode_name(tape, number)
+        if found and found[-1].end == a and found[-1].mode == mode:
+            found[-1] = _Stretch(found[-1].start, b, mode)
+        else:
+            found.append(_Stretch(a, b, mode))
+    return found
+
+
+def _at(changes: list[tuple[float, Any]], t: float) -> Any:
+    """Return what was last said at or before *t*, None before the first word."""
+    before = [value for moment, value in changes if moment <= t]
+    return before[-1] if before else None
+
+
+def _mode_name(tape: Tape, number: int) -> str:
+    return tape.firmware.mode_name(number) if tape.firmware else f"MODE {number}"
+
+
+def _marks(tape: Tape, stretch: _Stretch) -> tuple[Mark, ...]:
+    marks = [Mark(t, "mode", {"mode": _mode_name(tape, n)}) for t, n in tape.modes]
+    marks += [Mark(t, "armed" if on else "disarmed") for t, on in tape.arming]
+    marks += [Mark(t, "text", {"text": text}) for t, text in tape.texts]
+    return tuple(sorted((m for m in marks if stretch.start <= m.t <= stretch.end), key=lambda m: m.t))
+
+
+def _useless(run: Trial, stretch: _Stretch, doubts: list[Note]) -> str:
+    """Return why nothing can be learnt from a run, empty when something may."""
+    if stretch.end - stretch.start < SHORTEST:
+        return f"shorter than {SHORTEST:g} s"
+    forces = [run[n] for n in FORCES if n in run]
+    if not forces:
+        return doubts[0][1] if doubts else "no input was recorded"
+    if not any(_varies(c) for c in forces):
+        return "nothing was driven"
+    if not any(_varies(c) and len(c) >= FEWEST for n, c in run.channels.items() if n in _MOTION):
+        return "nothing moves"
+    return ""
+
+
+_MOTION = ("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "p", "q", "r", "U")
+
+
+def _varies(channel: Channel) -> bool:
+    return len(channel) > 1 and bool(np.ptp(channel.values) > 0.0)
+
+
+def _nothing(tapes: list[Tape], dropped: list[str]) -> str:
+    name = tapes[0].name if tapes else "the log"
+    if not tapes or all(t.span == (0.0, 0.0) for t in tapes):
+        return f"{name} holds no motion of a vehicle: was an autopilot connected while it was recorded?"
+    long = sum(t.span[1] - t.span[0] for t in tapes)
+    if not dropped:
+        return (
+            f"{name} holds {long:.0f} s of {tapes[0].vehicle}, but it was never armed: nothing was driven, so nothing "
+            "can be learnt; record a relay, a zig-zag or steps"
+        )
+    return (
+        f"{name} holds no stretch to identify from ({'; '.join(dropped[:6])}): record a relay or steps, with "
+        "servo outputs and parameters in the log"
+    )

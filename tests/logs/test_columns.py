@@ -1,0 +1,99 @@
+"""CSV files from elsewhere: heads with all sorts of units, and names of their own."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.logs import load_runs, parse_columns, renamed
+from gcs_autotune.trial import load_trial
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data folder is not beside this checkout")
+
+
+def csv(path: Path, head: str, *rows: str) -> Path:
+    path.write_text("\n".join((head, *rows)) + "\n")
+    return path
+
+
+def test_units_of_ordinary_heads_come_out_in_si(tmp_path: Path) -> None:
+    head = "t[ms],psi[deg],r[deg/s],delta[deg],n[rev/s],pwm_left[us],servo3[us],lat[deg],U[kn]"
+    run = load_trial(csv(tmp_path / "a.csv", head, "1500,180,90,-10,2,1510,1490,60,10"))
+    assert run["psi"].t[0] == 1.5
+    assert {n: (c.unit, round(float(c.values[0]), 6)) for n, c in run.channels.items()} == {
+        "psi": ("rad", round(math.pi, 6)),
+        "r": ("rad/s", round(math.pi / 2, 6)),
+        "delta": ("rad", round(-math.pi / 18, 6)),
+        "n": ("rad/s", round(4 * math.pi, 6)),
+        "pwm_left": ("pwm", 1510.0),
+        "servo3": ("pwm", 1490.0),
+        "lat": ("rad", round(math.pi / 3, 6)),
+        "U": ("m/s", 5.144444),
+    }
+
+
+def test_a_file_with_names_of_its_own_is_told_what_they_mean(tmp_path: Path) -> None:
+    path = csv(tmp_path / "a.csv", "time_ms,heading,cmd", "100,90,0.5", "200,180,-0.5")
+    (run,) = load_runs(path, columns=parse_columns("time_ms=t[ms], heading=psi[deg],cmd=N"))
+    assert list(run["psi"].t) == [0.1, 0.2]
+    assert np.allclose(run["psi"].values, [math.pi / 2, math.pi])
+    assert (run["N"].unit, list(run["N"].values)) == ("1", [0.5, -0.5])
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "=psi[deg]", "a=psi,b=psi", "a=psi,a=r", "a=psi[deg"])
+def test_a_mapping_that_makes_no_sense_is_refused(text: str) -> None:
+    with pytest.raises((UsageError, BadFile)):
+        parse_columns(text)
+
+
+def test_a_column_that_is_not_there_is_a_usage_error_that_lists_those_that_are(tmp_path: Path) -> None:
+    path = csv(tmp_path / "a.csv", "t[s],heading", "1,2")
+    with pytest.raises(UsageError, match=r"no column course; it has t, heading"):
+        load_runs(path, columns={"course": "psi[deg]"})
+
+
+def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="more than one column called psi"):
+        load_trial(csv(tmp_path / "a.csv", "t[s],psi[rad],psi[deg]", "1,2,3"))
+
+
+def test_a_channel_that_has_a_unit_keeps_its_numbers_and_takes_no_other_unit(tmp_path: Path) -> None:
+    run = load_trial(csv(tmp_path / "a.csv", "t[s],heading[deg],cmd", "1,180,40", "2,90,20"))
+    there = renamed(run, {"heading": "psi[rad]", "cmd": "N[%]"})
+    assert there["psi"].values[0] == pytest.approx(math.pi)
+    assert list(there["N"].values) == [0.4, 0.2]
+    with pytest.raises(UsageError, match="is in rad"):
+        renamed(run, {"heading": "x[m]"})
+    with pytest.raises(UsageError, match="two channels called cmd"):
+        renamed(run, {"heading": "cmd[rad]"})
+
+
+@needs_data
+@pytest.mark.parametrize("folder", ["kvlcc2_hsva", "blueboat"])
+def test_measured_sets_load_with_their_own_heads(folder: str) -> None:
+    for run in load_runs(DATA / folder):
+        assert {"psi", "r", "u", "v"} <= set(run.channels)
+        assert float(np.max(np.abs(run["r"].values))) < 2.0
+        assert not run.meta.get("notes")
+
+
+@needs_data
+def test_measured_sets_are_identified_without_doubt_about_their_units() -> None:
+    found = fit_axis(load_trial(DATA / "kvlcc2_hsva" / "Z_20_10_P.csv"), dof="yaw")
+    assert not {d.slug for d in found.doubts} & {"unit", "sign", "clipped"}
+    assert found.parameters["alpha_r"].value < 0.0  # positive rudder turns to port there
+
+
+@needs_data
+def test_a_recorders_own_columns_are_identified_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    columns = "t_sim=t[s],heading_deg=psi[deg],yawrate_dps=r[deg/s],cmd=N"
+    path = DATA / "ardupilot_sitl" / "rover_relay_C0.2_h5.csv"
+    assert main(["identify", str(path), "--columns", columns, "--no-check", "--no-page"]) == 0
+    assert "alpha_r" in capsys.readouterr().out

@@ -1,0 +1,27 @@
+"""The tlog a run leaves behind tells of the same craft as its trials: flown by the simulator, read as a stranger's."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.logs import load_runs
+from gcs_autotune.workflow import Unattended, experiment
+from tests.workflow.harbour import Ear, Harbour
+
+
+@pytest.mark.parametrize(("name", "axis", "dof"), [("videoray", "heading", "yaw"), ("falcon", "depth", "heave")])
+def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: str, dof: str) -> None:
+    harbour = Harbour(tmp_path, name)
+    experiment(harbour.settings(axis), Unattended(), Ear(harbour.said))
+    trials = fit_axis(load_runs(harbour.directory), dof=dof)
+    runs = load_runs(harbour.directory / "telemetry.tlog")
+    assert all(r.meta["input_from"] == "servo outputs" and r.meta["damaged"] == 0 for r in runs)
+    log = fit_axis(runs, dof=dof, structure=trials.structure)
+    for name, p in list(trials.parameters.items())[:4]:
+        other = log.parameters[name]
+        assert abs(p.value - other.value) <= 4.0 * math.hypot(p.std, other.std), name
+    assert log.fit_percent > 90.0
