@@ -37,7 +37,8 @@ def first_motion(run: Run) -> tuple[NDArray[np.float64], float]:
 def train(runs: Sequence[Run], form: str) -> Predict:
     """Fit the shipped form; physical signs required."""
     structure = FORMS[form]
-    model = fit([trial_of(r, tuple(structure.inputs)) for r in runs], structure, delay=0.0, physical=True).model
+    trials = [trial_of(r, tuple(structure.inputs)) for r in runs]
+    model = fit(trials, structure, delay=0.0, physical=True, whole=True).model
     assert isinstance(model, CoupledModel)
 
     def predict(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
