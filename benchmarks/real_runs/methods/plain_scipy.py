@@ -22,7 +22,7 @@ __all__ = ["LIMIT", "train"]
 
 Array = NDArray[np.float64]
 
-LIMIT = 300.0
+LIMIT = 120.0
 """CPU seconds of training."""
 
 
