@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from benchmarks.published.charlie import charlie
+from benchmarks.published.coupled_horizontal import videoray_horizontal
 from benchmarks.published.examples import delay_and_sampling, falcon, nonlinear_yaw
+from benchmarks.published.filters import ekf_vs_least_squares
 from benchmarks.published.laser_and_surge import laser, surge
 from benchmarks.published.relay_tables import automarine, videoray
 from benchmarks.published.section import Compute
 from benchmarks.published.step_table import automarine_steps
+from benchmarks.published.tugboat import tugboat
 
 __all__ = ["SECTIONS"]
 
@@ -21,5 +25,9 @@ SECTIONS: Mapping[str, Compute] = {
     "nonlinear_yaw_tables_7_5_7_6": nonlinear_yaw,
     "laser_calibration_table_3_1": laser,
     "surge_iso_videoray_7_6": surge,
+    "charlie_ls_table_7_12": charlie,
+    "videoray_coupled_seed_000": videoray_horizontal,
+    "tugboat_seed_004_table_1": tugboat,
+    "ekf_vs_ls_seed_001_table_3_percent": ekf_vs_least_squares,
 }
 """Name -> function."""

@@ -10,10 +10,24 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify" / "regre
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify" / "plan"))
 
 from identify_water import DEG, Plant, Relay, fly
+from regression_water import DOFS, HORIZONTAL_INPUTS, camera_run, yaw_run
+from tug_water import NOISE, TUG, sea_trials
 
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["DEG", "Plant", "Relay", "relay_run"]
+__all__ = [
+    "DEG",
+    "DOFS",
+    "HORIZONTAL_INPUTS",
+    "NOISE",
+    "TUG",
+    "Plant",
+    "Relay",
+    "camera_run",
+    "relay_run",
+    "sea_trials",
+    "yaw_run",
+]
 
 _CHANNELS = {"yaw": ("psi", "rad", "N", "N m"), "heave": ("z", "m", "Z", "N"), "surge": ("x", "m", "X", "N")}
 

@@ -40,7 +40,8 @@ def fit_coupled_by_output_error(case: CoupledCase) -> Fit:
         chosen = fit_with_delay(form, case.records, limits, robust=case.robust)
     else:
         records = tuple(later(r, form.known.get("delay", 0.0)) for r in case.records)
-        chosen = Delayed(local_fit(form, records, limits, robust=case.robust), 0.0)
+        whole = bool(case.options.get("whole", False))
+        chosen = Delayed(local_fit(form, records, limits, robust=case.robust, whole=whole), 0.0)
     return fit_of(case, chosen, limits, "output-error")
 
 

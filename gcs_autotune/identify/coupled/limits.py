@@ -17,6 +17,7 @@ __all__ = ["LONGEST_DELAY", "OPTIONS", "limits_of", "physical"]
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
     ("physical", "True: inertia stays positive and drag damps"),
+    ("whole", "True: whole runs, also where the free run leaves the measured one; for a model that is to predict far"),
 )
 """Options of ``fit`` read here."""
 

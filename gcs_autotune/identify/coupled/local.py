@@ -39,12 +39,14 @@ class Local:
     pieces: bool = False
 
 
-def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool) -> Local:
+def local_fit(
+    form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool, whole: bool = False
+) -> Local:
     """Fit *form* from one start after the other until one explains the records down to their noise; the best else.
 
     A free run that diverges from the measured one after a while (a course-unstable craft, runs of different craft, a
     term missing) has no minimum worth the name. Then the records are cut into short pieces, each with its own initial
-    state.
+    state; unless *whole* runs are asked for.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, r
             best = found
         if found.converged and (agreed or _excess(found, ground) < GOOD):
             break
-    if best is None or _excess(best, ground) > HOPELESS:
+    if best is None or (not whole and _excess(best, ground) > HOPELESS):
         pieces, initial = ground.pieces()
         sturdy = limits.within(physical(form))
         theta, _ = ground.on_pieces(ground.regression.solve(sturdy), sturdy)

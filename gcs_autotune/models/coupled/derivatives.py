@@ -17,7 +17,8 @@ name          meaning                                                     term
 ============  ==========================================================  ==========================
 
 Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
-``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east.
+``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
+``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
+from gcs_autotune.models.coupled.compass import COEFFICIENTS
 
 __all__ = ["FORCES", "RIGID_BODY", "SPECIAL", "STATES", "Inertia", "Term", "inertia_of", "term_of", "unit_of"]
 
@@ -49,7 +51,7 @@ RIGID_BODY: Mapping[str, str] = {
 }
 """Rigid-body constants and their units."""
 
-SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s"}
+SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s"} | dict.fromkeys(COEFFICIENTS, "rad")
 """What is neither force nor inertia, and its unit."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}

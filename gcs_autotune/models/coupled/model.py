@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.models.coupled import kernel
+from gcs_autotune.models.coupled.compass import COEFFICIENTS, seen_by_compass
 from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of
 from gcs_autotune.models.coupled.form import Form, form_from
 from gcs_autotune.models.coupled.kernel import Program
@@ -148,8 +149,19 @@ class Simulator:
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         """Return one signal (s,) and its sensitivities (s, q) from what :meth:`run` gave.
 
-        Velocities are over ground: a current is added to those through the water.
+        Velocities are over ground: a current is added to those through the water. With a deviating compass they and the
+        heading are as it shows them, see :mod:`.compass`.
         """
+        deviation = {n: i for i, n in enumerate(self.form.parameters) if n in COEFFICIENTS}
+        if not deviation or signal not in ("u", "v", "psi") or "psi" not in self.states:
+            return self._over_ground(theta, X, S, signal)
+        still = (np.zeros(len(X)), np.zeros((len(X), S.shape[2] if len(S) else 0)))
+        wanted = ("psi",) if signal == "psi" else ("psi", "u", "v")
+        true = {n: self._over_ground(theta, X, S, n) if n in self.states else still for n in wanted}
+        columns = {n: self.free.index(n) for n in deviation if n in self.free}
+        return seen_by_compass(signal, true, {n: float(theta[i]) for n, i in deviation.items()}, columns)
+
+    def _over_ground(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         names = self.states
         value, by = X[:, names.index(signal)], S[:, names.index(signal)] if len(S) else np.empty((len(X), 0))
         current = [n for n in ("V_x", "V_y") if n in self.form.parameters]

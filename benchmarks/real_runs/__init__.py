@@ -1,0 +1,13 @@
+"""Real measured runs: models trained on some, let loose on others they have not seen, beside SciPy and the peers.
+
+Run: ``python3 -m benchmarks.real_runs [--craft NAME ...] [--methods NAME ...] [--peers] [--python FILE]``.
+
+The rule is the same for all. A method gets the training runs (inputs and u, v, r at 10 Hz; ours and the straightforward
+SciPy way also the heading). On a held-out run it gets the inputs, and of the motion the first second; from there on it
+predicts u, v, r to the run's end. The heading is its r integrated (ours predicts it). Scored is
+``100 (1 - rms/std)`` per signal of what was measured, after the first second. Nothing was tuned on held-out runs: the
+split and the forms were set from the manoeuvres' kinds and the training runs.
+
+Each method runs in a process of its own on one thread; its training time is CPU seconds, compilation included, and its
+memory the growth of the process's peak during training.
+"""

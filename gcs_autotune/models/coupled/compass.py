@@ -1,0 +1,51 @@
+"""A compass that deviates: what it, and velocities turned into the body by it, show instead of the truth.
+
+The deviation is that of the compass adjuster, ``d = A + B sin(psi) + C cos(psi)``: A is a misaligned compass, B and C
+are the iron and the currents aboard. A log whose ``u``, ``v`` come from a satellite receiver and the compass's heading
+then holds a sway velocity that is none: ``-sin(d) u``, in proportion to speed and changing sign with the heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["COEFFICIENTS", "seen_by_compass"]
+
+Array = NDArray[np.float64]
+
+COEFFICIENTS = ("A_psi", "B_psi", "C_psi")
+"""Coefficients A, B, C of the deviation [rad]."""
+
+Output = tuple[Array, Array]
+"""A signal (s,) and its sensitivities (s, q); the latter (s, 0) when not asked for."""
+
+
+def seen_by_compass(
+    signal: str, true: Mapping[str, Output], values: Mapping[str, float], columns: Mapping[str, int]
+) -> Output:
+    """Return *signal* (``u``, ``v`` or ``psi``) as the deviating compass shows it.
+
+    Parameters
+    ----------
+    true : the true signals, ``psi`` and for a velocity ``u`` and ``v``.
+    values : coefficients by name; columns : the sensitivity's column of each that is free.
+    """
+    psi, by_psi = true["psi"]
+    sine, cosine = np.sin(psi), np.cos(psi)
+    A, B, C = (values.get(n, 0.0) for n in COEFFICIENTS)
+    d = A + B * sine + C * cosine
+    by_d = (B * cosine - C * sine)[:, None] * by_psi
+    for name, share in zip(COEFFICIENTS, (np.ones_like(psi), sine, cosine), strict=True):
+        if name in columns and by_d.shape[1]:
+            by_d[:, columns[name]] += share
+    if signal == "psi":
+        return psi + d, by_psi + by_d
+    (u, by_u), (v, by_v) = true["u"], true["v"]
+    cos_d, sin_d = np.cos(d), np.sin(d)
+    along, across = cos_d * u + sin_d * v, cos_d * v - sin_d * u
+    if signal == "u":
+        return along, cos_d[:, None] * by_u + sin_d[:, None] * by_v + across[:, None] * by_d
+    return across, cos_d[:, None] * by_v - sin_d[:, None] * by_u - along[:, None] * by_d
