@@ -39,8 +39,8 @@ Index = NDArray[np.int64]
 NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, INPUT, INPUT_SIZE = 0, 6, 12, 18, 19, 30, 60
 """Codes of factors: velocity j, its magnitude, position j (x y z phi theta psi), sines, input i, its magnitude."""
 
-REACH = 0.25
-"""Longest step times the fastest rate. Chosen: a Runge-Kutta step then errs by REACH**5/120 = 8e-6 of its change."""
+REACH = 0.4
+"""Longest step times the fastest rate. Chosen: a Runge-Kutta step then errs by REACH**5/120 = 9e-5 of its change."""
 
 RUNAWAY = 1e6
 """State at which a simulation is given up."""
