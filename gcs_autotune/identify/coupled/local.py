@@ -26,6 +26,9 @@ HOPELESS = 10.0
 
 EFFORT = Effort(15, astray=HOPELESS)
 
+PATIENT = Effort(25)
+"""For whole runs at any price: a large remainder is no reason to give up."""
+
 BETTER = 3.0
 """Short pieces are kept when they are fitted so many times better than whole runs."""
 
@@ -55,9 +58,10 @@ def local_fit(
     """
     ground = ground_of(form, records)
     best: CoupledSolution | None = None
+    effort = PATIENT if whole else EFFORT
     for theta in ground.starts(limits):
         found = solve_coupled(
-            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=EFFORT
+            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=effort
         )
         if found is None:
             continue
