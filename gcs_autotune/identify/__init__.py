@@ -6,6 +6,7 @@
 axis         one degree of freedom, exactly: records, likelihood, structure decision, doubts
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
+regression   least squares of the equations of motion, instrumental variables, recursive; structure by correlation
 result       what comes out: ``Fit``, its parameters, traces and doubts
 validate     free run on runs the model has not seen
 uncertainty  (in ``axis``) covariance, correlated residuals, Cramer-Rao bound

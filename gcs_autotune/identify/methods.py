@@ -11,6 +11,8 @@ from gcs_autotune.identify.regression.by_instruments import OPTIONS as INSTRUMEN
 from gcs_autotune.identify.regression.by_instruments import fit_axis_by_instruments, fit_by_instruments
 from gcs_autotune.identify.regression.by_least_squares import OPTIONS as LEAST_SQUARES_OPTIONS
 from gcs_autotune.identify.regression.by_least_squares import fit_axis_by_least_squares, fit_by_least_squares
+from gcs_autotune.identify.regression.by_recursion import OPTIONS as RECURSION_OPTIONS
+from gcs_autotune.identify.regression.by_recursion import fit_axis_by_recursion, fit_by_recursion
 
 __all__ = ["METHODS"]
 
@@ -31,6 +33,13 @@ METHODS: Mapping[str, Method] = {
             axis=fit_axis_by_instruments,
             coupled=fit_by_instruments,
             options=INSTRUMENTS_OPTIONS,
+        ),
+        Method(
+            "recursive-least-squares",
+            "least squares as it develops along the run, with forgetting on request",
+            axis=fit_axis_by_recursion,
+            coupled=fit_by_recursion,
+            options=RECURSION_OPTIONS,
         ),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
     )

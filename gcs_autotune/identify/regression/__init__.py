@@ -1,1 +1,31 @@
-"""x."""
+"""Least squares, the whole family, for any form whose parameters enter the equations of motion linearly.
+
+================  ==============================================================================================
+smoothing         value, rate and acceleration of one signal: Savitzky-Golay or a regularised spline
+motion            velocities and accelerations of a record on an even grid; drive: its inputs, averaged
+rows              the equations as rows linear in the parameters: with accelerations or integrated over windows
+solver            least squares of the accelerations, degrees of freedom weighed by what they leave
+recipe            records to equations, always alike; the options
+by_least_squares  the method ``least-squares``; by_instruments, by_recursion its kin
+noise_bias        how far noise has shifted least squares; collinearity: which terms move together
+physical          M symmetric positive, C skew, D positive; barrier: the same as constraints
+correlation       which terms a model needs (seed 000, III)
+start             start values for other methods
+outcome           all that as a ``Fit``
+================  ==============================================================================================
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.identify.regression.correlation import Correlation, correlations, structure_by_correlation
+from gcs_autotune.identify.regression.physical import Check, check_physics
+from gcs_autotune.identify.regression.start import start_values
+
+__all__ = [
+    "Check",
+    "Correlation",
+    "check_physics",
+    "correlations",
+    "start_values",
+    "structure_by_correlation",
+]

@@ -35,7 +35,12 @@ NAMED = 3
 
 
 def noise_bias(
-    estimate: Estimate, recipe: Recipe, records: Sequence[CoupledRecord], motions: Sequence[Motion], *, robust: bool = False
+    estimate: Estimate,
+    recipe: Recipe,
+    records: Sequence[CoupledRecord],
+    motions: Sequence[Motion],
+    *,
+    robust: bool = False,
 ) -> Array:
     """Return the estimated bias (f,) of the free parameters; NaN where it could not be found."""
     rng = np.random.default_rng(0)

@@ -61,9 +61,7 @@ class Recipe:
     def rows(self, records: Sequence[CoupledRecord], motions: Sequence[Motion] | None = None) -> list[Rows]:
         """Return the rows of every record."""
         found = motions or self.motions(records)
-        return [
-            rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)
-        ]
+        return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)]
 
     def equations(self, records: Sequence[CoupledRecord], motions: Sequence[Motion] | None = None) -> Equations:
         """Return the equations of all records."""

@@ -202,9 +202,7 @@ def _local_values(knots: Array, t: Array, degree: int, first: NDArray[np.intp]) 
         for j in range(degree - d, degree + 1):
             i = place - degree + j
             left = (t - knots[i]) / (knots[i + d] - knots[i]) * B[:, j]
-            right = (
-                (knots[i + d + 1] - t) / (knots[i + d + 1] - knots[i + 1]) * B[:, j + 1] if j < degree else 0.0
-            )
+            right = (knots[i + d + 1] - t) / (knots[i + d + 1] - knots[i + 1]) * B[:, j + 1] if j < degree else 0.0
             B[:, j] = left + right
     return B
 

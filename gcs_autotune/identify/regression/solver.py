@@ -26,10 +26,10 @@ __all__ = ["Barrier", "Equations", "Estimate", "solve"]
 
 Array = NDArray[np.float64]
 
-ROUNDS = 12
+ROUNDS = 8
 """Rounds of weighing at most; two to four suffice."""
 
-SETTLED = 1e-4
+SETTLED = 1e-3
 """Relative change of every weight below which they have settled."""
 
 LEVERAGE = 1e-9
@@ -131,7 +131,9 @@ def information(J: Array, weights: Array) -> Array:
     return gram
 
 
-def solve(equations: Equations, starts: Sequence[Array], *, robust: bool = False, barrier: Barrier | None = None) -> Estimate:
+def solve(
+    equations: Equations, starts: Sequence[Array], *, robust: bool = False, barrier: Barrier | None = None
+) -> Estimate:
     """Return the best least-squares estimate from any of *starts* (each (p,), all parameters).
 
     robust : weights of the soft-L1 loss against outliers.
