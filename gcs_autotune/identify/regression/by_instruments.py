@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.free_run import run_freely
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.covariance import scores_covariance
+from gcs_autotune.identify.regression.noise_bias import as_simulated
 from gcs_autotune.identify.regression.outcome import fit_of, model_of
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
@@ -96,14 +96,7 @@ class _Instruments:
 
 def _simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array) -> _Instruments:
     """Return the instruments of *theta*; NotInformative when a run cannot be simulated."""
-    model = model_of(recipe.form, theta)
-    clean = []
-    for record in records:
-        signals = dict(record.signals)
-        for trace in run_freely(model, record):
-            signals[trace.signal] = replace(signals[trace.signal], values=trace.fitted)
-        clean.append(replace(record, signals=signals))
-    found = recipe.equations(clean).errors(theta)
+    found = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
     if found is None:
         raise NotInformative(f"the inertia of '{recipe.form.name}' became singular")
     return _Instruments(*found)

@@ -11,7 +11,6 @@ thesis, (8) of seed 000 and (25) of seed 001 are special cases. Two ways to use 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +39,7 @@ EDGE = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The equations of one stretch: ``E`` (n, k, p + 1), the last column without a parameter; ``t`` (n,) their times."""
+    """The equations of one stretch: ``E`` (n, k, p + 1), the last column without a parameter, at times ``t`` (n,)."""
 
     run: str
     t: Array
@@ -120,8 +119,3 @@ def _add_coriolis(program: Program, nu: Array, E: Array) -> None:
             E[:, 3:, par] += np.cross(nu[:, :3], momentum)
         else:
             E[:, 3:, par] += turned
-
-
-def stacked(rows: Sequence[Rows]) -> Array:
-    """Return the rows of all stretches (n, k, p + 1)."""
-    return np.concatenate([r.E for r in rows])

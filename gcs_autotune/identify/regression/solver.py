@@ -1,9 +1,9 @@
 """Least squares of the accelerations: the estimator behind every method of this room.
 
-The papers put the acceleration on the left, ``nu_dot = Phi theta`` (seed 000 (5)-(8), thesis (4.17)-(4.22)), so that its
-noise, by far the largest, is the error of the equation and does no harm. For a form the same reads: minimise
-``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that is (4.15) exactly, by a change of variables; with a full M it
-is its generalisation. Gauss-Newton solves it; degrees of freedom are weighed by the variance they leave.
+The papers put the acceleration on the left, ``nu_dot = Phi theta`` (seed 000 (5)-(8), thesis (4.17)-(4.22)), so that
+its noise, by far the largest, is the error of the equation and does no harm. For a form the same reads: minimise
+``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that is (4.15) exactly, by a change of variables; with a full M
+it is its generalisation. Gauss-Newton solves it; degrees of freedom are weighed by the variance they leave.
 """
 
 from __future__ import annotations
@@ -74,8 +74,10 @@ class Equations:
             one = np.zeros(len(form.parameters))
             one[p] = 1.0
             by.append((inertia_matrix(form, one) - base)[np.ix_(active, active)])
+        stack = np.concatenate([r.E for r in rows])
+        _check_scale(form, stack)
         ends = tuple(int(e) for e in np.cumsum([len(r.E) for r in rows]))
-        return cls(form, np.concatenate([r.E for r in rows]), ends, tuple(range(len(form.free))), np.array(by))
+        return cls(form, stack, ends, tuple(range(len(form.free))), np.array(by))
 
     def inertia(self, theta: Array) -> Array:
         """Return M (k, k)."""
@@ -94,6 +96,26 @@ class Equations:
         moved = np.einsum("fij,nj->nif", self.by_inertia, e, optimize=True)
         J = np.einsum("ij,njf->nif", inverse, self.E[:, :, list(self.free)] - moved, optimize=True)
         return e, J
+
+
+def _check_scale(form: Form, E: Array) -> None:
+    """Refuse equations of which nothing is known: all their parameters could be twice as large."""
+    f = len(form.free)
+    theta = np.array([form.known.get(n, 0.0) for n in form.parameters] + [1.0])
+    scaled = np.any((E @ theta) != 0.0, axis=0)
+    uses = np.any(E[:, :, :f] != 0.0, axis=0)
+    while True:
+        known = uses[scaled].any(axis=0)
+        reached = scaled | (uses & known).any(axis=1)
+        if np.array_equal(reached, scaled):
+            break
+        scaled = reached
+    lost = [d for d, has, any_free in zip(form.dofs, scaled, uses.any(axis=1), strict=True) if any_free and not has]
+    if lost:
+        raise UsageError(
+            f"the equation of {' and '.join(lost)} in '{form.name}' has no force and no parameter that is known: only "
+            "the ratios of its parameters can be found; make one of them known (its inertia, say)"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,32 +187,33 @@ def solve(
 
 def _from(equations: Equations, start: Array, robust: bool, barrier: Barrier | None) -> Estimate | None:
     theta, f = start.copy(), len(equations.free)
-    first = equations.errors(theta)
-    if first is None:
+    found = equations.errors(theta)
+    if found is None:
         return None
-    weights = _weights(first[0], robust)
+    weights = _weights(found[0], robust)
     converged = False
     for _ in range(ROUNDS):
         at = weights
 
         def local(x: Array, w: Array = at) -> Local | None:
             full = np.concatenate([x, theta[f:]])
-            found = equations.errors(full)
+            there = equations.errors(full)
             extra = barrier(full) if barrier is not None else None
-            if found is None or (barrier is not None and extra is None):
+            if there is None or (barrier is not None and extra is None):
                 return None
-            e, J = found
+            e, J = there
             curvature = information(J, w)
             curvature = curvature + LEVERAGE * np.diag(np.diag(curvature))
             here = Local(float(np.sum(w * e * e)), np.einsum("nif,ni->f", J, w * e, optimize=True), curvature)
-            return here if extra is None else Local(*(a + b for a, b in zip(here, extra, strict=True)))
+            return here if extra is None else _sum(here, extra)
 
         minimum = descend(local, theta[:f], np.full(f, -np.inf), np.full(f, np.inf))
         if minimum is None:
             return None
         theta[:f] = minimum.x
         found = equations.errors(theta)
-        assert found is not None
+        if found is None:
+            return None
         fresh = _weights(found[0], robust)
         change = float(np.max(np.abs(np.log(np.mean(fresh, axis=0) / np.mean(weights, axis=0)))))
         weights, converged = fresh, minimum.converged
@@ -198,6 +221,10 @@ def _from(equations: Equations, start: Array, robust: bool, barrier: Barrier | N
             break
     e, J = found
     return Estimate(equations, theta, e, J, weights, np.zeros((f, f)), converged)
+
+
+def _sum(a: Local, b: Local) -> Local:
+    return Local(a.cost + b.cost, a.gradient + b.gradient, a.curvature + b.curvature)
 
 
 def _weights(e: Array, robust: bool) -> Array:

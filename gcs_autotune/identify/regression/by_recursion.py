@@ -1,0 +1,167 @@
+"""The method ``recursive-least-squares``: the estimate as it develops along the run, with forgetting on request.
+
+Each row of the equations moves the estimate by ``P J' (R + J P J')^-1`` times its acceleration error (Ljung 1999,
+ch. 11, for rows whose Jacobian follows the estimate). With ``equation=integral`` a row is complete half a window after
+its time; with ``derivative`` the smoothed acceleration has seen the whole run, so only the estimate is recursive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
+from gcs_autotune.identify.regression.collinearity import collinearity_doubts
+from gcs_autotune.identify.regression.outcome import fit_of, model_of
+from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
+from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
+from gcs_autotune.identify.regression.recipe import recipe_of
+from gcs_autotune.identify.regression.rows import Rows
+from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
+from gcs_autotune.identify.result import Doubt, Fit
+
+__all__ = ["OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recursion", "recursive"]
+
+Array = NDArray[np.float64]
+
+OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s]; nothing is forgotten when not given"))
+"""Options of ``fit`` read by this method."""
+
+LEARNT = 4
+"""Rows per parameter (of every degree of freedom together) from which the first estimate is made."""
+
+KEPT = 500
+"""Most points of the history kept in ``extra``."""
+
+DRIFT = 3.0
+"""Standard errors by which the last third of the history must differ from the second to call a parameter drifting."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """Times t (s,) [s, run time summed over the runs], values and standard errors (s, f) after each row."""
+
+    t: Array
+    values: Array
+    stds: Array
+
+
+def fit_by_recursion(case: CoupledCase) -> Fit:
+    """Fit *case* by recursive least squares; errors as :func:`fit_by_least_squares`.
+
+    ``extra["history"]`` holds ``t`` [s], and per parameter its ``values`` and ``stds`` along the runs.
+    """
+    forgetting = case.options.get("forgetting")
+    if forgetting is not None and not float(forgetting) > 0.0:
+        raise UsageError(f"forgetting with a time constant of {forgetting} s makes no sense: give seconds, more than 0")
+    recipe, motions, batch = recipe_of(case, robust=case.robust)
+    rows = recipe.rows(case.records, motions)
+    estimate, history = recursive(batch, rows, math.inf if forgetting is None else float(forgetting))
+    names = recipe.form.free
+    doubts = collinearity_doubts(estimate) + _drift(history, names)
+    checks = check_physics(model_of(recipe.form, estimate.theta), velocities_visited(motions))
+    doubts += physics_doubts(checks)
+    some = np.unique(np.linspace(0, len(history.t) - 1, KEPT).astype(int))
+    told = {
+        "t": history.t[some].tolist(),
+        "values": {n: history.values[some, i].tolist() for i, n in enumerate(names)},
+        "stds": {n: history.stds[some, i].tolist() for i, n in enumerate(names)},
+    }
+    extra: dict[str, Any] = {
+        "equation": recipe.equation,
+        "derivative": recipe.derivative,
+        "window": recipe.window,
+        "history": told,
+        "batch": dict(zip(names, batch.free.tolist(), strict=True)),
+        "physics": [check.told for check in checks],
+    }
+    return fit_of(case, estimate, motions, "recursive-least-squares", doubts, extra)
+
+
+def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple[Estimate, History]:
+    """Run the recursion over all rows, one run after the other.
+
+    Parameters
+    ----------
+    batch : gives the noise of a row and by how much colour raises it; its parameters are not used.
+    forgetting : time constant [s], infinite for none.
+    """
+    equations, f = batch.equations, len(batch.equations.free)
+    t = _running_time(rows)
+    k = equations.E.shape[1]
+    first = min(max(math.ceil(LEARNT * f / k), 2 * f), len(equations.E) // 2)
+    theta, P = _first(equations, first, batch)
+    R = np.diag(1.0 / batch.weights.mean(axis=0)) * _colour(batch)
+    values, stds, at = [theta[:f].copy()], [np.sqrt(np.diag(P))], [t[first - 1]]
+    for i in range(first, len(equations.E)):
+        found = replace(equations, E=equations.E[i : i + 1]).errors(theta)
+        kept = math.exp(-max(t[i] - t[i - 1], 0.0) / forgetting)
+        P = P / kept
+        if found is not None:
+            e, J = found[0][0], found[1][0]
+            K = np.linalg.solve(R + J @ P @ J.T, J @ P).T
+            theta = theta.copy()
+            theta[:f] -= K @ e
+            P = P - K @ J @ P
+            P = 0.5 * (P + P.T)
+        values.append(theta[:f].copy())
+        stds.append(np.sqrt(np.maximum(np.diag(P), 0.0)))
+        at.append(t[i])
+    found = equations.errors(theta)
+    if found is None:
+        raise NotInformative(f"the recursion of '{equations.form.name}' ended in a singular inertia: use least-squares")
+    estimate = Estimate(equations, theta, found[0], found[1], batch.weights, P, converged=True)
+    return estimate, History(np.array(at), np.array(values), np.array(stds))
+
+
+def _running_time(rows: Sequence[Rows]) -> Array:
+    parts, passed = [], 0.0
+    for own in rows:
+        parts.append(own.t - own.t[0] + passed)
+        passed = float(parts[-1][-1]) + float(np.median(np.diff(own.t)))
+    return np.concatenate(parts)
+
+
+def _first(equations: Equations, count: int, batch: Estimate) -> tuple[Array, Array]:
+    """Return the estimate of the first *count* rows and its covariance (f, f)."""
+    part = replace(equations, E=equations.E[:count], ends=(count,))
+    found = solve(part, row_starts(part))
+    weights = np.broadcast_to(batch.weights.mean(axis=0), found.errors.shape)
+    return found.theta, inverse_of(replace(found, weights=weights).information) * _colour(batch)
+
+
+def _colour(batch: Estimate) -> float:
+    """Return by how much the colour of the residuals raises variances."""
+    white = np.diag(inverse_of(batch.information))
+    return float(np.clip(np.median(np.diag(batch.covariance) / np.maximum(white, 1e-300)), 1.0, 100.0))
+
+
+def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
+    third = len(history.t) // 3
+    if third < 3:
+        return []
+    before, after = history.values[2 * third], history.values[-1]
+    spread = np.sqrt(np.maximum(np.abs(history.stds[2 * third] ** 2 - history.stds[-1] ** 2), history.stds[-1] ** 2))
+    moved = [n for n, a, b, s in zip(names, before, after, spread, strict=True) if abs(b - a) > DRIFT * s]
+    if not moved:
+        return []
+    return [
+        Doubt(
+            "drifting",
+            f"{', '.join(moved)} still moved by more than {DRIFT:.0f} standard errors in the last third of the runs",
+            "the craft or the water changed, or a term is missing: see the history, identify the parts by themselves",
+        )
+    ]
+
+
+fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion(case)))
+"""Recursive least squares for one degree of freedom."""
