@@ -2,7 +2,9 @@
 
 M and D are linear in the parameters, so the sets where they are positive definite are convex and ``-log det`` is their
 self-concordant barrier (Nesterov and Nemirovskii 1994). With its weight lowered step by step the minimum goes to that
-of the constrained problem; see docs/decisions/0005.
+of the constrained problem; see docs/decisions/0005. By itself ``-log det`` rewards growth without end where the runs
+say nothing; with the trace against the step before it is the divergence ``tr(A_0^-1 A) - log det A`` (James and Stein
+1961), convex too and smallest at ``A = A_0``.
 """
 
 from __future__ import annotations
@@ -35,36 +37,54 @@ def solve_physical(equations: Equations, theta: Array, visited: Array, *, robust
     """
     start = feasible_start(equations.form, theta, visited)
     for weight in WEIGHTS:
-        estimate = solve(equations, [start], robust=robust, barrier=barrier_of(equations.form, visited, weight))
+        barrier = barrier_of(equations.form, visited, weight, start)
+        estimate = solve(equations, [start], robust=robust, barrier=barrier)
         start = estimate.theta
     return estimate
 
 
-def barrier_of(form: Form, visited: Array, weight: float) -> Barrier:
-    """Return ``-weight (log det M + mean log det D(nu))`` as a cost of all parameters (p,)."""
-    stacks = [_inertia_slopes(form), damping_slopes(form, visited)[1]]
-    stacks = [s for s in stacks if s.shape[-1]]
+def barrier_of(form: Form, visited: Array, weight: float, near: Array) -> Barrier:
+    """Return the divergences of M and, in the mean, D(nu) from those at *near*, as a cost of all parameters (p,).
+
+    near : (p,), a point where both are positive definite.
+    """
+    stacks = [s for s in _stacks(form, visited) if s.shape[-1]]
+    pulls = [np.linalg.inv(np.tensordot(np.append(near, 1.0), s, axes=1)) for s in stacks]
     f = len(form.free)
 
     def barrier(theta: Array) -> Local | None:
         value, gradient, curvature = 0.0, np.zeros(f), np.zeros((f, f))
         full = np.append(theta, 1.0)
-        for slopes in stacks:
-            symmetric = 0.5 * (slopes + slopes.swapaxes(-1, -2))
-            A = np.tensordot(full, symmetric, axes=1)
-            size = np.sqrt(np.maximum(np.abs(np.diagonal(A, axis1=1, axis2=2)), 1e-300))
-            scaled = A / size[:, :, None] / size[:, None, :]
-            if np.linalg.eigvalsh(scaled).min() <= 1e-12:
+        for slopes, pull in zip(stacks, pulls, strict=True):
+            A = np.tensordot(full, slopes, axes=1)
+            if not _is_positive(A):
                 return None
-            inverse = np.linalg.inv(scaled) / size[:, :, None] / size[:, None, :]
             share = weight / len(A)
-            value -= share * float(np.sum(np.linalg.slogdet(A)[1]))
-            through = inverse @ symmetric[:f]
-            gradient -= 0.5 * share * np.einsum("pmii->p", through)
+            value += share * float(np.einsum("mij,mji->", pull, A) - np.sum(np.linalg.slogdet(A)[1]))
+            through = np.linalg.inv(A) @ slopes[:f]
+            drawn = np.einsum("mij,pmji->p", pull, slopes[:f], optimize=True)
+            gradient += 0.5 * share * (drawn - np.einsum("pmii->p", through))
             curvature += 0.5 * share * np.einsum("pmij,qmji->pq", through, through, optimize=True)
         return Local(value, gradient, curvature)
 
     return barrier
+
+
+def _stacks(form: Form, visited: Array) -> tuple[Array, Array]:
+    """Return the symmetric parts of M's and D's derivatives (p + 1, m, d, d) by every parameter."""
+    inertia, damping = _inertia_slopes(form), damping_slopes(form, visited)[1]
+    return 0.5 * (inertia + inertia.swapaxes(-1, -2)), 0.5 * (damping + damping.swapaxes(-1, -2))
+
+
+def _is_positive(A: Array) -> bool:
+    """Return whether all of A (m, d, d) are positive definite, whatever their units."""
+    size = np.sqrt(np.maximum(np.abs(np.diagonal(A, axis1=1, axis2=2)), 1e-150))
+    return bool(np.linalg.eigvalsh(A / size[:, :, None] / size[:, None, :]).min() > 1e-12)
+
+
+def _feasible(form: Form, theta: Array, visited: Array) -> bool:
+    full = np.append(theta, 1.0)
+    return all(_is_positive(np.tensordot(full, s, axes=1)) for s in _stacks(form, visited) if s.shape[-1])
 
 
 def _inertia_slopes(form: Form) -> Array:
@@ -83,10 +103,10 @@ def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
     UsageError
         Known values alone break the constraint.
     """
-    if barrier_of(form, visited, 1.0)(theta) is not None:
+    if _feasible(form, theta, visited):
         return theta
     out, f = theta.copy(), len(form.free)
-    for slopes in (_inertia_slopes(form), damping_slopes(form, visited)[1]):
+    for slopes in _stacks(form, visited):
         if not slopes.shape[-1]:
             continue
         typical = np.mean(slopes, axis=1)
@@ -98,7 +118,7 @@ def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
                 out[p] = np.sign(diagonal[np.argmax(np.abs(diagonal))]) * max(abs(theta[p]), 1e-6)
             else:
                 out[p] = 0.0
-    if barrier_of(form, visited, 1.0)(out) is None:
+    if not _feasible(form, out, visited):
         raise UsageError(
             f"physical: the known values of '{form.name}' leave no positive definite M and D(nu); free some of them"
         )
