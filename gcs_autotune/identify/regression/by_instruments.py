@@ -29,6 +29,7 @@ from gcs_autotune.identify.regression.physical import check_physics, physics_dou
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
 from gcs_autotune.identify.regression.solver import Estimate, information
+from gcs_autotune.identify.regression.spread import NoiseDraw, raised
 from gcs_autotune.identify.result import Doubt, Fit
 
 __all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
@@ -50,10 +51,10 @@ HALVINGS = 8
 
 def fit_by_instruments(case: CoupledCase) -> Fit:
     """Fit *case* by refined instrumental variables, from least squares; errors as there."""
-    recipe, motions, first = recipe_of(case, robust=case.robust)
+    recipe, motions, first, draws = recipe_of(case, robust=case.robust)
     doubts: list[Doubt] = []
     try:
-        estimate, rounds = _refined(recipe, case.records, first)
+        estimate, rounds = _refined(recipe, case.records, first, draws)
     except NotInformative as error:
         estimate, rounds = first, 0
         doubts.append(
@@ -102,14 +103,18 @@ def _simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array) -
     return _Instruments(*found)
 
 
-def _refined(recipe: Recipe, records: Sequence[CoupledRecord], first: Estimate) -> tuple[Estimate, int]:
+def _refined(
+    recipe: Recipe, records: Sequence[CoupledRecord], first: Estimate, draws: Sequence[NoiseDraw]
+) -> tuple[Estimate, int]:
     equations, f = first.equations, len(first.equations.free)
     theta, trusted = first.theta.copy(), _simulated(recipe, records, first.theta)
-    estimate, rounds = first, 0
+    estimate, rounds, base = first, 0, first.errors
+    Z, bread = first.jacobian, np.eye(f)
     for rounds in range(1, ROUNDS + 1):
         found = equations.errors(theta)
         assert found is not None
-        errors, J = found[0] - trusted.errors, found[1]
+        base, J = found
+        errors = base - trusted.errors
         weights = np.ones_like(errors) / np.maximum(np.mean(errors**2, axis=0), 1e-300)
         Z = trusted.jacobian * weights[:, :, None]
         gain = np.einsum("nif,nig->fg", Z, J, optimize=True)
@@ -122,9 +127,12 @@ def _refined(recipe: Recipe, records: Sequence[CoupledRecord], first: Estimate) 
         estimate = Estimate(equations, theta, errors, trusted.jacobian, weights, covariance, converged=False)
         size = np.abs(step) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         if float(size.max(initial=0.0)) < SETTLED:
-            return replace(estimate, converged=True), rounds
+            estimate = replace(estimate, converged=True)
+            break
+        if rounds == ROUNDS:
+            break
         theta, trusted = _moved(recipe, records, theta, step)
-    return estimate, rounds
+    return raised(estimate, Z, bread, recipe.errors(draws, theta), base), rounds
 
 
 def _moved(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array, step: Array) -> tuple[Array, _Instruments]:

@@ -32,10 +32,11 @@ def fit_by_least_squares(case: CoupledCase) -> Fit:
     MissingChannel, NotInformative
         Not all velocities of the form can be had from the runs, or too little of them.
     """
-    recipe, motions, estimate = recipe_of(case, robust=case.robust)
+    recipe, motions, estimate, draws = recipe_of(case, robust=case.robust)
     visited = velocities_visited(motions)
     if case.options.get("physical", False):
-        estimate = solve_physical(estimate.equations, estimate.theta, visited, robust=case.robust)
+        held = solve_physical(estimate.equations, estimate.theta, visited, robust=case.robust)
+        estimate = recipe.with_spread(held, draws)
     bias = noise_bias(estimate, recipe, case.records, motions, robust=case.robust)
     doubts: list[Doubt] = collinearity_doubts(estimate)
     noisy = noise_bias_doubt(estimate, bias)

@@ -63,7 +63,7 @@ def fit_by_recursion(case: CoupledCase) -> Fit:
     forgetting = case.options.get("forgetting")
     if forgetting is not None and not float(forgetting) > 0.0:
         raise UsageError(f"forgetting with a time constant of {forgetting} s makes no sense: give seconds, more than 0")
-    recipe, motions, batch = recipe_of(case, robust=case.robust)
+    recipe, motions, batch, _ = recipe_of(case, robust=case.robust)
     rows = recipe.rows(case.records, motions)
     estimate, history = recursive(batch, rows, math.inf if forgetting is None else float(forgetting))
     names = recipe.form.free

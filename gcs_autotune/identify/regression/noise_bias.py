@@ -20,6 +20,7 @@ from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.outcome import model_of
 from gcs_autotune.identify.regression.recipe import Recipe
 from gcs_autotune.identify.regression.solver import Estimate, solve
+from gcs_autotune.identify.regression.spread import with_noise
 from gcs_autotune.identify.result import Doubt
 
 __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt"]
@@ -70,20 +71,12 @@ def noise_bias(
         return unknown
     moved = []
     for _ in range(DRAWS):
-        noisy = [_with_noise(r, m, rng) for r, m in zip(clean, motions, strict=True)]
+        noisy = [with_noise(r, m, rng) for r, m in zip(clean, motions, strict=True)]
         try:
             moved.append(solve(recipe.equations(noisy), [estimate.theta], robust=robust).free - estimate.free)
         except AutotuneError:
             continue
     return np.mean(moved, axis=0) if moved else unknown
-
-
-def _with_noise(record: CoupledRecord, motion: Motion, rng: np.random.Generator) -> CoupledRecord:
-    signals = {
-        name: replace(s, values=s.values + rng.normal(0.0, motion.noise[name], len(s.values)))
-        for name, s in record.signals.items()
-    }
-    return replace(record, signals=signals)
 
 
 def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:

@@ -10,19 +10,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.regression.motion import Motion, motion_of
 from gcs_autotune.identify.regression.rows import EQUATIONS, Rows, rows_of
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
+from gcs_autotune.identify.regression.spread import NoiseDraw, draw_noise, raised
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 
 __all__ = ["OPTIONS", "Recipe", "form_of", "recipe_of"]
+
+Array = NDArray[np.float64]
 
 OPTIONS = (
     ("equation", "integral (over short windows, default) or derivative (with smoothed accelerations)"),
@@ -63,6 +68,17 @@ class Recipe:
         found = motions or self.motions(records)
         return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)]
 
+    def errors(self, draws: Sequence[NoiseDraw], theta: Array) -> list[Array]:
+        """Return the acceleration errors (n, k) of every draw at *theta* (p,); those with a singular M are left out."""
+        found = (self.equations(d.records, d.motions).errors(theta) for d in draws)
+        return [f[0] for f in found if f is not None]
+
+    def with_spread(self, estimate: Estimate, draws: Sequence[NoiseDraw]) -> Estimate:
+        """Return the least-squares *estimate* with its standard errors raised to what noise does to it."""
+        J = estimate.jacobian * estimate.weights[:, :, None]
+        bread = inverse_of(estimate.information)
+        return raised(estimate, J, bread, self.errors(draws, estimate.theta), estimate.errors)
+
     def equations(self, records: Sequence[CoupledRecord], motions: Sequence[Motion] | None = None) -> Equations:
         """Return the equations of all records."""
         return Equations.of(self.form, self.rows(records, motions))
@@ -79,8 +95,10 @@ def form_of(case: CoupledCase) -> Form:
     return form
 
 
-def recipe_of(case: CoupledCase, *, robust: bool = False) -> tuple[Recipe, tuple[Motion, ...], Estimate]:
-    """Return the recipe for *case*, its motions and the first least-squares estimate.
+def recipe_of(
+    case: CoupledCase, *, robust: bool = False
+) -> tuple[Recipe, tuple[Motion, ...], Estimate, tuple[NoiseDraw, ...]]:
+    """Return the recipe for *case*, its motions, the first least-squares estimate and the draws behind its spread.
 
     Raises
     ------
@@ -97,17 +115,18 @@ def recipe_of(case: CoupledCase, *, robust: bool = False) -> tuple[Recipe, tuple
     recipe = Recipe(form, equation, derivative)
     motions = recipe.motions(case.records)
     recipe = replace(recipe, settings=tuple(m.settings for m in motions))
+    draws = draw_noise(form, derivative, case.records, motions)
     best: tuple[float, Recipe, Estimate] | None = None
     for window in _windows(case, motions) if equation == "integral" else (0.0,):
         tried = replace(recipe, window=window)
         equations = tried.equations(case.records, motions)
         starts = row_starts(equations) if best is None else [best[2].theta]
-        estimate = solve(equations, starts, robust=robust)
+        estimate = tried.with_spread(solve(equations, starts, robust=robust), draws)
         spread = float(np.sum(np.log(np.maximum(np.diag(estimate.covariance), 1e-300))))
         if best is None or spread < best[0]:
             best = (spread, tried, estimate)
     assert best is not None
-    return best[1], motions, best[2]
+    return best[1], motions, best[2], draws
 
 
 def _windows(case: CoupledCase, motions: Sequence[Motion]) -> tuple[float, ...]:

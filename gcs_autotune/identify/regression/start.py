@@ -46,7 +46,7 @@ def start_values(case: CoupledCase) -> dict[str, float]:
 
 def _regressed(case: CoupledCase) -> dict[str, float] | None:
     try:
-        recipe, motions, estimate = recipe_of(case)
+        recipe, motions, estimate, _ = recipe_of(case)
         theta = feasible_start(recipe.form, estimate.theta, velocities_visited(motions))
     except (AutotuneError, np.linalg.LinAlgError, ValueError, FloatingPointError):
         return None

@@ -26,7 +26,7 @@ def charlie(alpha: float, beta: float, quadratic: float, n2: float, seed: int) -
 @pytest.mark.parametrize("method", ["least-squares", "instrumental-variables"])
 @pytest.mark.parametrize("structure", ["linear", "nonlinear"])
 def test_alpha_and_beta_of_every_row_come_back(structure, method, published):
-    rows = np.array(published["charlie_ls_table_7_12"]["rows"])[::3]
+    rows = np.array(published["charlie_ls_table_7_12"]["rows"])[1::4]
     errors = []
     for k, row in enumerate(rows):
         n2, (alpha, beta) = row[1], (row[2:4] if structure == "linear" else row[5:7])

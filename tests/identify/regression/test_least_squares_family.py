@@ -44,15 +44,19 @@ def test_windows_beat_accelerations_on_noisy_positions():
 
 
 def test_noise_biases_least_squares_and_instruments_undo_it():
+    shares = {"least-squares": [], "instrumental-variables": []}
     errors = {"least-squares": [], "instrumental-variables": []}
     for seed in range(4):
         trials = runs(0.03, seed)
-        for method, found in errors.items():
-            found.append(far(fit(trials, coupled(), method, equation="derivative"))["X_udot"])
-    biased, free = np.array(errors["least-squares"]), np.array(errors["instrumental-variables"])
+        for method in shares:
+            found = fit(trials, coupled(), method, equation="derivative")
+            errors[method].append(far(found)["X_udot"])
+            shares[method].append(errors[method][-1] * abs(TRUTH["X_udot"]) / found.parameters["X_udot"].std)
+    biased = np.array(errors["least-squares"])
     assert abs(biased.mean()) > 0.05
     assert abs(biased.mean()) > 5.0 * biased.std() / np.sqrt(len(biased))
-    assert abs(free.mean()) < 0.15 * abs(biased.mean())
+    assert abs(np.mean(errors["instrumental-variables"])) < 0.25 * abs(biased.mean())
+    assert abs(np.mean(shares["instrumental-variables"])) < 2.5 / np.sqrt(len(biased))
 
 
 def test_the_bias_is_said_with_its_size():

@@ -63,7 +63,7 @@ def test_the_constrained_fit_is_the_free_one_when_that_obeys():
 def test_the_barrier_ends_where_sequential_quadratic_programming_does():
     trials, form = weak()
     case = CoupledCase(form, tuple(r for t in trials for r in prepare_coupled(t, form)), 0.0, False, ("weak",))
-    _, motions, first = recipe_of(case)
+    _, motions, first, _ = recipe_of(case)
     visited = velocities_visited(motions)
     held = solve_physical(first.equations, first.theta, visited)
     weights = held.weights[0]

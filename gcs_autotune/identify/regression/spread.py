@@ -1,0 +1,76 @@
+"""Standard errors: what the noise of the measured signals does to an estimate.
+
+The residuals of a regression say too little: few windows hold most of the information, and there the fit follows the
+noise. So the noise that smoothing found in every signal is added to the signals anew, and its way through smoothing,
+rows and estimate is followed to first order. What the residuals say, with their colour (:mod:`.covariance`), is kept
+where it is more: it holds what is not noise of the sensors. Correlations are those of the information matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.regression.motion import Motion, motion_of
+from gcs_autotune.identify.regression.solver import Estimate
+from gcs_autotune.models.coupled import Form
+
+__all__ = ["NoiseDraw", "draw_noise", "raised", "with_noise"]
+
+Array = NDArray[np.float64]
+
+DRAWS = 32
+"""Draws of the noise. A standard error from them is itself known to ``1/sqrt(2*DRAWS)``, 12 %."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseDraw:
+    """All records once more with their noise doubled, and their motions, smoothed as the measured ones were."""
+
+    records: tuple[CoupledRecord, ...]
+    motions: tuple[Motion, ...]
+
+
+def draw_noise(
+    form: Form, derivative: str, records: Sequence[CoupledRecord], motions: Sequence[Motion]
+) -> tuple[NoiseDraw, ...]:
+    """Return ``DRAWS`` draws; the same ones for the same records."""
+    rng = np.random.default_rng(1)
+    draws = []
+    for _ in range(DRAWS):
+        noisy = tuple(with_noise(r, m, rng) for r, m in zip(records, motions, strict=True))
+        moved = tuple(motion_of(r, form, derivative, m.settings) for r, m in zip(noisy, motions, strict=True))
+        draws.append(NoiseDraw(noisy, moved))
+    return tuple(draws)
+
+
+def with_noise(record: CoupledRecord, motion: Motion, rng: np.random.Generator) -> CoupledRecord:
+    """Return *record* with as much noise added to every signal as its smoothing found in it."""
+    signals = {
+        name: replace(s, values=s.values + rng.normal(0.0, motion.noise[name], len(s.values)))
+        for name, s in record.signals.items()
+    }
+    return replace(record, signals=signals)
+
+
+def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequence[Array], base: Array) -> Estimate:
+    """Return *estimate* with its standard errors raised to what the noise draws say, see above.
+
+    Parameters
+    ----------
+    instruments : (n, k, f), weighted; the Jacobian for least squares. bread : (f, f), inverse of their gain.
+    errors : (n, k) accelerations' errors of every draw; base : (n, k) those of the measured records, all at the
+        estimate's own parameters.
+    """
+    moved = np.array([bread @ np.einsum("nif,ni->f", instruments, e - base, optimize=True) for e in errors])
+    by_noise = np.mean(moved**2, axis=0)
+    by_residuals = np.diag(estimate.covariance)
+    std = np.sqrt(np.maximum(by_noise, by_residuals))
+    like = bread @ bread.T if not np.allclose(bread, bread.T, rtol=1e-6) else bread
+    scale = np.sqrt(np.maximum(np.abs(np.diag(like)), 1e-300))
+    correlation = np.clip(like / np.outer(scale, scale), -1.0, 1.0)
+    return replace(estimate, covariance=correlation * np.outer(std, std))
