@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ class Smooth:
 
     ``noise`` standard deviation of what was taken away, per sample; ``setting`` the samples or the penalty chosen, to
     smooth another signal in exactly the same way; ``reach`` [s] half-width of the neighbourhood that forms a value.
+    ``noise`` and ``reach`` may be NaN when the setting was given.
     """
 
     at: Callable[[Array, int], Array]
@@ -110,6 +112,7 @@ def penalised_spline(signal: Signal, order: int, setting: float | None = None) -
     """
     penalty_order = order + 1
     fit = _PSpline(signal, 2 * order + 1, penalty_order)
+    noise = reach = math.nan
     if setting is None:
         low, high = -8.0, 12.0
         found = minimize_scalar(lambda e: fit.cross_validation(10.0**e), bounds=(low, high), method="bounded")
@@ -118,6 +121,8 @@ def penalised_spline(signal: Signal, order: int, setting: float | None = None) -
         if floor > 0.0 and fit.noise(10.0**exponent) < floor:
             exponent = _where_noise_is(fit, floor, exponent, high)
         setting = 10.0**exponent
+        noise = fit.noise(setting)
+        reach = 0.5 * float(signal.t[-1] - signal.t[0]) / max(fit.freedom(setting), 2.0)
     coefficients = fit.coefficients(setting)
     spline = BSpline(fit.knots, coefficients, fit.degree)
 
@@ -125,8 +130,7 @@ def penalised_spline(signal: Signal, order: int, setting: float | None = None) -
         inside = np.clip(t, signal.t[0], signal.t[-1])
         return np.asarray(spline(inside, nu=derivative), dtype=np.float64)
 
-    freedom = max(fit.freedom(setting), 2.0)
-    return Smooth(at, fit.noise(setting), setting, 0.5 * float(signal.t[-1] - signal.t[0]) / freedom)
+    return Smooth(at, noise, setting, reach)
 
 
 def _where_noise_is(fit: _PSpline, floor: float, low: float, high: float) -> float:
@@ -160,11 +164,14 @@ class _PSpline:
         self.right = np.zeros(self.count)
         for j in range(degree + 1):
             np.add.at(self.right, self.first + j, self.local[:, j] * self.values)
-        exact = self.count <= EXACT
-        rng = np.random.default_rng(0)
-        self.probes = np.eye(self.count) if exact else rng.choice([-1.0, 1.0], (self.count, PROBES))
-        self.share = 1.0 if exact else 1.0 / PROBES
-        self.through = _banded_times(self.gram, self.probes)
+
+    @cached_property
+    def _probes(self) -> tuple[Array, Array, float]:
+        """Return probes, the Gram matrix times them, and what one probe counts for."""
+        if self.count <= EXACT:
+            return np.eye(self.count), _banded_times(self.gram, np.eye(self.count)), 1.0
+        probes = np.random.default_rng(0).choice([-1.0, 1.0], (self.count, PROBES))
+        return probes, _banded_times(self.gram, probes), 1.0 / PROBES
 
     def _solve(self, penalty: float, right: Array) -> Array:
         A = self.gram + penalty * self.scale * self.penalty
@@ -176,7 +183,8 @@ class _PSpline:
 
     def freedom(self, penalty: float) -> float:
         """Return the effective number of parameters, the trace of the smoother."""
-        return self.share * float(np.sum(self.probes * self._solve(penalty, self.through)))
+        probes, through, share = self._probes
+        return share * float(np.sum(probes * self._solve(penalty, through)))
 
     def _left(self, penalty: float) -> float:
         c = self.coefficients(penalty)

@@ -84,6 +84,35 @@ TRUTH = {
 }  # fmt: skip
 
 
+@cache
+def oscillation(
+    plant: tuple[float, float, float], relay: tuple[float, float], step: float, duration: float
+) -> tuple[Array, Array, Array]:
+    """Stamps, (heading, rate) and moment of ``alpha r_dot + (beta + beta_rr |r|) r = N`` under a relay (C, x_a)."""
+    alpha, beta, quadratic = plant
+    C, x_a = relay
+    h, every = 0.02, round(step / 0.02)
+
+    def push(rate: float, tau: float) -> float:
+        return (tau - (beta + quadratic * abs(rate)) * rate) / alpha
+
+    t = np.arange(round(duration / step)) * step
+    psi, r, high, states, moments = 0.0, 0.0, True, [], []
+    for _ in t:
+        high = True if -psi > x_a else False if psi > x_a else high
+        tau = C if high else -C
+        states.append((psi, r))
+        moments.append(tau)
+        for _ in range(every):
+            k_1 = push(r, tau)
+            k_2 = push(r + 0.5 * h * k_1, tau)
+            k_3 = push(r + 0.5 * h * k_2, tau)
+            k_4 = push(r + h * k_3, tau)
+            psi += h * r + h * h / 6.0 * (k_1 + k_2 + k_3)
+            r += h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+    return t, np.array(states), np.array(moments)
+
+
 def yaw_run(
     plant: tuple[float, float, float],
     relay: tuple[float, float],
@@ -94,24 +123,10 @@ def yaw_run(
     duration: float = 200.0,
     seed: int = 0,
 ) -> Trial:
-    """A self-oscillation of ``alpha r_dot + (beta + beta_rr |r|) r = N`` under a relay (C, x_a)."""
-    alpha, beta, quadratic = plant
-    C, x_a = relay
-
-    def rates(s: Array, tau: Array) -> Array:
-        return np.array([s[1], (tau[0] - (beta + quadratic * abs(s[1])) * s[1]) / alpha])
-
-    t = np.arange(round(duration / step)) * step
-    s, states, inputs, high = np.zeros(2), [], [], True
-    for _ in t:
-        high = True if -s[0] > x_a else False if s[0] > x_a else high
-        held = np.array([C if high else -C])
-        states.append(s)
-        inputs.append(held[0])
-        for _ in range(round(step / 0.02)):
-            s = rk4(rates, s, held, 0.02)
-    S, rng = np.array(states), np.random.default_rng(seed)
-    channels = {"psi": S[:, 0] + rng.normal(0.0, noise, len(t)), "N": np.array(inputs)}
+    """One self-oscillation, heading with *noise* [rad], rate of turn with *rate_noise* [rad/s] if it is measured."""
+    t, S, moment = oscillation(plant, relay, step, duration)
+    rng = np.random.default_rng(seed)
+    channels = {"psi": S[:, 0] + rng.normal(0.0, noise, len(t)), "N": moment}
     if rate_noise is not None:
         channels["r"] = S[:, 1] + rng.normal(0.0, rate_noise, len(t))
-    return Trial(f"C = {C}", {n: Channel(n, UNITS[n], t, v) for n, v in channels.items()})
+    return Trial(f"C = {relay[0]}", {n: Channel(n, UNITS[n], t, v) for n, v in channels.items()})

@@ -15,7 +15,7 @@ from gcs_autotune.models.coupled import Form
 
 @cache
 def camera_runs() -> tuple:
-    return tuple(camera_run(i, 1.5 + 0.2 * i, 0.05 + 0.01 * i) for i in range(6))
+    return tuple(camera_run(i, 1.5 + 0.2 * i, 0.05 + 0.01 * i) for i in range(4))
 
 
 CANDIDATES = Form(
