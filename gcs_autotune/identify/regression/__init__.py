@@ -6,7 +6,8 @@ motion            velocities and accelerations of a record on an even grid; driv
 rows              the equations as rows linear in the parameters: with accelerations or integrated over windows
 solver            least squares of the accelerations, degrees of freedom weighed by what they leave
 recipe            records to equations, always alike; the options
-by_least_squares  the method ``least-squares``; by_instruments, by_recursion its kin
+by_least_squares  the method ``least-squares``; its kin: by_instruments, by_recursion
+spread            standard errors: the noise of the signals followed to the estimate; covariance: coloured residuals
 noise_bias        how far noise has shifted least squares; collinearity: which terms move together
 physical          M symmetric positive, C skew, D positive; barrier: the same as constraints
 correlation       which terms a model needs (seed 000, III)

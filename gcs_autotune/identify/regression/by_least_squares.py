@@ -9,7 +9,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.regression.barrier import solve_physical
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts, inflation_factors
-from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt
+from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
 from gcs_autotune.identify.regression.outcome import STABLE, fit_of, model_of
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
@@ -54,7 +54,7 @@ def fit_by_least_squares(case: CoupledCase) -> Fit:
         "physics": [check.told for check in checks],
         "converged": estimate.converged,
     }
-    return fit_of(case, estimate, motions, "least-squares", doubts, extra)
+    return fit_of(case, with_bias(estimate, bias), motions, "least-squares", doubts, extra)
 
 
 def refusing_runaways(fit: Fit) -> Fit:

@@ -21,6 +21,7 @@ from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
+from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
 from gcs_autotune.identify.regression.outcome import fit_of, model_of
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
@@ -67,7 +68,10 @@ def fit_by_recursion(case: CoupledCase) -> Fit:
     rows = recipe.rows(case.records, motions)
     estimate, history = recursive(batch, rows, math.inf if forgetting is None else float(forgetting))
     names = recipe.form.free
+    bias = noise_bias(batch, recipe, case.records, motions, robust=case.robust)
     doubts = collinearity_doubts(estimate) + _drift(history, names)
+    noisy = noise_bias_doubt(estimate, bias)
+    doubts += [] if noisy is None else [noisy]
     checks = check_physics(model_of(recipe.form, estimate.theta), velocities_visited(motions))
     doubts += physics_doubts(checks)
     some = np.unique(np.linspace(0, len(history.t) - 1, KEPT).astype(int))
@@ -81,10 +85,11 @@ def fit_by_recursion(case: CoupledCase) -> Fit:
         "derivative": recipe.derivative,
         "window": recipe.window,
         "history": told,
+        "noise_bias": dict(zip(names, bias.tolist(), strict=True)),
         "batch": dict(zip(names, batch.free.tolist(), strict=True)),
         "physics": [check.told for check in checks],
     }
-    return fit_of(case, estimate, motions, "recursive-least-squares", doubts, extra)
+    return fit_of(case, with_bias(estimate, bias), motions, "recursive-least-squares", doubts, extra)
 
 
 def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple[Estimate, History]:
