@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,14 @@ from gcs_autotune.trial import Channel, Trial
 __all__ = ["CoupledRecord", "later", "prepare_coupled", "signals_of"]
 
 Array = NDArray[np.float64]
+
+TRANSITION = 4.0
+"""Standard deviation of a velocity over its noise that makes a transition."""
+
+SETTLED = 2.0
+"""Standard deviation of its second half over the noise up to which it has settled."""
+
+_VELOCITIES = frozenset(d.velocity for d in DOFS.values())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,13 +125,24 @@ def _names(trial: Trial, form: Form, use: Sequence[str] | None) -> list[str]:
 def _check(trial: Trial, form: Form, drives: Sequence[Channel], channels: Mapping[str, Channel]) -> None:
     end = max(float(c.t[-1]) for c in channels.values())
     moving = [d for d in drives if len(d) and np.ptp(d.between(-np.inf, end).values) > 0.0]
-    if form.inputs and not moving:
+    if form.inputs and not moving and not any(_gathers_way(c) for n, c in channels.items() if n in _VELOCITIES):
         raise NotInformative(
             f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be told "
             "apart; fly steps, a zig-zag or a relay"
         )
     if all(np.ptp(c.values) == 0.0 for c in channels.values()):
         raise NotInformative(f"nothing moves in run '{trial.name}': {', '.join(channels)} never change")
+
+
+def _gathers_way(velocity: Channel) -> bool:
+    """Whether a velocity goes from one steady value to another: that tells of the craft under constant inputs too.
+
+    A velocity that never settles under "constant" inputs is answering to something else: a stuck log, wind, waves.
+    """
+    values = velocity.values
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    late = float(np.std(values[len(values) // 2 :]))
+    return float(np.std(values)) > TRANSITION * noise and late < max(SETTLED * noise, 1e-12)
 
 
 def _joined(drives: Sequence[Channel]) -> tuple[Array, Array]:
