@@ -88,7 +88,8 @@ def main() -> None:
     print(f"ours, first call of the process: {time.perf_counter() - begin:.2f} s (compiled kernels are kept on disk)")
     warm = ours(runs, setting)
     print(
-        f"ours, warm: {warm:.3f} s of one core: {len(found.model.form.free)} parameters, 3 runs x {len(setting.t)} samples"
+        f"ours, warm: {warm:.3f} s of one core: {len(found.model.form.free)} parameters, "
+        f"3 runs x {len(setting.t)} samples"
     )
     for samples in (300, 600):
         part = [run.between(0.0, setting.t[samples - 1]) for run in runs]

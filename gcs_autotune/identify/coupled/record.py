@@ -59,6 +59,15 @@ class CoupledRecord:
         """All stamps of all signals, sorted, each once."""
         return np.unique(np.concatenate([s.t for s in self.signals.values()]))
 
+    def until(self, share: float) -> CoupledRecord:
+        """Return the first *share* of the record's time, but of every signal no less than its first samples."""
+        if share >= 1.0:
+            return self
+        end = self.start + share * (max(float(s.t[-1]) for s in self.signals.values()) - self.start)
+        count = {n: max(int(np.searchsorted(s.t, end)), MIN_SAMPLES) for n, s in self.signals.items()}
+        signals = {n: replace(s, t=s.t[: count[n]], values=s.values[: count[n]]) for n, s in self.signals.items()}
+        return replace(self, signals=signals)
+
 
 def signals_of(form: Form) -> tuple[str, ...]:
     """Return the names of the signals a form predicts: velocities, then positions."""
