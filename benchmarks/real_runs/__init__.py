@@ -5,8 +5,9 @@ Run: ``python3 -m benchmarks.real_runs [--craft NAME ...] [--methods NAME ...] [
 The rule is the same for all. A method gets the training runs (inputs and u, v, r at 10 Hz; ours and the straightforward
 SciPy way also the heading). On a held-out run it gets the inputs, and of the motion the first second; from there on it
 predicts u, v, r to the run's end. The heading is its r integrated (ours predicts it). Scored is
-``100 (1 - rms/std)`` per signal of what was measured, after the first second. Nothing was tuned on held-out runs: the
-split and the forms were set from the manoeuvres' kinds and the training runs.
+``100 (1 - rms/std)`` per signal of what was measured, after the first second; in the mean, less than -100 counts as
+-100. No number was chosen by its score on held-out runs: split, forms and the horizon of training come from the
+manoeuvres' kinds, from physics and from the training runs.
 
 Each method runs in a process of its own on one thread; its training time is CPU seconds, compilation included, and its
 memory the growth of the process's peak during training.

@@ -15,6 +15,9 @@ from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["first_motion", "train", "trial_of"]
 
+HORIZON = 40.0
+"""Seconds a simulation runs freely in training: several time constants of both crafts, chosen before any result."""
+
 _UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s", "force_left": "N", "force_right": "N", "delta": "rad"}
 
 
@@ -38,7 +41,7 @@ def train(runs: Sequence[Run], form: str) -> Predict:
     """Fit the shipped form; physical signs required."""
     structure = FORMS[form]
     trials = [trial_of(r, tuple(structure.inputs)) for r in runs]
-    model = fit(trials, structure, delay=0.0, physical=True, whole=True).model
+    model = fit(trials, structure, delay=0.0, physical=True, horizon=HORIZON).model
     assert isinstance(model, CoupledModel)
 
     def predict(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:

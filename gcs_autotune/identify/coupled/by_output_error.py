@@ -12,11 +12,11 @@ from gcs_autotune.identify.axis.residuals import rounding_error
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.delay import Delayed, fit_with_delay
 from gcs_autotune.identify.coupled.fit_doubts import doubts_of, fit_percent_of
-from gcs_autotune.identify.coupled.limits import limits_of
+from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import local_fit
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
-from gcs_autotune.identify.coupled.record import CoupledRecord, later
+from gcs_autotune.identify.coupled.record import CoupledRecord, later, within_horizon
 from gcs_autotune.identify.result import Fit, Parameter, Status, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.sname import SIGNALS
@@ -40,8 +40,10 @@ def fit_coupled_by_output_error(case: CoupledCase) -> Fit:
         chosen = fit_with_delay(form, case.records, limits, robust=case.robust)
     else:
         records = tuple(later(r, form.known.get("delay", 0.0)) for r in case.records)
-        whole = bool(case.options.get("whole", False))
-        chosen = Delayed(local_fit(form, records, limits, robust=case.robust, whole=whole), 0.0)
+        horizon = horizon_of(case)
+        if horizon is not None:
+            records = tuple(piece for record in records for piece in within_horizon(record, horizon))
+        chosen = Delayed(local_fit(form, records, limits, robust=case.robust, whole=horizon is not None), 0.0)
     return fit_of(case, chosen, limits, "output-error")
 
 

@@ -12,12 +12,12 @@ from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, STATES, inertia_of
 
-__all__ = ["LONGEST_DELAY", "OPTIONS", "limits_of", "physical"]
+__all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of", "physical"]
 
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
     ("physical", "True: inertia stays positive and drag damps"),
-    ("whole", "True: whole runs, also where the free run leaves the measured one; for a model that is to predict far"),
+    ("horizon", "seconds a simulation runs freely before it starts again at what was measured; inf: whole runs"),
 )
 """Options of ``fit`` read here."""
 
@@ -68,3 +68,19 @@ def _physical_side(name: str) -> int:
         return -1 if inertia.row == inertia.column else 0
     own = STATES[FORCES.index(name[0])]
     return -1 if name[2:] in (own, own * 2, f"|{own}|{own}", own * 3) else 0
+
+
+def horizon_of(case: CoupledCase) -> float | None:
+    """Return how long [s] a simulation is to run freely; None: as long as it can follow the runs.
+
+    Raises
+    ------
+    UsageError
+        Not a time.
+    """
+    horizon = case.options.get("horizon")
+    if horizon is None:
+        return None
+    if not float(horizon) > 0.0:
+        raise UsageError(f"a horizon of {horizon} s makes no sense: give seconds above 0, or inf for whole runs")
+    return float(horizon)

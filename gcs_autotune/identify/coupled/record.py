@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["CoupledRecord", "later", "prepare_coupled", "signals_of"]
+__all__ = ["CoupledRecord", "later", "pieces_of", "prepare_coupled", "signals_of", "within_horizon"]
 
 Array = NDArray[np.float64]
 
@@ -210,3 +210,23 @@ def later(record: CoupledRecord, delay: float) -> CoupledRecord:
     if any(len(s.t) < MIN_SAMPLES for s in kept.values()):
         return record
     return replace(record, signals=kept)
+
+
+def pieces_of(record: CoupledRecord, count: int) -> Iterator[CoupledRecord]:
+    """Cut *record* into *count* pieces of about as many stamps each."""
+    for part in np.array_split(record.stamps, count):
+        signals = {}
+        for name, signal in record.signals.items():
+            keep = (signal.t >= part[0]) & (signal.t <= part[-1])
+            if keep.any():
+                signals[name] = replace(signal, t=signal.t[keep], values=signal.values[keep])
+        if signals:
+            yield replace(record, signals=signals)
+
+
+def within_horizon(record: CoupledRecord, horizon: float) -> tuple[CoupledRecord, ...]:
+    """Cut *record* into pieces no longer than *horizon* [s], none shorter than can be fitted."""
+    stamps = record.stamps
+    wanted = math.ceil((float(stamps[-1]) - record.start) / horizon)
+    fewest = min(len(s.t) for s in record.signals.values())
+    return tuple(pieces_of(record, max(1, min(wanted, fewest // MIN_SAMPLES))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.likelihood import gaussian_laws
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits, first_input
-from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of
 from gcs_autotune.identify.coupled.regression import Regression, regression_of
 from gcs_autotune.identify.coupled.smoothing import Motion, first_levels_of, smoothed_motion
 from gcs_autotune.identify.least_squares import descend
@@ -116,14 +116,4 @@ def _lagged(x_0: Array, record: CoupledRecord, form: Form) -> Array:
 
 
 def _pieces(record: CoupledRecord) -> Iterator[CoupledRecord]:
-    """Cut a record into pieces of equal length."""
-    stamps = record.stamps
-    count = max(1, min(PIECES, len(stamps) // SHORTEST))
-    for part in np.array_split(stamps, count):
-        signals = {}
-        for name, signal in record.signals.items():
-            keep = (signal.t >= part[0]) & (signal.t <= part[-1])
-            if keep.any():
-                signals[name] = replace(signal, t=signal.t[keep], values=signal.values[keep])
-        if signals:
-            yield replace(record, signals=signals)
+    return pieces_of(record, max(1, min(PIECES, len(record.stamps) // SHORTEST)))
