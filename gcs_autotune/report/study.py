@@ -33,6 +33,7 @@ class Outcome:
     seconds: float
     unseen: Validation | None = None
     refusal: str = ""
+    objections: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

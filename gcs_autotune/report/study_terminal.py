@@ -22,7 +22,7 @@ def study_summary(study: Study) -> Group:
     fit, answer = study.fit, study.answer
     parts: list[RenderableType] = [title(structure_title(fit)), grid(study_tables.parameter_table(fit, brief=True))]
     parts.extend(paragraph(s) for s in answer_sentences(study))
-    if answer.unseen is not None and answer.unseen.traces:
+    if study.how_unseen:
         parts += [title("On data it has not seen"), paragraph(study.how_unseen)]
         parts.append(grid(study_tables.unseen_table(answer)))
     if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -87,7 +88,7 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
         when=when,
         runs=(*(_row(t, "identification") for t in runs), *(_row(t, "check only") for t in unseen)),
         outcomes=tuple(outcomes),
-        how_unseen=_how(runs, unseen) if answer.unseen is not None else "",
+        how_unseen=_how(runs, unseen, answer) if settings.check else "",
         choice=drags.rows or forms.rows,
         choice_verdict=drags.verdict or forms.verdict,
         cannot_tell=cannot_tell(answer.fit, runs),
@@ -142,36 +143,57 @@ def _outcome(
             raise
         return Outcome(method, None, time.perf_counter() - begun, refusal=str(error))
     seconds = time.perf_counter() - begun
-    check = _check(found, identify, runs, unseen) if settings.check else None
-    return Outcome(method, found, seconds, check)
+    if not settings.check:
+        return Outcome(method, found, seconds)
+    checked, objections = _check(found, identify, runs, unseen)
+    return Outcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
 
 
 def _check(
     found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
-) -> Validation | None:
-    """Return how the model predicts what it has not seen, None when there is nothing to check on."""
-    try:
-        if unseen:
-            return found.validate(unseen)
-        return _left_out(identify, runs)
-    except AutotuneError:
-        return None
+) -> tuple[Validation | None, list[str]]:
+    """Return how the model predicts what it has not seen, if anything could be checked, and what could not and why."""
+    parts: list[Validation] = []
+    objections: list[str] = []
+    for model, held in _folds(found, identify, runs, unseen):
+        try:
+            parts.append(validate(model(), held))
+        except AutotuneError as error:
+            objections.append(str(error))
+    return (join(parts) if parts else None), objections
 
 
-def _left_out(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Validation:
+def _folds(
+    found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
+) -> Iterator[tuple[Callable[[], Any], Sequence[Trial]]]:
+    """Yield a way to the model and the runs it is to predict."""
+    if unseen:
+        for run in unseen:
+            yield (lambda: found.model), [run]
+        return
     if len(runs) == 1:
         run = runs[0]
         cut = run.end - HELD_BACK * run.duration
-        return validate(identify([run.between(run.start, cut)]).model, run.between(cut, run.end))
+        yield (lambda: identify([run.between(run.start, cut)]).model), [run.between(cut, run.end)]
+        return
     folds = min(len(runs), MOST_FOLDS)
-    parts = []
     for k in range(folds):
         rest = [r for i, r in enumerate(runs) if i % folds != k]
-        parts.append(validate(identify(rest).model, [r for i, r in enumerate(runs) if i % folds == k]))
-    return join(parts)
+        held = [r for i, r in enumerate(runs) if i % folds == k]
+        yield partial(_model_of, identify, rest), held
 
 
-def _how(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
+def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Any:
+    return identify(runs).model
+
+
+def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: Outcome) -> str:
+    """Return which data the check used, and what could not be checked."""
+    said = _checked_on(runs, unseen) if answer.unseen is not None else "Nothing could be checked."
+    return said + (f" Not checked: {answer.objections}." if answer.objections else "")
+
+
+def _checked_on(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
     if unseen:
         return f"Predicted from the inputs alone, only the initial state fitted: {', '.join(t.name for t in unseen)}."
     if len(runs) == 1:
