@@ -325,3 +325,42 @@ def test_identify_lists_its_methods_and_needs_a_run(capsys):
     code, _, err = run(capsys, "identify")
     assert code == 2
     assert "name at least one run" in err
+
+
+def test_identify_names_what_a_plan_or_a_choice_of_terms_needs(capsys, tmp_path):
+    mine = write(tmp_path / "mine.csv", relay_rows())
+    code, _, err = run(capsys, "identify", mine, "--plan", "usv_6def")
+    assert code == 2
+    assert "usv_6dof" in err
+    code, _, err = run(capsys, "identify", mine, "--choose")
+    assert code == 2
+    assert "--dof horizontal" in err
+    code, _, err = run(capsys, "identify", mine, "--known", "m=heavy", "--dof", "horizontal")
+    assert code == 2
+    assert "a number is needed" in err
+
+
+def test_identify_fits_a_coupled_model_and_proposes_what_to_fly(capsys, tmp_path):
+    rows, x = [], [0.0, 0.0, 0.0, 0.0]  # psi, u, v, r of a craft with its own integrator, 100 steps a second
+    for k in range(4000):
+        X, N = (4.0, 8.0, 2.0, 6.0)[k // 1000], (1.0, -1.0, 1.5, 0.0, -0.5)[k // 400 % 5]
+        if k % 10 == 0:
+            rows.append((k / 100.0, *x, X, N))
+        psi, u, v, r = x
+        du = (X - 3.0 * u - 4.0 * abs(u) * u + 18.0 * v * r) / 12.0
+        dv = (-9.0 * v - 12.0 * u * r) / 18.0
+        dr = (N - 1.5 * r + (12.0 - 18.0) * u * v) / 2.0
+        x = [psi + 0.01 * r, u + 0.01 * du, v + 0.01 * dv, r + 0.01 * dr]
+    path = write(tmp_path / "free.csv", rows, head="t[s],psi[rad],u[m/s],v[m/s],r[rad/s],X[N],N[N m]")
+    form = tmp_path / "mine.toml"
+    form.write_text(
+        'name = "mine"\ndofs = ["surge", "sway", "yaw"]\n'
+        'free = ["X_udot", "Y_vdot", "N_rdot", "X_u", "X_uu", "Y_v", "N_r"]\n'
+        "[inputs.X]\nX = 1\n[inputs.N]\nN = 1\n"
+    )
+    code, out, err = run(capsys, "identify", path, "--structure", form, "--no-check", "--plan-next", "30", "--json")
+    assert code == 0, err
+    data = json.loads(out)
+    assert data["parameters"]["X_udot"]["value"] == pytest.approx(-12.0, rel=0.02)
+    assert data["parameters"]["N_r"]["value"] == pytest.approx(-1.5, rel=0.02)
+    assert data["plan_next"]["rows"]
