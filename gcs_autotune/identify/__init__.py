@@ -8,6 +8,8 @@ relay        self-oscillation: limit cycles and what their first harmonic tells 
 frequency    the empirical frequency response with coherence, and Nomoto's models
 ship         open-loop steps, zig-zags, turning circles, spirals, pull-outs: methods and IMO figures
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
+regression   least squares and instrumental variables on any form, physical constraints, structure by correlation
+kalman       EKF, UKF, iterated smoother, and prediction error by the innovations' likelihood
 thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of propellers
 plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all
 limits       what runs can and cannot tell, the next best manoeuvre, structure decided

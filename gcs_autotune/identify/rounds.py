@@ -25,6 +25,9 @@ NOISE_ROUNDS = 4
 SETTLED = 0.01
 """Relative change of every noise level at which the rounds end."""
 
+MAD = 1.4826
+"""Standard deviation over median magnitude, of a Gaussian: outliers hardly move the latter."""
+
 LOOSE = 1e-5
 """Relative decrease that ends a round which is not the last."""
 
@@ -86,17 +89,17 @@ def errors_of(residuals: Sequence[Residual], name: str) -> Array:
 
 def likeliest(residuals: Sequence[Residual], laws: Mapping[str, Law], spent: float = 0.0) -> dict[str, Law]:
     """Return the laws with their noise re-estimated, *spent* degrees of freedom shared out by sample counts."""
-    levels = _levels_of(residuals, spent)
-    return {name: law.likeliest(errors_of(residuals, name), levels[name]) for name, law in laws.items()}
-
-
-def _levels_of(residuals: Sequence[Residual], spent: float) -> dict[str, float]:
     total = sum(len(r.error) for r in residuals)
-    levels = {}
-    for name in dict.fromkeys(r.signal.name for r in residuals):
+    found = {}
+    for name, law in laws.items():
         errors = errors_of(residuals, name)
         left = max(len(errors) * (1.0 - spent / total), 1.0)
         swing = max(float(np.ptp(r.signal.values)) for r in residuals if r.signal.name == name)
-        rms = math.sqrt(float(errors @ errors) / left)
-        levels[name] = max(rms, rounding_error(residuals, name), 1e-12 * swing, 1e-300)
-    return levels
+        spread = (
+            MAD * float(np.median(np.abs(errors))) * math.sqrt(len(errors))
+            if law.robust
+            else math.sqrt(errors @ errors)
+        )
+        level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * swing, 1e-300)
+        found[name] = law.likeliest(errors, level)
+    return found

@@ -110,7 +110,11 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
 
 
 def _methods(settings: StudySettings) -> list[str]:
-    return list(METHODS) if settings.method == ALL else [settings.method]
+    """Return the method asked for, or all that fit this kind of model."""
+    if settings.method != ALL:
+        return [settings.method]
+    coupled = form_of(settings.structure, settings.dof) is not None
+    return [m.name for m in METHODS.values() if (m.coupled if coupled else m.axis) is not None]
 
 
 def _outcome(

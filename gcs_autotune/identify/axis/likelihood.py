@@ -63,6 +63,10 @@ class Law(Protocol):
         """Step of the sensor, 0 when it does not matter."""
 
     @property
+    def robust(self) -> bool:
+        """Whether outliers weigh less, in the fit and in the noise level."""
+
+    @property
     def std(self) -> float:
         """Standard deviation of measured minus true, rounding included."""
 
@@ -124,6 +128,11 @@ class Rounded:
     sigma: float
     quantum: float
     span: float
+
+    @property
+    def robust(self) -> bool:
+        """Outliers have their share of the probability instead."""
+        return False
 
     @property
     def std(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs_autotune.errors import NotInformative, UsageError
@@ -11,11 +13,13 @@ from gcs_autotune.identify.coupled.delay import Delayed
 from gcs_autotune.identify.coupled.global_search import box_of, search
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.limits import limits_of
-from gcs_autotune.identify.coupled.local import Local
-from gcs_autotune.identify.coupled.output_error import solve_coupled
-from gcs_autotune.identify.coupled.record import later
+from gcs_autotune.identify.coupled.local import Local, local_fit
+from gcs_autotune.identify.coupled.objective import Limits
+from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.coupled.record import CoupledRecord, later
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.models.coupled import Form
 
 __all__ = ["OPTIONS", "fit_by_global_search"]
 
@@ -36,8 +40,9 @@ OPTIONS = (
 def fit_by_global_search(case: CoupledCase) -> Fit:
     """Fit *case* from the better of two global searches; an unknown delay is taken as none unless the form frees it.
 
-    Start values of the form are not asked. ``extra["search"]`` tells which optimiser won, its margin in minus twice the
-    log-likelihood, and what each spent.
+    Start values of the form are not asked. The local fit from the regression's start is kept when it is better still.
+    ``extra["search"]`` tells which optimiser won, its margin in minus twice the log-likelihood, what each spent, and by
+    how much log-likelihood their polished answer is ahead of the local fit (negative: the local fit was kept).
 
     Raises
     ------
@@ -62,4 +67,20 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
             "motions that run away; narrow the bounds or give a larger budget"
         )
     told = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
-    return fit_of(case, Delayed(Local(polished, records), 0.0), limits, "global", {"search": told})
+    plain = _from_regression(form, records, limits, robust=case.robust)
+    ahead = math.nan if plain is None else polished.log_likelihood - plain.log_likelihood
+    if plain is not None and ahead < 0.0:
+        polished = plain
+    extra = {"search": {**told, "ahead_of_local": ahead}}
+    return fit_of(case, Delayed(Local(polished, records), 0.0), limits, "global", extra)
+
+
+def _from_regression(
+    form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool
+) -> CoupledSolution | None:
+    """Return the local fit from the regression's start: with many parameters no affordable search comes near it."""
+    try:
+        found = local_fit(form, records, limits, robust=robust, whole=True)
+    except NotInformative:
+        return None
+    return found.solution

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.record import CoupledRecord, prepare_coupled
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.least_squares import Local, descend
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.models.coupled import CoupledModel, Simulator
 from gcs_autotune.sname import DOFS, SIGNALS
@@ -17,11 +19,9 @@ __all__ = ["first_state", "free_runs", "run_freely", "simulated"]
 
 Array = NDArray[np.float64]
 
-ROUNDS = 8
-"""Gauss-Newton steps for the initial states; the motion depends on them almost linearly."""
-
-SETTLED = 1e-6
-"""Relative decrease of the misfit at which the steps end early."""
+HORIZONS = (0.1, 0.35, 1.0)
+"""Shares of a record the initial state is fitted to, one after the other: a craft that is unstable on its course
+multiplies an error of its start many times, and the whole record then has no use for a rough one."""
 
 
 def free_runs(model: CoupledModel, trial: Trial) -> list[Trace]:
@@ -78,21 +78,9 @@ def run_freely(model: CoupledModel, record: CoupledRecord) -> list[Trace]:
     x_0 = first_state(record, states)
     columns = [states.index(n) for n in free]
     scale = {n: max(float(np.std(s.values)), 1e-9) for n, s in record.signals.items()}
-    best, cost = None, np.inf
-    for _ in range(ROUNDS):
-        found = simulated(simulator, model.theta, x_0, record)
-        if found is None:
-            break
-        error = np.concatenate([(record.signals[n].values - y) / scale[n] for n, (y, _) in found.items()])
-        J = np.vstack([by / scale[n] for n, (_, by) in found.items()])
-        before, now = cost, float(error @ error)
-        if now < cost * (1.0 - 1e-9):
-            best, cost = found, now
-        if not now < before * (1.0 - SETTLED):
-            break
-        step = inverse_of(J.T @ J + 1e-9 * np.eye(J.shape[1])) @ (J.T @ error)
-        x_0 = x_0.copy()
-        x_0[columns] += step
+    for share in HORIZONS:
+        x_0 = _best_start(simulator, model.theta, x_0, columns, record.until(share), scale)
+    best = simulated(simulator, model.theta, x_0, record)
     if best is None:
         raise NotInformative(f"the model '{model.form.name}' runs away on run '{record.run}': its drag destabilises it")
     traces = []
@@ -102,6 +90,35 @@ def run_freely(model: CoupledModel, record: CoupledRecord) -> list[Trace]:
         band = np.full(len(fitted), 1.96 * rms)
         traces.append(Trace(record.run, signal.t, signal.values, fitted, band, name, SIGNALS[name][0]))
     return traces
+
+
+def _best_start(
+    simulator: Simulator,
+    theta: Array,
+    x_0: Array,
+    columns: Sequence[int],
+    record: CoupledRecord,
+    scale: Mapping[str, float],
+) -> Array:
+    """Return *x_0* with its *columns* fitted to the record by damped least squares; as it was when it runs away."""
+
+    def local(x: Array) -> Local | None:
+        start = x_0.copy()
+        start[columns] = x
+        found = simulated(simulator, theta, start, record)
+        if found is None:
+            return None
+        error = np.concatenate([(record.signals[n].values - y) / scale[n] for n, (y, _) in found.items()])
+        J = np.vstack([by / scale[n] for n, (_, by) in found.items()])
+        return Local(float(error @ error), -(J.T @ error), J.T @ J)
+
+    far = np.full(len(columns), np.inf)
+    minimum = descend(local, x_0[columns], -far, far)
+    if minimum is None:
+        return x_0
+    fitted = x_0.copy()
+    fitted[columns] = minimum.x
+    return fitted
 
 
 def simulated(

@@ -25,6 +25,14 @@ __all__ = ["CoupledRecord", "later", "pieces_of", "prepare_coupled", "signals_of
 
 Array = NDArray[np.float64]
 
+TRANSITION = 4.0
+"""Standard deviation of a velocity over its noise that makes a transition."""
+
+SETTLED = 2.0
+"""Standard deviation of its second half over the noise up to which it has settled."""
+
+_VELOCITIES = frozenset(d.velocity for d in DOFS.values())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledRecord:
@@ -50,6 +58,15 @@ class CoupledRecord:
     def stamps(self) -> Array:
         """All stamps of all signals, sorted, each once."""
         return np.unique(np.concatenate([s.t for s in self.signals.values()]))
+
+    def until(self, share: float) -> CoupledRecord:
+        """Return the first *share* of the record's time, but of every signal no less than its first samples."""
+        if share >= 1.0:
+            return self
+        end = self.start + share * (max(float(s.t[-1]) for s in self.signals.values()) - self.start)
+        count = {n: max(int(np.searchsorted(s.t, end)), MIN_SAMPLES) for n, s in self.signals.items()}
+        signals = {n: replace(s, t=s.t[: count[n]], values=s.values[: count[n]]) for n, s in self.signals.items()}
+        return replace(self, signals=signals)
 
 
 def signals_of(form: Form) -> tuple[str, ...]:
@@ -117,13 +134,24 @@ def _names(trial: Trial, form: Form, use: Sequence[str] | None) -> list[str]:
 def _check(trial: Trial, form: Form, drives: Sequence[Channel], channels: Mapping[str, Channel]) -> None:
     end = max(float(c.t[-1]) for c in channels.values())
     moving = [d for d in drives if len(d) and np.ptp(d.between(-np.inf, end).values) > 0.0]
-    if form.inputs and not moving:
+    if form.inputs and not moving and not any(_gathers_way(c) for n, c in channels.items() if n in _VELOCITIES):
         raise NotInformative(
             f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be told "
             "apart; fly steps, a zig-zag or a relay"
         )
     if all(np.ptp(c.values) == 0.0 for c in channels.values()):
         raise NotInformative(f"nothing moves in run '{trial.name}': {', '.join(channels)} never change")
+
+
+def _gathers_way(velocity: Channel) -> bool:
+    """Whether a velocity goes from one steady value to another: that tells of the craft under constant inputs too.
+
+    A velocity that never settles under "constant" inputs is answering to something else: a stuck log, wind, waves.
+    """
+    values = velocity.values
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    late = float(np.std(values[len(values) // 2 :]))
+    return float(np.std(values)) > TRANSITION * noise and late < max(SETTLED * noise, 1e-12)
 
 
 def _joined(drives: Sequence[Channel]) -> tuple[Array, Array]:

@@ -48,7 +48,6 @@ def sigma_step(
     P: Program,
     theta: Array,
     places: Index,
-    free: Index,
     mean: Array,
     cov: Array,
     x: Array,
@@ -74,6 +73,7 @@ def sigma_step(
     M, M_inverse = np.zeros((6, 6)), np.zeros((len(P.active), len(P.active)))
     other = theta.copy()
     empty = np.zeros((n, 0))
+    known = np.full(len(theta), -1, dtype=np.int64)
     slope, bend = np.zeros((n, N)), np.zeros((n, N))
     better = x.copy()
     ends = np.zeros((2, n))
@@ -89,7 +89,7 @@ def sigma_step(
             if not inertia(P, other, M, M_inverse):
                 return False
             end = ends[side]
-            done, _ = carry(P, other, M, M_inverse, end, empty, t, stop, row, t_in, inputs, free, False, pace)
+            done, _ = carry(P, other, M, M_inverse, end, empty, t, stop, row, t_in, inputs, known, False, pace)
             if done < 0.0:
                 return False
         for i in range(n):

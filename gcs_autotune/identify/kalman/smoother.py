@@ -38,7 +38,7 @@ WIDE = 10.0
 
 
 RETREATS = 6
-"""Times a round that ran away is tried again, from more cautious parameters or half way back."""
+"""Times a round that ran away is tried again half way back."""
 
 SETTLED = 0.02
 """Move in standard errors, and gain of the log likelihood by the levels, at which rounds end."""
@@ -46,13 +46,15 @@ SETTLED = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ended:
-    """Where the rounds ended: last pass, smoothed states, levels, last moves (p,) in standard errors, rounds."""
+    """Where the rounds ended: last pass, smoothed states, levels, last moves (p,) in standard errors, how many rounds,
+    and whether parameters and levels stood still."""
 
     passed: Passed
     smoothed: Smoothed
     levels: Levels
     moved: Array
     rounds: int
+    settled: bool
 
 
 def fit_by_smoother(case: CoupledCase) -> Fit:
@@ -76,42 +78,54 @@ def fit_by_smoother(case: CoupledCase) -> Fit:
 
 
 def iterate(task: Task, rounds: int) -> Ended:
-    """Return where at most *rounds* rounds lead.
+    """Return where at most *rounds* rounds lead: from the regression, and should that not settle, without any drag.
 
     Raises
     ------
     NotInformative
         Even the first round ran away.
     """
+    ended = _rounds(task, task.start.theta, rounds)
+    if ended is None or not ended.settled:
+        other = _rounds(task, task.start.cautious, rounds)
+        if other is not None and (ended is None or _rank(other) > _rank(ended)):
+            ended = other
+    if ended is None:
+        raise NotInformative(
+            f"the smoother found no motion of '{task.bank.form.name}' near run '{task.case.names[0]}': "
+            "give start values (start=...)"
+        )
+    return ended
+
+
+def _rank(ended: Ended) -> tuple[bool, float]:
+    return ended.settled, ended.passed.log_likelihood
+
+
+def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
+    """Run at most *rounds* rounds from *theta*; None when even the first runs away."""
     bank, prior = task.bank, task.prior
     prior = replace(prior, covariance=WIDE**2 * prior.covariance)
-    here, paths, levels = prior.parameters, task.start.paths, task.start.levels
-    ended: Ended | None = None
-    retreats, last = 0, here
+    here, paths, levels = theta[bank.places], task.start.paths, task.start.levels
+    ended, last, retreats = None, here, 0
     for count in range(1, rounds + 1):
         passed = bank.run(task.theta(here), prior, levels, about=paths, full=True)
-        if passed is None and retreats < RETREATS:
-            cautious = task.start.cautious[bank.places]
-            here = cautious if ended is None else 0.5 * (here + last)
-            retreats += 1
-            continue
         if passed is None:
-            break
+            if ended is None or retreats == RETREATS:
+                break
+            here, retreats = 0.5 * (here + last), retreats + 1
+            continue
         last = here
         smoothed = bank.smooth(passed, levels)
         there = _within(task, here, passed.parameters)
         moved = np.abs(there - here) / np.sqrt(np.diag(passed.covariance))
         after = task.tuned(levels, smoothed)
-        ended = Ended(replace(passed, parameters=there), smoothed, levels, moved, count)
-        if bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed):
+        done = bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed)
+        ended = Ended(replace(passed, parameters=there), smoothed, levels, moved, count, done)
+        if done:
             break
         n = len(bank.states)
         here, levels, paths = there, after, tuple(path[:, :n] for path in smoothed.trajectories)
-    if ended is None:
-        raise NotInformative(
-            f"the smoother found no motion of '{bank.form.name}' near run '{task.case.names[0]}': "
-            "give start values (start=...)"
-        )
     return ended
 
 

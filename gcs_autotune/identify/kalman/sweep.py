@@ -183,7 +183,7 @@ def forward(
                     for j in range(p):
                         x[i] += F[i, n + j] * (mean[n + j] - given[places[j]])
             if not sigma or not sigma_step(
-                P, theta, places, free, mean, cov, x, F, late, q, walk, stamps[s - 1], stamps[s], first, t_in, inputs,
+                P, theta, places, mean, cov, x, F, late, q, walk, stamps[s - 1], stamps[s], first, t_in, inputs,
                 now,
             ):  # fmt: skip
                 _time_update(cov, F, late, q, walk, h)

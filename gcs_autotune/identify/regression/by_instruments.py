@@ -29,7 +29,7 @@ from gcs_autotune.identify.regression.physical import check_physics, physics_dou
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
 from gcs_autotune.identify.regression.solver import Estimate, information
-from gcs_autotune.identify.regression.spread import NoiseDraw, raised
+from gcs_autotune.identify.regression.spread import NoiseDraw, excess_doubt, raised
 from gcs_autotune.identify.result import Doubt, Fit
 
 __all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
@@ -73,6 +73,8 @@ def fit_by_instruments(case: CoupledCase) -> Fit:
             )
         )
     doubts += collinearity_doubts(estimate)
+    missed = excess_doubt(estimate)
+    doubts += [] if missed is None else [missed]
     checks = check_physics(model_of(recipe.form, estimate.theta), velocities_visited(motions))
     doubts += physics_doubts(checks)
     extra: dict[str, Any] = {

@@ -14,6 +14,7 @@ from gcs_autotune.identify.regression.outcome import STABLE, fit_of, model_of
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
+from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
 
 __all__ = ["OPTIONS", "fit_axis_by_least_squares", "fit_by_least_squares", "refusing_runaways"]
@@ -39,6 +40,8 @@ def fit_by_least_squares(case: CoupledCase) -> Fit:
         estimate = recipe.with_spread(held, draws)
     bias = noise_bias(estimate, recipe, case.records, motions, robust=case.robust)
     doubts: list[Doubt] = collinearity_doubts(estimate)
+    missed = excess_doubt(estimate)
+    doubts += [] if missed is None else [missed]
     noisy = noise_bias_doubt(estimate, bias)
     if noisy is not None:
         doubts.append(noisy)

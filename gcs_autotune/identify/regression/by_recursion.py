@@ -28,6 +28,7 @@ from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.rows import Rows
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
+from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
 
 __all__ = ["OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recursion", "recursive"]
@@ -70,6 +71,8 @@ def fit_by_recursion(case: CoupledCase) -> Fit:
     names = recipe.form.free
     bias = noise_bias(batch, recipe, case.records, motions, robust=case.robust)
     doubts = collinearity_doubts(estimate) + _drift(history, names)
+    missed = excess_doubt(batch)
+    doubts += [] if missed is None else [missed]
     noisy = noise_bias_doubt(estimate, bias)
     doubts += [] if noisy is None else [noisy]
     checks = check_physics(model_of(recipe.form, estimate.theta), velocities_visited(motions))

@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 STABLE = "runs-away"
 """Slug of the doubt that the model found cannot be simulated on its own runs."""
 
+POOR = 70.0
+"""Fit [%] of the free run below which it is poor, as for single axes."""
+
+BEYOND_NOISE = 2.0
+"""Rms residual of the free run, in noise levels, that noise no longer excuses."""
+
 
 def model_of(form: Form, theta: Array) -> CoupledModel:
     """Return *form* with the parameters (p,)."""
@@ -58,6 +64,8 @@ def fit_of(
     except NotInformative as error:
         traces = []
         said.append(Doubt(STABLE, str(error), "excite the craft more, or leave terms out of the form"))
+    noise, percent = _noise(motions), _fit_percent(traces)
+    said += _poor(traces, percent, noise)
     return Fit(
         dof="+".join(form.dofs),
         structure=form.name,
@@ -65,13 +73,32 @@ def fit_of(
         model=model,
         parameters=parameters,
         covariance=covariance,
-        fit_percent=_fit_percent(traces),
+        fit_percent=percent,
         used=case.names,
-        noise=_noise(motions),
+        noise=noise,
         doubts=tuple(said),
         traces=tuple(traces),
         extra={"delay": form.known.get("delay", 0.0), **extra},
     )
+
+
+def _poor(traces: Sequence[Trace], percent: float, noise: Mapping[str, float]) -> list[Doubt]:
+    """Say so when the free run explains little and noise is no excuse."""
+    beyond = []
+    for name in dict.fromkeys(t.signal for t in traces):
+        left = np.concatenate([t.measured - t.fitted for t in traces if t.signal == name])
+        if math.sqrt(float(np.mean(left**2))) > BEYOND_NOISE * noise.get(name, 0.0):
+            beyond.append(name)
+    if percent >= POOR or not beyond:
+        return []
+    return [
+        Doubt(
+            "poor-fit",
+            f"let loose, the model explains only {percent:.0f} % of the motion, and misses {', '.join(beyond)} by more "
+            "than their noise: the standard errors hold for the noise only",
+            "an unknown delay, a missing term, wind or current may be at work: fit output-error, or give the delay",
+        )
+    ]
 
 
 def _fit_percent(traces: Sequence[Trace]) -> float:

@@ -124,7 +124,7 @@ class Estimate:
 
     theta (p,), all parameters; errors (n, k) and jacobian (n, k, f) of the accelerations there; weights (n, k), one
     over their variance (and less for outliers); covariance (f, f) of the free parameters, robust to coloured
-    residuals; converged.
+    residuals; converged. ``excess`` (k,): rms of the errors over that which the signals' noise makes, when known.
     """
 
     equations: Equations
@@ -134,6 +134,7 @@ class Estimate:
     weights: Array
     covariance: Array
     converged: bool
+    excess: Array | None = None
 
     @property
     def free(self) -> Array:

@@ -17,14 +17,21 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.motion import Motion, motion_of
 from gcs_autotune.identify.regression.solver import Estimate
+from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["NoiseDraw", "draw_noise", "raised", "with_noise"]
+__all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
 
 Array = NDArray[np.float64]
 
 DRAWS = 32
 """Draws of the noise. A standard error from them is itself known to ``1/sqrt(2*DRAWS)``, 12 %."""
+
+FAR = 3.0
+"""Rms error of an equation, in what noise makes of it, from which something else is at work."""
+
+SMALL = 0.003
+"""Error of an equation in shares of its terms that is small whatever the noise: what smoothing leaves of clean data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +73,8 @@ def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequenc
     errors : (n, k) accelerations' errors of every draw; base : (n, k) those of the measured records, all at the
         estimate's own parameters.
     """
+    made = np.sqrt(np.mean([np.mean((e - base) ** 2, axis=0) for e in errors], axis=0))
+    excess = np.sqrt(np.mean(estimate.errors**2, axis=0)) / np.maximum(made, 1e-300)
     moved = np.array([bread @ np.einsum("nif,ni->f", instruments, e - base, optimize=True) for e in errors])
     by_noise = np.mean(moved**2, axis=0)
     by_residuals = np.diag(estimate.covariance)
@@ -73,4 +82,24 @@ def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequenc
     like = bread @ bread.T if not np.allclose(bread, bread.T, rtol=1e-6) else bread
     scale = np.sqrt(np.maximum(np.abs(np.diag(like)), 1e-300))
     correlation = np.clip(like / np.outer(scale, scale), -1.0, 1.0)
-    return replace(estimate, covariance=correlation * np.outer(std, std))
+    return replace(estimate, covariance=correlation * np.outer(std, std), excess=excess)
+
+
+def excess_doubt(estimate: Estimate) -> Doubt | None:
+    """Return what to say when the equations miss by far more than noise explains; None when they do not."""
+    equations, k = estimate.equations, len(estimate.equations.form.dofs)
+    theta = np.append(estimate.theta, 1.0)
+    missed = np.sqrt(np.mean((equations.E @ theta) ** 2, axis=0))
+    size = np.sqrt(np.mean((np.abs(equations.E) @ np.abs(theta)) ** 2, axis=0))
+    share = missed / np.maximum(size, 1e-300)
+    excess = np.zeros(k) if estimate.excess is None else estimate.excess
+    wrong = [(d, float(x)) for d, x, s in zip(equations.form.dofs, excess, share, strict=True) if x > FAR and s > SMALL]
+    if not wrong:
+        return None
+    told = ", ".join(f"{dof} {factor:.0f} times" for dof, factor in wrong)
+    return Doubt(
+        "beyond-noise",
+        f"the equations of motion miss by more than the noise of the signals explains ({told}): the standard errors "
+        "are too small",
+        "an unknown delay, a missing term, wind or current: give the delay, add terms, or fit output-error",
+    )

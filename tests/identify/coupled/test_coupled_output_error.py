@@ -18,14 +18,23 @@ UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
 FORM = FORMS["horizontal"].without("Y_0")
 
 
-def sailed(seed: int, *, seconds: float = 40.0, delay: float = 0.0, boat: dict[str, float] = BOAT) -> Trial:
+def sailed(
+    seed: int, *, seconds: float = 40.0, delay: float = 0.0, boat: dict[str, float] = BOAT, quiet: bool = False
+) -> Trial:
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 0.1)
     tau = np.column_stack([levels(rng, t, 6.0, 5.0, 40.0), levels(rng, t, 4.0, -8.0, 8.0)])
     X = sail(horizontal(boat), np.zeros(6), t, t, tau, delay=delay)
-    channels = {n: Channel(n, UNITS[n], t, X[:, i] + rng.normal(0.0, NOISE[n], len(t))) for i, n in enumerate(UNITS)}
+    channels = {n: Channel(n, UNITS[n], t, X[:, i]) for i, n in enumerate(UNITS)}
     channels["X"], channels["N"] = Channel("X", "N", t, tau[:, 0]), Channel("N", "N m", t, tau[:, 1])
-    return Trial(f"run {seed}", channels)
+    run = Trial(f"run {seed}", channels)
+    return run if quiet else noisy(run, seed)
+
+
+def noisy(run: Trial, seed: int) -> Trial:
+    rng = np.random.default_rng([seed, 5])
+    spoilt = {n: replace(run[n], values=run[n].values + rng.normal(0.0, std, len(run[n]))) for n, std in NOISE.items()}
+    return replace(run, channels={**run.channels, **spoilt})
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +96,7 @@ def test_what_the_runs_say_nothing_about_is_named(runs: list[Trial]) -> None:
     assert "N_rdot" in named.cause
 
 
-def test_soft_l1_bears_with_outliers(runs: list[Trial]) -> None:
+def test_soft_l1_bears_with_outliers(runs: list[Trial], fitted: Fit) -> None:
     rng = np.random.default_rng(5)
     spoilt = []
     for run in runs:
@@ -96,8 +105,13 @@ def test_soft_l1_bears_with_outliers(runs: list[Trial]) -> None:
         spoilt.append(replace(run, channels={**run.channels, "u": replace(u, values=values)}))
     plain, robust = (fit(spoilt, FORM, delay=0.0, loss=loss) for loss in ("linear", "soft_l1"))
     assert "outliers" in {d.slug for d in plain.doubts}
-    off = {f: abs(f.parameters["X_uu"].value - BOAT["X_uu"]) for f in (plain, robust)}
-    assert off[robust] < 0.5 * off[plain]
+    assert robust.noise["u"] == pytest.approx(NOISE["u"], rel=0.15)
+
+    def miss(found: Fit) -> float:
+        z = [(found.parameters[n].value - BOAT[n]) / fitted.parameters[n].bound for n in FORM.free]
+        return float(np.sqrt(np.mean(np.square(z))))
+
+    assert miss(robust) < 1.5 < 5.0 < miss(plain)
 
 
 def test_gps_and_compass_alone_are_enough() -> None:
@@ -108,3 +122,16 @@ def test_gps_and_compass_alone_are_enough() -> None:
         parameter = told.parameters[name]
         assert abs(parameter.value - BOAT[name]) < 4.0 * parameter.std
         assert parameter.std < 0.2 * abs(BOAT[name])
+
+
+def test_errors_over_noise_seeds_are_those_promised() -> None:
+    """A small version of benchmarks/coupled_accuracy.py: ten seeds, fourteen parameters."""
+    clean = [sailed(seed, seconds=30.0, quiet=True) for seed in (1, 2)]
+    misses = []
+    for seed in range(10):
+        found = fit([noisy(run, 100 * seed + i) for i, run in enumerate(clean)], FORM, delay=0.0)
+        misses.append([(found.parameters[n].value - BOAT[n]) / found.parameters[n].bound for n in FORM.free])
+    z = np.array(misses)
+    assert 0.8 < np.sqrt(np.mean(z**2)) < 1.2
+    assert np.mean(np.abs(z) < 1.96) > 0.9
+    assert np.max(np.abs(z.mean(axis=0))) * np.sqrt(len(z)) < 4.0

@@ -13,6 +13,7 @@ from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import motion_of
 from gcs_autotune.models.coupled import Form
+from gcs_autotune.trial import Channel, Trial
 
 RUNS = ((2.0, 0.06), (1.5, 0.09))
 
@@ -161,3 +162,14 @@ def test_the_acceleration_regression_is_the_papers_for_one_axis():
     assert found.parameters["alpha_r"].value == pytest.approx(1.0 / gain, rel=1e-5)
     assert found.parameters["beta_r"].value == pytest.approx(slope / gain, rel=1e-5)
     assert found.parameters["delta"].value == pytest.approx(constant / gain, abs=1e-5)
+
+
+@pytest.mark.parametrize("method", ["least-squares", "instrumental-variables", "recursive-least-squares"])
+def test_a_delay_nobody_mentioned_makes_no_confident_answer(method):
+    run = yaw_run((0.8, 2.6, 0.0), (0.6, 0.3), step=0.1, noise=0.002, duration=60.0)
+    late = Channel("psi", "rad", run["psi"].t + 0.6, run["psi"].values)
+    found = fit(Trial("late", {"psi": late, "N": run["N"]}), "linear", method, dof="yaw")
+    told = fit(Trial("late", {"psi": late, "N": run["N"]}), "linear", method, dof="yaw", delay=0.6)
+    assert "beyond-noise" in [d.slug for d in found.doubts]
+    assert not {"beyond-noise", "poor-fit"} & {d.slug for d in told.doubts}
+    assert told.parameters["beta_r"].value == pytest.approx(2.6, rel=0.05)
