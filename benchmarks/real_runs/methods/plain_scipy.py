@@ -38,7 +38,7 @@ def rudder(nu: Array, U: Array) -> tuple[list[Array], ...]:
     """Regressors of u', v', r' for a ship under its rudder."""
     u, v, r = nu
     (d,) = U
-    cross = [u * v, u * r, abs(v) * v, abs(r) * r, d, np.ones_like(u)]
+    cross = [u * v, u * r, abs(v) * v, abs(r) * r, d]
     return [np.ones_like(u), abs(u) * u, v * r, r * r, d * d], cross, cross
 
 
