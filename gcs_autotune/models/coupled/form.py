@@ -34,7 +34,7 @@ from gcs_autotune.sname import DOFS
 __all__ = ["FORMS", "Form", "form_from", "load_form"]
 
 _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_KEYS = {"name", "title", "dofs", "free", "known", "inputs", "coriolis", "normalised", "start"}
+_KEYS = {"name", "title", "dofs", "free", "known", "inputs", "coriolis", "normalised", "start", "optional"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,7 @@ class Form:
     ``dofs`` in SNAME order; ``free`` the parameters to identify and ``known`` constants, names of
     :mod:`.derivatives`; ``inputs`` maps a channel to ``(force letter, gain)`` pairs, the gain a number or a
     parameter's name, with ``-`` before it for the opposite sign; ``start`` values to begin a search from (optional).
+    ``optional``: inputs that stay out when no run has their channel: nothing pushes there.
     ``normalised``: forces are fractions of full output, so inertias and drags have no newtons in them.
     """
 
@@ -56,6 +57,7 @@ class Form:
     coriolis: bool = True
     normalised: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
+    optional: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self)
@@ -81,14 +83,9 @@ class Form:
         return replace(self, free=free, known=known, start=start)
 
     def driven_by(self, channels: Collection[str]) -> Form:
-        """Return the form without the plain force inputs (gains 1) that are not among *channels*, if any is.
-
-        A craft without a sway thruster has no channel ``Y``: nothing pushes there.
-        """
-        absent = {c for c in self.inputs if c in FORCES and c not in channels}
-        if not absent or absent == set(self.inputs):
-            return self
-        return replace(self, inputs={c: g for c, g in self.inputs.items() if c not in absent})
+        """Return the form without its ``optional`` inputs that are not among *channels*."""
+        absent = {c for c in self.optional if c not in channels}
+        return replace(self, inputs={c: g for c, g in self.inputs.items() if c not in absent}, optional=())
 
     def without(self, *names: str) -> Form:
         """Return the form without some parameters (their terms are zero)."""
@@ -105,6 +102,9 @@ def _check(form: Form) -> None:
     twice = {n for n in form.parameters if form.parameters.count(n) > 1}
     if twice:
         raise BadFile(f"form '{form.name}': {', '.join(sorted(twice))} named twice (free and known)")
+    strange = set(form.optional) - set(form.inputs)
+    if strange:
+        raise BadFile(f"form '{form.name}': optional {', '.join(sorted(strange))} is not among its inputs")
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     missing = gains - set(form.parameters)
     if missing:
@@ -148,6 +148,7 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
             coriolis=bool(data.get("coriolis", True)),
             normalised=bool(data.get("normalised", False)),
             start={str(k): float(v) for k, v in data.get("start", {}).items()},
+            optional=tuple(str(c) for c in data.get("optional", ())),
         )
     except KeyError as error:
         raise BadFile(f"{origin}: entry {error} is missing") from error

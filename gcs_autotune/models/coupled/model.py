@@ -245,6 +245,7 @@ class CoupledModel:
                 "coriolis": form.coriolis,
                 "normalised": form.normalised,
                 "start": dict(form.start),
+                "optional": list(form.optional),
             },
             "values": {n: self[n] for n in form.parameters},
         }

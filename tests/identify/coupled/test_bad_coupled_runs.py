@@ -20,7 +20,7 @@ UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
 PLAIN = dict.fromkeys(BOAT, 0.0) | {
     n: BOAT[n] for n in ("X_udot", "Y_vdot", "N_rdot", "X_u", "Y_v", "N_r", "X_0", "N_0")
 }
-FORM = FORMS["horizontal"].without("Y_0").driven_by({"X", "N"})
+FORM = FORMS["horizontal"].without("Y_0")
 
 
 def sailed(seed: int, boat: Mapping[str, float] = BOAT, seconds: float = 40.0) -> Trial:
