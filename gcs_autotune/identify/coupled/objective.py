@@ -18,7 +18,7 @@ from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.models.coupled import Form, Simulator
 from gcs_autotune.models.coupled.kernel import ETA, SIN_PHI, SIN_THETA
-from gcs_autotune.models.coupled.model import program_of
+from gcs_autotune.models.coupled.program import program_of
 
 __all__ = ["CoupledObjective", "Limits", "free_states"]
 

@@ -18,7 +18,7 @@ from gcs_autotune.identify.coupled.smoothing import Motion
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL
 from gcs_autotune.models.coupled.kernel import imbalances
-from gcs_autotune.models.coupled.model import inertia_matrix, program_of
+from gcs_autotune.models.coupled.program import inertia_matrix, program_of
 
 __all__ = ["Regression", "known_theta", "regression_of"]
 

@@ -15,7 +15,7 @@ from gcs_autotune.identify.axis.record import Signal
 from gcs_autotune.identify.axis.residuals import roughness
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.model import states_of
+from gcs_autotune.models.coupled.program import states_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["Motion", "first_levels_of", "smoothed_motion"]

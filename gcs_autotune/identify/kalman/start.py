@@ -21,7 +21,7 @@ from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
 from gcs_autotune.models.coupled.kernel import evaluate
-from gcs_autotune.models.coupled.model import inertia_matrix, program_of, states_of
+from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["Motion", "Start", "begin", "rough_noise", "smoothed_motion"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.limits.subject import Subject
 from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.model import states_of
+from gcs_autotune.models.coupled.program import states_of
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["Kind", "Reach", "reach_of", "reach_of_runs"]

@@ -7,7 +7,7 @@ rows              the equations as rows linear in the parameters: with accelerat
 solver            least squares of the accelerations, degrees of freedom weighed by what they leave
 recipe            records to equations, always alike; the options
 by_least_squares  the method ``least-squares``; its kin: by_instruments, by_recursion
-spread            standard errors: the noise of the signals followed to the estimate; covariance: coloured residuals
+spread            standard errors: the noise of the signals followed to the estimate
 noise_bias        how far noise has shifted least squares; collinearity: which terms move together
 physical          M symmetric positive, C skew, D positive; barrier: the same as constraints
 correlation       which terms a model needs (seed 000, III)

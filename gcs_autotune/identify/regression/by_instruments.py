@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.colour import scores_covariance
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
-from gcs_autotune.identify.regression.covariance import scores_covariance
 from gcs_autotune.identify.regression.noise_bias import as_simulated
 from gcs_autotune.identify.regression.outcome import fit_of, model_of
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited

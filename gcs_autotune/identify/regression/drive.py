@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.models.coupled import Form, kernel
-from gcs_autotune.models.coupled.model import program_of
+from gcs_autotune.models.coupled.program import program_of
 
 __all__ = ["drives_of"]
 

@@ -12,7 +12,7 @@ from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS, Smooth
 from gcs_autotune.models.coupled import Form, kernel
-from gcs_autotune.models.coupled.model import program_of
+from gcs_autotune.models.coupled.program import program_of
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 

@@ -21,7 +21,7 @@ from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.models.coupled import Form, kernel
 from gcs_autotune.models.coupled.kernel import Program
-from gcs_autotune.models.coupled.model import program_of
+from gcs_autotune.models.coupled.program import program_of
 
 __all__ = ["EQUATIONS", "Rows", "force_columns", "inertia_columns", "rows_of"]
 

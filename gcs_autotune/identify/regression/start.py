@@ -15,7 +15,7 @@ from gcs_autotune.identify.regression.physical import velocities_visited
 from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import FORCES, SPECIAL, STATES, inertia_of
-from gcs_autotune.models.coupled.model import program_of
+from gcs_autotune.models.coupled.program import program_of
 
 __all__ = ["start_values"]
 

@@ -4,6 +4,7 @@
 derivatives   derivative names read as terms
 form          which terms a model has (TOML files in ``forms/``); the table :data:`FORMS`
 model         a form with numbers: matrices, simulation, sensitivities
+program       a form made into the arrays the kernel runs
 kernel        the compiled sweep
 ============  ===========================================================================
 """

@@ -7,6 +7,9 @@ the symmetric ``M``), so that ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` wit
 The sweep is classical Runge-Kutta of order four, with steps that end at every input jump and output stamp and are
 short against the fastest rate; the sensitivities are carried through the same stages, so they are those of the
 computed motion to rounding.
+
+All in one file: numba's cache does not notice when a function compiled into another file's has changed. Who changes
+this file clears ``__pycache__`` under ``identify/kalman`` too.
 """
 
 from __future__ import annotations
