@@ -311,7 +311,9 @@ def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
 
 def test_identify_compares_all_methods_and_validates_on_a_run_kept_apart(capsys, tmp_path):
     first, second = write(tmp_path / "a.csv", relay_rows()), write(tmp_path / "b.csv", relay_rows(500))
-    code, out, _ = run(capsys, "identify", first, "--validate", second, "--method", "all", "--json")
+    code, out, _ = run(
+        capsys, "identify", first, "--validate", second, "--structure", "linear", "--method", "all", "--json"
+    )
     assert code == 0
     data = json.loads(out)
     assert {r["run"] for r in data["validation"]["runs"]} == {"b"}
