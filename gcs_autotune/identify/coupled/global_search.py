@@ -126,8 +126,8 @@ class _Cost:
         """Return the cost at *values* (f,), simulated without derivatives."""
         self.spent += 1
         theta, g = self.theta(values), self.ground
-        squares = dict.fromkeys(g.levels, 0.0)
-        counts = dict.fromkeys(g.levels, 0)
+        squares = dict.fromkeys(g.rough, 0.0)
+        counts = dict.fromkeys(g.rough, 0)
         for record, x_0 in zip(g.records, g.initial, strict=True):
             stamps = record.stamps
             motion = self.simulator.run(theta, x_0, record.t_in, record.inputs, stamps, sensitivities=False)
@@ -138,8 +138,8 @@ class _Cost:
                 error = signal.values - value[np.searchsorted(stamps, signal.t)]
                 squares[name] += float(error @ error)
                 counts[name] += len(error)
-        shares = {name: max(squares[name] / n, (0.1 * g.levels[name]) ** 2) for name, n in counts.items()}
-        return float(sum(n * math.log(shares[name] / g.levels[name] ** 2) for name, n in counts.items()))
+        shares = {name: max(squares[name] / n, (0.1 * g.rough[name]) ** 2) for name, n in counts.items()}
+        return float(sum(n * math.log(shares[name] / g.rough[name] ** 2) for name, n in counts.items()))
 
 
 def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord
-from gcs_autotune.identify.coupled.start import Ground, ground_of
+from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.rounds import Effort
 from gcs_autotune.models.coupled import Form
 
@@ -22,7 +19,8 @@ GOOD = 2.0
 """A fit whose noise is below this many times each signal's own roughness needs no other start."""
 
 HOPELESS = 10.0
-"""Above so many times the fit may have gone astray: it is tried on short pieces."""
+"""A fit that misses some signal by so many times the noise to begin with, that is by as much as the signal moves, has
+gone astray: it is tried on short pieces."""
 
 EFFORT = Effort(15, astray=HOPELESS)
 
@@ -68,14 +66,16 @@ def local_fit(
         agreed = best is not None and abs(found.log_likelihood - best.log_likelihood) < 1.0
         if best is None or found.log_likelihood > best.log_likelihood:
             best = found
-        if found.converged and (agreed or _excess(found, ground) < GOOD):
+        if found.converged and (agreed or _excess(found, ground.rough) < GOOD):
             break
-    if best is None or (not whole and _excess(best, ground) > HOPELESS):
+    if best is None or (not whole and _excess(best, ground.levels) > HOPELESS):
         pieces, initial = ground.pieces()
-        sturdy = limits.within(physical(form))
-        theta, _ = ground.on_pieces(ground.regression.solve(sturdy), sturdy)
-        cut = solve_coupled(form, pieces, theta, initial, limits, levels=ground.levels, robust=robust)
-        if cut is not None and (best is None or BETTER * _excess(cut, ground) < _excess(best, ground)):
+        sturdy = ground.sturdy(limits)
+        begin = ground.regression.solve(sturdy)
+        better = ground.on_pieces(begin, sturdy)
+        begin = begin if better is None else better
+        cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust)
+        if cut is not None and (best is None or BETTER * _excess(cut, ground.levels) < _excess(best, ground.levels)):
             return Local(cut, pieces, pieces=True)
     if best is None:
         raise NotInformative(
@@ -85,7 +85,6 @@ def local_fit(
     return Local(best, tuple(records))
 
 
-def _excess(solution: CoupledSolution, ground: Ground) -> float:
-    """Return how many times its roughness the worst fitted signal is missed."""
-    ratios = [solution.noise[n] / level for n, level in ground.levels.items()]
-    return float(np.max(ratios))
+def _excess(solution: CoupledSolution, levels: Mapping[str, float]) -> float:
+    """Return how many times its level the worst fitted signal is missed."""
+    return max(solution.noise[n] / level for n, level in levels.items())

@@ -32,36 +32,50 @@ SHORTEST = 12
 TRIALS, ROUGH = 25, 1e-4
 """Trials on the pieces, and the relative decrease that ends them: a start need not be exact."""
 
-MOST = 3.0
-"""Mean cost per sample (1: the signal's roughness times :data:`LOOSE`) above which the pieces are not explained."""
+LIGHTEST = 0.02
+"""Smallest inertia of a start, in units of that whose acceleration takes all of the known forces."""
 
-LOOSE = 5.0
-"""How much larger than its roughness a signal's noise is taken while the pieces begin at smoothed states."""
+SHARE = 0.1
+"""Noise to begin with, in shares of a signal's standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """What is known before any simulation: smoothed motions, the regression, first states and noise levels."""
+    """What is known before any simulation: smoothed motions, the regression, first states.
+
+    ``rough``: each signal's scatter about its neighbours, the least noise a fit can leave; ``levels``: noise to begin
+    with, a share of the motion itself, for a model that does not hold to the last digit leaves far more than scatter.
+    """
 
     form: Form
     records: tuple[CoupledRecord, ...]
     motions: tuple[Motion, ...]
     regression: Regression
     initial: tuple[Array, ...]
+    rough: Mapping[str, float]
     levels: Mapping[str, float]
 
     def starts(self, limits: Limits) -> Iterator[Array]:
         """Yield start values (p,), the likeliest first.
 
         The regression; the regression with positive inertia and drag that damps, made better on short pieces; a craft
-        of the right size without any coupling, likewise. What cannot explain even short pieces is not worth a start.
+        of the right size without any coupling, likewise.
         """
         yield self.regression.solve(limits)
-        sturdy = limits.within(physical(self.form))
+        sturdy = self.sturdy(limits)
         for theta in (self.regression.solve(sturdy), self._plain(sturdy)):
-            better, excess = self.on_pieces(theta, sturdy)
-            if excess < MOST:
+            better = self.on_pieces(theta, sturdy)
+            if better is not None:
                 yield better
+
+    def sturdy(self, limits: Limits) -> Limits:
+        """Return *limits* cut down to a craft that can be simulated: drag that damps, inertia not near zero."""
+        high = {}
+        for name, scale in zip(self.regression.names, self.regression.scales.tolist(), strict=True):
+            inertia = inertia_of(name) if name.endswith("dot") else None
+            if inertia is not None and inertia.row == inertia.column and not _has_rigid_body(self.form):
+                high[name] = -LIGHTEST * (scale or 1.0)
+        return limits.within(Limits({}, high)).within(physical(self.form))
 
     def pieces(self) -> tuple[tuple[CoupledRecord, ...], tuple[Array, ...]]:
         """Return the records cut into short pieces, and the smoothed state each begins with."""
@@ -73,29 +87,19 @@ class Ground:
                 initial.append(_lagged(x_0, piece, self.form))
         return tuple(pieces), tuple(initial)
 
-    def on_pieces(self, theta: Array, limits: Limits) -> tuple[Array, float]:
-        """Fit short pieces that begin at smoothed states, from *theta* on; return values and mean cost per sample.
-
-        The cost is infinite when even the pieces run away.
-        """
+    def on_pieces(self, theta: Array, limits: Limits) -> Array | None:
+        """Fit the parameters from *theta* on to short pieces that begin at smoothed states; None if even these fail."""
         pieces, initial = self.pieces()
         objective = CoupledObjective(self.form, pieces, self.form.free, theta, initial, fixed_states=True)
-        at = partial(objective.at, laws=gaussian_laws({n: LOOSE * v for n, v in self.levels.items()}, robust=True))
+        at = partial(objective.at, laws=gaussian_laws(self.levels, robust=True))
         found = descend(at, objective.pack(), *objective.limits(limits), trials=TRIALS, tolerance=ROUGH)
-        if found is None:
-            return theta, np.inf
-        n = sum(len(s.t) for piece in pieces for s in piece.signals.values())
-        return objective.unpack(found.x)[0], found.cost / n
+        return None if found is None else objective.unpack(found.x)[0]
 
     def _plain(self, limits: Limits) -> Array:
         """Return values (p,) of a craft without coupling whose inertia and drag are of the size of its forces."""
         r = self.regression
         low, high = limits.of(r.names)
         values = np.where(high <= 0.0, -0.5, np.where(low >= 0.0, 0.5, 0.0)) * r.scales
-        for i, name in enumerate(r.names):
-            inertia = inertia_of(name) if name.endswith("dot") else None
-            if inertia is not None and inertia.row == inertia.column and values[i] == 0.0:
-                values[i] = -1e-3
         return r.with_values(np.clip(values, low, high))
 
 
@@ -105,7 +109,10 @@ def ground_of(form: Form, records: Sequence[CoupledRecord], delay: float | None 
     motions = tuple(smoothed_motion(form, record, known) for record in records)
     initial = tuple(_lagged(m.X[0].copy(), r, form) for r, m in zip(records, motions, strict=True))
     regression = regression_of(form, motions, delay)
-    return Ground(form, tuple(records), motions, regression, initial, first_levels_of(records))
+    rough = first_levels_of(records)
+    spread = {n: max(float(np.std(r.signals[n].values)) for r in records if n in r.signals) for n in rough}
+    levels = {n: max(level, SHARE * spread[n]) for n, level in rough.items()}
+    return Ground(form, tuple(records), motions, regression, initial, rough, levels)
 
 
 def _lagged(x_0: Array, record: CoupledRecord, form: Form) -> Array:
@@ -113,6 +120,10 @@ def _lagged(x_0: Array, record: CoupledRecord, form: Form) -> Array:
     if len(x_0) > k:
         x_0[k:] = first_input(record)
     return x_0
+
+
+def _has_rigid_body(form: Form) -> bool:
+    return any(name in form.known for name in ("m", "I_x", "I_y", "I_z"))
 
 
 def _pieces(record: CoupledRecord) -> Iterator[CoupledRecord]:
