@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.rounds import Effort
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["Local", "local_fit"]
+__all__ = ["MISFIT", "SKETCH", "Local", "local_fit"]
 
 GOOD = 2.0
 """A fit whose noise is below this many times each signal's own roughness needs no other start."""
@@ -22,7 +22,11 @@ HOPELESS = 10.0
 """A fit that misses some signal by so many times the noise to begin with, that is by as much as the signal moves, has
 gone astray: it is tried on short pieces."""
 
-EFFORT = Effort(15, astray=HOPELESS)
+SKETCH = Effort(15, exact=False, astray=HOPELESS)
+"""Effort for each start; only the best is fitted to the end."""
+
+MISFIT = Effort(25, exact=False)
+"""Effort for the end of a fit that leaves far more than noise: its last digits are about what the model misses."""
 
 BETTER = 3.0
 """Short pieces are kept when they are fitted so many times better than whole runs."""
@@ -53,7 +57,7 @@ def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, r
     best: CoupledSolution | None = None
     for theta in ground.starts(limits):
         found = solve_coupled(
-            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=EFFORT
+            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=SKETCH
         )
         if found is None:
             continue
@@ -68,7 +72,7 @@ def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, r
         begin = ground.regression.solve(sturdy)
         better = ground.on_pieces(begin, sturdy)
         begin = begin if better is None else better
-        cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust)
+        cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust, effort=MISFIT)
         if cut is not None and (best is None or BETTER * _excess(cut, ground.levels) < _excess(best, ground.levels)):
             return Local(cut, pieces, pieces=True)
     if best is None:
@@ -76,7 +80,11 @@ def local_fit(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, r
             f"no model '{form.name}' could be simulated on run '{records[0].run}': every start ran away; give start "
             "values in the form, or check that inputs and outputs belong together"
         )
-    return Local(best, tuple(records))
+    effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT
+    last = solve_coupled(
+        form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort
+    )
+    return Local(best if last is None or last.log_likelihood < best.log_likelihood else last, tuple(records))
 
 
 def _excess(solution: CoupledSolution, levels: Mapping[str, float]) -> float:
