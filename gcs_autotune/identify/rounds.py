@@ -28,7 +28,7 @@ SETTLED = 0.01
 MAD = 1.4826
 """Standard deviation over median magnitude, of a Gaussian: outliers hardly move the latter."""
 
-LOOSE = 1e-5
+LOOSE = 1e-4
 """Relative decrease that ends a round which is not the last."""
 
 
@@ -73,7 +73,7 @@ def alternate(
             break
         found, x, laws = nearer, nearer.x, likeliest(residuals, now)
         settled = all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws)
-        settled = settled and (effort is None or nearer.converged)
+        settled = settled and (effort is None or not effort.exact or nearer.converged)
         if settled and effort is not None and effort.exact and not last:
             found = descend(partial(cost.at, laws=laws), x, low, high) or found
         astray = effort is not None and turn >= 1 and max(laws[n].sigma / first[n].sigma for n in laws) > effort.astray

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.structure import DELAY_EVIDENCE, FIRST_MARGIN, SEARCHED_DELAYS
-from gcs_autotune.identify.coupled.local import Local, local_fit
+from gcs_autotune.identify.coupled.local import MISFIT, SKETCH, Local, local_fit
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord, later
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import inverse_of
@@ -71,7 +71,9 @@ def _again(plain: Local, records: Sequence[CoupledRecord], limits: Limits, robus
         return plain
     form, solution = plain.solution.form, plain.solution
     initial = ground_of(form, records).initial
-    found = solve_coupled(form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust)
+    found = solve_coupled(
+        form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust, effort=SKETCH
+    )
     return None if found is None else Local(found, tuple(records))
 
 
@@ -106,7 +108,13 @@ def _lagged(form: Form, without: Local, limits: Limits, hint: float, robust: boo
         if not np.isfinite(scored[i]):
             continue
         theta, initial = starts[i]
-        found = solve_coupled(freed, records, theta, initial, limits, levels=plain.noise, robust=robust)
+        found = solve_coupled(freed, records, theta, initial, limits, levels=plain.noise, robust=robust, effort=SKETCH)
         if found is not None and (best is None or found.log_likelihood > best.log_likelihood):
             best = found
-    return best
+    if best is None or best.log_likelihood <= plain.log_likelihood:
+        return best
+    effort = THOROUGH if best.white else MISFIT
+    last = solve_coupled(
+        freed, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort
+    )
+    return best if last is None or last.log_likelihood < best.log_likelihood else last

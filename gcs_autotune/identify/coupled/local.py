@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.rounds import Effort
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["Local", "local_fit"]
+__all__ = ["MISFIT", "SKETCH", "Local", "local_fit"]
 
 GOOD = 2.0
 """A fit whose noise is below this many times each signal's own roughness needs no other start."""
@@ -22,9 +22,13 @@ HOPELESS = 10.0
 """A fit that misses some signal by so many times the noise to begin with, that is by as much as the signal moves, has
 gone astray: it is tried on short pieces."""
 
-EFFORT = Effort(15, astray=HOPELESS)
+SKETCH = Effort(15, exact=False, astray=HOPELESS)
+"""Effort for each start; only the best is fitted to the end."""
 
-PATIENT = Effort(25)
+MISFIT = Effort(25, exact=False)
+"""Effort for the end of a fit that leaves far more than noise: its last digits are about what the model misses."""
+
+PATIENT = Effort(25, exact=False)
 """For whole runs at any price: a large remainder is no reason to give up."""
 
 BETTER = 3.0
@@ -56,10 +60,10 @@ def local_fit(
     """
     ground = ground_of(form, records)
     best: CoupledSolution | None = None
-    effort = PATIENT if whole else EFFORT
+    sketch = PATIENT if whole else SKETCH
     for theta in ground.starts(limits):
         found = solve_coupled(
-            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=effort
+            form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=sketch
         )
         if found is None:
             continue
@@ -74,7 +78,7 @@ def local_fit(
         begin = ground.regression.solve(sturdy)
         better = ground.on_pieces(begin, sturdy)
         begin = begin if better is None else better
-        cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust)
+        cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust, effort=MISFIT)
         if cut is not None and (best is None or BETTER * _excess(cut, ground.levels) < _excess(best, ground.levels)):
             return Local(cut, pieces, pieces=True)
     if best is None:
@@ -82,7 +86,11 @@ def local_fit(
             f"no model '{form.name}' could be simulated on run '{records[0].run}': every start ran away; give start "
             "values in the form, or check that inputs and outputs belong together"
         )
-    return Local(best, tuple(records))
+    effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT
+    last = solve_coupled(
+        form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort
+    )
+    return Local(best if last is None or last.log_likelihood < best.log_likelihood else last, tuple(records))
 
 
 def _excess(solution: CoupledSolution, levels: Mapping[str, float]) -> float:

@@ -23,11 +23,11 @@ from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.rounds import Effort, alternate, errors_of, likeliest
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["CoupledSolution", "solve_coupled"]
+__all__ = ["THOROUGH", "CoupledSolution", "solve_coupled"]
 
 Array = NDArray[np.float64]
 
-ROUNDS = 8
+ROUNDS = 6
 """Rounds of parameters, then noise. Chosen: three or four suffice from a usable start."""
 
 THOROUGH = Effort(15)
