@@ -23,6 +23,9 @@ COLOUR = 0.2
 TOGETHER = 0.99
 """Correlation of two estimates above which only a combination of them is known."""
 
+REVERSED = 2.0
+"""Standard errors below zero at which an input is called reversed."""
+
 FAR = 6.0
 """Robust standard deviations beyond which a sample is an outlier."""
 
@@ -39,6 +42,7 @@ def doubts_of(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt
             _at_bound(solution),
             _not_excited(solution),
             _together(solution),
+            _reversed(solution),
             _delay(chosen),
             _poor(solution),
             _coloured(solution),
@@ -122,6 +126,21 @@ def _together(solution: CoupledSolution) -> Doubt | None:
         "correlated",
         f"these are known only together (correlation of the estimates): {text}",
         "fix one of each pair to a value you know, or fly a manoeuvre with other speeds and turns",
+    )
+
+
+def _reversed(solution: CoupledSolution) -> Doubt | None:
+    """Gains called ``k_*`` are positive when labels, wiring and signs are as the form has them."""
+    std = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+    value = {n: float(solution.theta[solution.form.parameters.index(n)]) for n in solution.free}
+    names = [n for n, s in zip(solution.free, std, strict=True) if n.startswith("k_") and value[n] < -REVERSED * s]
+    if not names:
+        return None
+    channels = [c for c, pairs in solution.form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
+    return Doubt(
+        "reversed-input",
+        f"{', '.join(names)} came out negative: {', '.join(channels)} act the other way than their names say",
+        "check labels, wiring and the sign of the inputs, left against right; the model holds for the log as it is",
     )
 
 

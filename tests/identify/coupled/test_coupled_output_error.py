@@ -10,7 +10,7 @@ from coupled_water import BOAT, horizontal, levels, sail
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Fit, fit
-from gcs_autotune.models.coupled import FORMS
+from gcs_autotune.models.coupled import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
 
 NOISE = {"x": 0.05, "y": 0.05, "psi": 0.005, "u": 0.02, "v": 0.02, "r": 0.005}
@@ -135,3 +135,30 @@ def test_errors_over_noise_seeds_are_those_promised() -> None:
     assert 0.8 < np.sqrt(np.mean(z**2)) < 1.2
     assert np.mean(np.abs(z) < 1.96) > 0.9
     assert np.max(np.abs(z.mean(axis=0))) * np.sqrt(len(z)) < 4.0
+
+
+def test_thrusters_labelled_the_wrong_way_round_are_said() -> None:
+    form = Form(
+        name="twin",
+        title="two thrusters",
+        dofs=("surge", "yaw"),
+        free=("X_udot", "X_u", "N_r", "k_N"),
+        known={"I_z": 1.0},
+        inputs={"left": (("X", 1.0), ("N", "k_N")), "right": (("X", 1.0), ("N", "-k_N"))},
+        coriolis=False,
+    )
+    rng = np.random.default_rng(3)
+    t, dt = np.arange(0.0, 60.0, 0.1), 0.1
+    left, right = (np.repeat(rng.uniform(0.0, 10.0, 30), 20) for _ in range(2))
+    u, r = np.zeros(len(t)), np.zeros(len(t))
+    for k in range(len(t) - 1):  # exact: two first-order lags under held inputs
+        u[k + 1] = (left[k] + right[k]) / 4.0 + (u[k] - (left[k] + right[k]) / 4.0) * np.exp(-4.0 / 12.0 * dt)
+        steady = 0.05 * (right[k] - left[k]) / 0.8
+        r[k + 1] = steady + (r[k] - steady) * np.exp(-0.8 * dt)
+    measured = {"u": u + rng.normal(0.0, 0.02, len(t)), "r": r + rng.normal(0.0, 0.005, len(t))}
+    channels = {n: Channel(n, unit, t, measured[n]) for n, unit in (("u", "m/s"), ("r", "rad/s"))}
+    channels |= {"left": Channel("left", "N", t, left), "right": Channel("right", "N", t, right)}
+    found = fit(Trial("swapped", channels), form, delay=0.0)
+    assert found.parameters["k_N"].value == pytest.approx(-0.05, rel=0.05)
+    (said,) = [d for d in found.doubts if d.slug == "reversed-input"]
+    assert "left, right" in said.cause
