@@ -17,7 +17,7 @@ from gcs_autotune.identify.coupled.free_run import simulated
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.models.coupled import Form, Simulator
-from gcs_autotune.models.coupled.kernel import ETA, SIN_PHI, SIN_THETA
+from gcs_autotune.models.coupled.kernel import COS_PSI, ETA, NEAR, SIN_PHI, SIN_PSI, SIN_THETA
 from gcs_autotune.models.coupled.program import program_of
 
 __all__ = ["CoupledObjective", "Limits", "free_states"]
@@ -61,7 +61,7 @@ def free_states(form: Form, record: CoupledRecord) -> tuple[str, ...]:
     """Return the initial states to fit: all that some measured signal depends on."""
     measured = set(record.signals)
     program = program_of(form)
-    sines = {SIN_PHI: 3, SIN_THETA: 4}
+    sines = {SIN_PHI: 3, SIN_THETA: 4, SIN_PSI: 5, COS_PSI: 5, NEAR: 2}
     codes = {int(c) for c in program.factors.ravel()}
     restoring = {sines.get(c, c - ETA) for c in codes if ETA <= c < ETA + 6 or c in sines}
     current = {"V_x", "V_y"} & set(form.parameters) and {"u", "v"} & measured

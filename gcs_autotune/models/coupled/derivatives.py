@@ -13,12 +13,15 @@ name          meaning                                                     term
 ``X_0``       constant force                                              ``X_0``
 ``K_phi``     restoring, linear in an angle or in ``z``                   ``K_phi * phi``
 ``K_sinphi``  restoring of a weight below buoyancy                        ``K_sinphi * sin(phi)``
+``N_sinpsi``  goes with the heading, likewise ``N_cospsi``                ``N_sinpsi * sin(psi)``
+``Z_nearw``   grows towards the bottom, ``exp(z / reach)``                ``Z_nearw * near * w``
 ``Y_delta``   input derivative; ``N_uudelta``: with ``|u| u``             ``Y_delta * delta``
 ============  ==========================================================  ==========================
 
 Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
 ``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
-``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`).
+``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``reach`` [m] of the bottom. An input
+called ``payload`` drives nothing: it multiplies the inertia as time goes on.
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS
 
-__all__ = ["FORCES", "RIGID_BODY", "SPECIAL", "STATES", "Inertia", "Term", "inertia_of", "term_of", "unit_of"]
+__all__ = ["FORCES", "PAYLOAD", "RIGID_BODY", "SPECIAL", "STATES", "Inertia", "Term", "inertia_of", "term_of", "unit_of"]
 
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 """Force letters in SNAME order; their index is the row of the equation."""
@@ -51,10 +54,20 @@ RIGID_BODY: Mapping[str, str] = {
 }
 """Rigid-body constants and their units."""
 
-SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s"} | dict.fromkeys(COEFFICIENTS, "rad")
+SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s", "reach": "m"} | dict.fromkeys(COEFFICIENTS, "rad")
 """What is neither force nor inertia, and its unit."""
 
+PAYLOAD = "payload"
+"""The input that multiplies the inertia."""
+
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
+_SHAPES = {
+    "sinphi": kernel.SIN_PHI,
+    "sintheta": kernel.SIN_THETA,
+    "sinpsi": kernel.SIN_PSI,
+    "cospsi": kernel.COS_PSI,
+    "near": kernel.NEAR,
+}
 _ANGULAR = {"p", "q", "r"}
 _NAME = re.compile(r"^(?P<force>[XYZKMN])_(?P<rest>.+)$")
 
@@ -107,7 +120,7 @@ def term_of(name: str, inputs: Sequence[str]) -> Term:
 
 
 def _tokens(name: str, rest: str, inputs: Sequence[str]) -> list[tuple[str, bool]]:
-    words = sorted([*STATES, *_POSITIONS, "sinphi", "sintheta", *inputs], key=len, reverse=True)
+    words = sorted([*STATES, *_POSITIONS, *_SHAPES, *inputs], key=len, reverse=True)
     found: list[tuple[str, bool]] = []
     while rest:
         modulus = rest.startswith("|")
@@ -135,10 +148,8 @@ def _code(word: str, modulus: bool, inputs: Sequence[str]) -> int:
         return STATES.index(word) + (kernel.NU_SIZE if modulus else kernel.NU)
     if word in inputs:
         return list(inputs).index(word) + (kernel.INPUT_SIZE if modulus else kernel.INPUT)
-    if word == "sinphi":
-        return kernel.SIN_PHI
-    if word == "sintheta":
-        return kernel.SIN_THETA
+    if word in _SHAPES:
+        return _SHAPES[word]
     return _POSITIONS[word]
 
 

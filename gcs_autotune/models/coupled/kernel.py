@@ -24,9 +24,12 @@ __all__ = [
     "ETA",
     "INPUT",
     "INPUT_SIZE",
+    "COS_PSI",
+    "NEAR",
     "NU",
     "NU_SIZE",
     "SIN_PHI",
+    "SIN_PSI",
     "SIN_THETA",
     "Program",
     "advance",
@@ -39,8 +42,9 @@ __all__ = [
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, INPUT, INPUT_SIZE = 0, 6, 12, 18, 19, 30, 60
-"""Codes of factors: velocity j, its magnitude, position j (x y z phi theta psi), sines, input i, its magnitude."""
+NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, SIN_PSI, COS_PSI, NEAR, INPUT, INPUT_SIZE = 0, 6, 12, 18, 19, 20, 21, 22, 30, 60
+"""Codes of factors: velocity j, its magnitude, position j (x y z phi theta psi), sines and cosine, nearness to the
+bottom ``exp(z / reach)``, input i, its magnitude."""
 
 REACH = 0.4
 """Longest step times the fastest rate. Chosen: a Runge-Kutta step then errs by REACH**5/120 = 9e-5 of its change."""
@@ -53,7 +57,8 @@ class Program(NamedTuple):
     """A form as arrays. ``active`` (k,) degrees of freedom; ``column`` (12,) place of eta and nu in the state, -1
     if absent; ``rows``, ``pars``, ``coefs``, ``factors`` (T,), (T,), (T,), (T, 3) the terms (-1: no parameter, no
     factor); ``inertia`` (E, 3) row, column, parameter of each entry of M and ``inertia_coefs`` (E,); parameter
-    indices of delay, lag and current, -1 if absent; ``m`` inputs.
+    indices of delay, lag, current and reach, -1 if absent; ``payload`` the input that multiplies the inertia, or -1;
+    ``m`` inputs.
     """
 
     active: Index
@@ -68,6 +73,8 @@ class Program(NamedTuple):
     lag: int
     current_x: int
     current_y: int
+    reach: int
+    payload: int
     coriolis: int
     spatial: int
     m: int
@@ -173,7 +180,9 @@ def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A:
 
 
 @njit(cache=True)
-def _factor(code: int, full: Array, place: Index, u: Array, lagged: Array, first: int) -> tuple[float, float, int]:
+def _factor(
+    code: int, full: Array, place: Index, u: Array, lagged: Array, first: int, reach: float
+) -> tuple[float, float, int]:
     """Return value, derivative and state column (-1: none) of one factor; *first* lagged input's column, or -1."""
     if code < 6:
         return full[code], 1.0, place[code]
@@ -186,6 +195,13 @@ def _factor(code: int, full: Array, place: Index, u: Array, lagged: Array, first
         return np.sin(full[9]), np.cos(full[9]), place[9]
     if code == 19:
         return np.sin(full[10]), np.cos(full[10]), place[10]
+    if code == 20:
+        return np.sin(full[11]), np.cos(full[11]), place[11]
+    if code == 21:
+        return np.cos(full[11]), -np.sin(full[11]), place[11]
+    if code == 22:
+        near = np.exp(min(full[8] / reach, 50.0))
+        return near, near / reach, place[8]
     i = code - 60 if code >= 60 else code - 30
     x = u[i] if first < 0 else lagged[i]
     column = first + i if first >= 0 else -1
@@ -338,13 +354,14 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
     values, slopes, columns, full = W.values, W.slopes, W.columns, W.full
     force, by_x, by_p = W.force, W.by_x, W.by_p
     first = 2 * len(P.active) if P.lag >= 0 else -1
+    reach = theta[P.reach] if P.reach >= 0 else 1.0
     for t in range(len(rows)):
         row, par = rows[t], pars[t]
         count = 0
         for s in range(3):
             values[s] = 1.0
             if factors[t, s] >= 0:
-                values[s], slopes[s], columns[s] = _factor(factors[t, s], full, place, u, lagged, first)
+                values[s], slopes[s], columns[s] = _factor(factors[t, s], full, place, u, lagged, first, reach)
                 count = s + 1
         product = coefs[t] * values[0] * values[1] * values[2]
         weight = theta[par] if par >= 0 else 1.0
@@ -357,6 +374,12 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
             if columns[s] >= 0:
                 rest = values[1] * values[2] if s == 0 else values[0] * values[3 - s]
                 by_x[row, columns[s]] += weight * coefs[t] * slopes[s] * rest
+    if P.payload >= 0:  # the same forces on u times the inertia
+        share = 1.0 / u[P.payload]
+        force *= share
+        if deriv:
+            by_x *= share
+            by_p *= share
 
 
 @njit(cache=True)

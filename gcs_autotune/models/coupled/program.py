@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.models.coupled import kernel
-from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of
+from gcs_autotune.models.coupled.derivatives import FORCES, PAYLOAD, RIGID_BODY, SPECIAL, inertia_of, term_of
 from gcs_autotune.models.coupled.form import Form
 from gcs_autotune.models.coupled.kernel import Program
 from gcs_autotune.sname import DOFS
@@ -68,6 +68,8 @@ def _program(key: tuple[Any, ...]) -> Program:
         lag=where("lag"),
         current_x=where("V_x"),
         current_y=where("V_y"),
+        reach=where("reach"),
+        payload=list(form.inputs).index(PAYLOAD) if PAYLOAD in form.inputs else -1,
         coriolis=int(form.coriolis),
         spatial=int(spatial),
         m=len(form.inputs),

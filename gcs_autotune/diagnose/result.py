@@ -1,0 +1,217 @@
+"""What a diagnosis returns: a verdict, causes with their numbers and doubts, and what there is to look at."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects.effect import Applied, Curve
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.identify.result import Doubt, Trace
+
+__all__ = ["Cause", "Diagnosis", "Gain", "Portrait", "Ranked", "Signature", "Value", "Verdict"]
+
+Array = NDArray[np.float64]
+
+Verdict = Literal["effect-found", "partly-explained", "unexplained", "no-effect"]
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One number of an effect, with its standard error (NaN when unknown)."""
+
+    value: float
+    unit: str
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
+
+    ``held_out`` says in words which runs or blocks were held out.
+    """
+
+    metric: str
+    signal: str
+    unit: str
+    before: float
+    after: float
+    ratio: float
+    ci95: tuple[float, float]
+    held_out: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """One candidate against the base model (or, for later causes, against the model with the earlier ones).
+
+    ``gain``: share by which it lowers the held-out simulation error, all signals together (0.3: by 30 %); ``p_value``
+    corrected for how many were tried; ``evidence``: twice the log-likelihood gained, less what its parameters cost.
+    ``step``: 1 for the first cause looked for, 2 for the second, and so on.
+    """
+
+    cause: str
+    place: str
+    gain: float
+    p_value: float
+    evidence: float
+    parameters: Mapping[str, Value]
+    step: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """An effect that was accepted, in the order found, and how it would be told from what it is mistaken for."""
+
+    applied: Applied
+    parameters: Mapping[str, Value]
+    meaning: str
+    share: float
+    """Of the held-out mean square error above the noise that the base model leaves, the share this cause removed."""
+    curve: Curve | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """What is left over, in words: one finding per line, strongest first, with the number it rests on."""
+
+    findings: tuple[str, ...] = ()
+    whiteness_p: float = math.nan
+    """Probability that white noise looks at least this coloured, over all signals and tests."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Portrait:
+    """Residuals of one model, for pictures: free-run traces, and per signal the residual against what tells.
+
+    ``against``: name (``"time"``, ``"psi"``, ``"r"``, ``"N"`` ...) -> (x (n,), residual (n,), unit of x) of the signal
+    ``signal``; ``spectrum``: frequency [Hz] and power; ``correlation``: lag [s], autocorrelation; ``cross``: input or
+    state -> (lag [s], cross-correlation). ``one_step``: time and one-step residual. ``limit``: 95 % bound of a white
+    residual's correlations.
+    """
+
+    signal: str
+    unit: str
+    traces: tuple[Trace, ...]
+    against: Mapping[str, tuple[Array, Array, str]] = field(default_factory=dict)
+    one_step: tuple[Array, Array] | None = None
+    spectrum: tuple[Array, Array] | None = None
+    correlation: tuple[Array, Array] | None = None
+    cross: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    limit: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """What the simulation gets wrong.
+
+    ``causes`` in the order found; ``ranking`` best first within each step; ``indistinguishable`` groups of slugs these
+    runs cannot tell apart, with ``next_manoeuvre`` that would. ``before`` and ``after`` show the signal the gain is
+    given for first. ``noise``: level each signal is left with, ``tried``: candidates examined.
+    """
+
+    verdict: Verdict
+    causes: tuple[Cause, ...]
+    ranking: tuple[Ranked, ...]
+    indistinguishable: tuple[tuple[str, ...], ...]
+    gain: Gain | None
+    gains: tuple[Gain, ...]
+    base_model: ExtendedModel
+    extended_model: ExtendedModel
+    next_manoeuvre: str
+    left: Signature
+    gave_away: Signature
+    before: tuple[Portrait, ...]
+    after: tuple[Portrait, ...]
+    used: tuple[str, ...]
+    held_out: tuple[str, ...]
+    noise: Mapping[str, float]
+    tried: int
+    seconds: float
+    doubts: tuple[Doubt, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form of ``diagnose --json``."""
+        plain: dict[str, Any] = _plain(
+            {
+                "schema": 1,
+                "verdict": self.verdict,
+                "causes": [c.applied.slug for c in self.causes],
+                "ranking": [
+                    {
+                        "cause": r.cause,
+                        "place": r.place,
+                        "step": r.step,
+                        "gain": r.gain,
+                        "p_value": r.p_value,
+                        "evidence": r.evidence,
+                        "parameters": {n: _value(v) for n, v in r.parameters.items()},
+                    }
+                    for r in self.ranking
+                ],
+                "indistinguishable": [list(group) for group in self.indistinguishable],
+                "gain": None if self.gain is None else _gain(self.gain),
+                "gains": [_gain(g) for g in self.gains],
+                "found": [
+                    {
+                        "cause": c.applied.slug,
+                        "place": c.applied.place,
+                        "meaning": c.meaning,
+                        "share": c.share,
+                        "parameters": {n: _value(v) for n, v in c.parameters.items()},
+                    }
+                    for c in self.causes
+                ],
+                "base_model": self.base_model.to_dict(),
+                "extended_model": self.extended_model.to_dict(),
+                "next_manoeuvre": self.next_manoeuvre,
+                "left": {"findings": list(self.left.findings), "whiteness_p": self.left.whiteness_p},
+                "gave_away": {"findings": list(self.gave_away.findings), "whiteness_p": self.gave_away.whiteness_p},
+                "used": list(self.used),
+                "held_out": list(self.held_out),
+                "noise": dict(self.noise),
+                "tried": self.tried,
+                "seconds": self.seconds,
+                "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
+            }
+        )
+        return plain
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
+        return json.dumps(self.to_dict(), indent=1)
+
+
+def _value(value: Value) -> dict[str, Any]:
+    return {"value": value.value, "unit": value.unit, "std": value.std}
+
+
+def _gain(gain: Gain) -> dict[str, Any]:
+    return {
+        "metric": gain.metric,
+        "signal": gain.signal,
+        "unit": gain.unit,
+        "before": gain.before,
+        "after": gain.after,
+        "ratio": gain.ratio,
+        "ci95": list(gain.ci95),
+        "held_out": gain.held_out,
+    }
+
+
+def _plain(thing: Any) -> Any:
+    """Return *thing* as JSON knows it: plain numbers, null for what is not finite."""
+    if isinstance(thing, Mapping):
+        return {str(k): _plain(v) for k, v in thing.items()}
+    if isinstance(thing, (list, tuple, np.ndarray)):
+        return [_plain(v) for v in thing]
+    if isinstance(thing, np.generic):
+        thing = thing.item()
+    return None if isinstance(thing, float) and not math.isfinite(thing) else thing

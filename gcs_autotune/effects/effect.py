@@ -1,0 +1,260 @@
+"""What an effect is: a submodel that may stand between a plain simulation and the measured motion.
+
+An effect overrides the hooks it needs and nothing else; the chain from commands to measurements runs through them:
+
+===============  ==========================================================================================
+``retime``       the file's stamps made the craft's own time (wrong clocks)
+``drive``        commands made what the actuators do, and inputs of its own added (``inputs``)
+``derivatives``  forces in the equations of motion, as SNAME derivatives with values
+``observe``      true signals made what the sensors report
+``learn``        for disturbances that no simulation foretells: parameters from what is left over ...
+``judge``        ... and the residual as that disturbance leaves it
+===============  ==========================================================================================
+
+The simulator has effects of the same slugs and parameter names, written apart from these on purpose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.trial import Channel
+
+__all__ = [
+    "INPUT",
+    "SIGNAL",
+    "Applied",
+    "Curve",
+    "Drive",
+    "Effect",
+    "Family",
+    "Leftover",
+    "Observed",
+    "Quantity",
+    "Scene",
+]
+
+Array = NDArray[np.float64]
+
+Family = Literal["bookkeeping", "actuator", "hydrodynamics", "environment", "sensor"]
+
+INPUT, SIGNAL = "input unit", "signal unit"
+"""Stand for the unit of the input (or signal) an effect sits on, in units such as ``input unit/s``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A parameter of an effect: name, unit (with :data:`INPUT` or :data:`SIGNAL` in it) and meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """An effect at a place with numbers: what an extended model is made of.
+
+    ``place`` names the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``);
+    ``values`` the fitted parameters, SI; ``constants`` numbers read off the runs once (a reference speed, say).
+    """
+
+    slug: str
+    place: str
+    values: Mapping[str, float]
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> float:
+        """Return a value or a constant."""
+        return self.values[name] if name in self.values else self.constants[name]
+
+    def with_values(self, values: Mapping[str, float]) -> Applied:
+        """Return it with some values replaced."""
+        return replace(self, values={**self.values, **values})
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "slug": self.slug,
+            "place": self.place,
+            "values": dict(self.values),
+            "constants": dict(self.constants),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """Inputs of one run: each value of ``channels[name]`` (j,) holds from its stamp ``t`` (j,) on, the first before it.
+
+    ``measured`` are the run's own channels, for effects that go with something measured; ``start`` [s] its first stamp.
+    """
+
+    t: Array
+    channels: Mapping[str, Array]
+    start: float
+    measured: Mapping[str, Channel] = field(default_factory=dict)
+
+    def with_channel(self, name: str, values: Array) -> Drive:
+        """Return it with one channel replaced (or added), at the same stamps."""
+        return replace(self, channels={**self.channels, name: values})
+
+    def on(self, t: Array) -> Drive:
+        """Return it held at other stamps (k,), for effects that change between the old ones."""
+        at = np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)
+        return replace(self, t=t, channels={n: v[at] for n, v in self.channels.items()})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """What is predicted of one run: ``signals[name]`` (s,) at the stamps ``t`` (s,), all signals at all stamps."""
+
+    t: Array
+    signals: Mapping[str, Array]
+    start: float
+
+    def with_signal(self, name: str, values: Array) -> Observed:
+        """Return it with one signal replaced."""
+        return replace(self, signals={**self.signals, name: values})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leftover:
+    """Measured minus predicted of one signal of one run: stamps, values (n,), and the noise level fitted to all."""
+
+    run: str
+    signal: str
+    t: Array
+    error: Array
+    measured: Array
+    level: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What may be known of the runs before any effect is fitted.
+
+    ``form`` the base model's; ``inputs``/``signals`` unit per driven input and per measured signal; ``swing`` largest
+    magnitude of each input, ``spread`` standard deviation of each signal, ``level`` its noise (model-free);
+    ``channels`` names of everything recorded; ``interval`` [s] between samples, ``pace`` [s] the base model's slowest
+    time constant, ``duration`` [s] the longest run; ``quantum`` the grid step of each signal (0: none).
+    """
+
+    form: Form
+    inputs: Mapping[str, str]
+    signals: Mapping[str, str]
+    swing: Mapping[str, float]
+    spread: Mapping[str, float]
+    level: Mapping[str, float]
+    channels: frozenset[str]
+    interval: float
+    pace: float
+    duration: float
+    quantum: Mapping[str, float] = field(default_factory=dict)
+    extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Smallest and largest value of every recorded channel."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """An effect drawn: ``y`` over ``x``, with words at the axes; ``polar`` when ``x`` is a heading [rad].
+
+    ``plain`` (n,): the same without the effect, for comparison; None when that is zero.
+    """
+
+    x: Array
+    y: Array
+    x_label: str
+    y_label: str
+    title: str
+    plain: Array | None = None
+    polar: bool = False
+
+
+class Effect:
+    """One entry of the book. Class attributes say what it is, methods what it does; see the module's head.
+
+    ``shown_by``: which residual gives it away; ``mistaken_for``: slugs of what it is easily taken for;
+    ``separated_by``: the manoeuvre that tells them apart.
+    """
+
+    slug: ClassVar[str]
+    family: ClassVar[Family]
+    meaning: ClassVar[str]
+    parameters: ClassVar[tuple[Quantity, ...]] = ()
+    shown_by: ClassVar[str]
+    mistaken_for: ClassVar[tuple[str, ...]] = ()
+    separated_by: ClassVar[str]
+
+    # -- where it may sit, and where a search for it begins
+
+    def places(self, scene: Scene) -> tuple[str, ...]:
+        """Return the places where these runs could show it; none when they cannot."""
+        raise NotImplementedError
+
+    def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
+        """Return values to begin from, few but such that one is near enough to any size worth finding."""
+        return ({},)
+
+    def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
+        """Return smallest and largest value per parameter."""
+        return {}
+
+    def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
+        """Return numbers to be read off the runs once."""
+        return {}
+
+    # -- what it does
+
+    def retime(self, own: Applied, t: Array, start: float, *, inputs: bool) -> Array:
+        """Return the craft's own time at the file's stamps *t*, of the inputs' or of the signals' columns."""
+        return t
+
+    def inputs(self, own: Applied) -> tuple[str, ...]:
+        """Return inputs that :meth:`drive` adds (``payload``, or names that :meth:`derivatives` use)."""
+        return ()
+
+    def drive(self, own: Applied, drive: Drive) -> Drive:
+        """Return what the actuators make of the commands."""
+        return drive
+
+    def derivatives(self, own: Applied) -> Mapping[str, float]:
+        """Return forces as SNAME derivatives (:mod:`gcs_autotune.models.coupled.derivatives`), added to the base's."""
+        return {}
+
+    def observe(self, own: Applied, seen: Observed) -> Observed:
+        """Return what the sensors make of the truth."""
+        return seen
+
+    def learn(self, own: Applied, left: Sequence[Leftover]) -> Applied:
+        """Return the values that what is left over speaks for. Only disturbances and faults of sensors."""
+        return own
+
+    def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+        """Return the residual (n,) and its derivatives (n, k) as this disturbance leaves them, and a penalty.
+
+        Samples the disturbance accounts for wholly become NaN. The penalty is added to minus twice the log-likelihood.
+        """
+        return left.error, columns, 0.0
+
+    # -- what is told of it
+
+    def curve(self, own: Applied, scene: Scene) -> Curve | None:
+        """Return its picture."""
+        return None
+
+    @classmethod
+    def overrides(cls, hook: str) -> bool:
+        """Whether this effect has its own *hook*."""
+        return getattr(cls, hook) is not getattr(Effect, hook)
+
+    def unit_of(self, name: str, place: str, scene: Scene) -> str:
+        """Return the unit of a parameter at a place."""
+        unit = next(q.unit for q in self.parameters if q.name == name)
+        first = place.split("+")[0]
+        return unit.replace(INPUT, scene.inputs.get(first, "1")).replace(SIGNAL, scene.signals.get(first, "1"))
