@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.stretches import Stretch
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Leftover, Scene
 from gcs_autotune.effects.extended import ExtendedModel, ExtendedSimulator, in_order
 from gcs_autotune.identify.coupled.objective import Limits, free_states
+from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 
@@ -51,10 +51,11 @@ class Rest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A fitted model: ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch, ``cost`` minus twice the log-likelihood
-    (up to a constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many
-    numbers were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise
-    levels, row for row the finite ``judged`` of ``rests``; ``converged``.
+    """A fitted model: ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch, ``cost`` minus twice the log-likelihood.
+
+    The cost is known up to a constant of the data. ``levels`` noise per signal, ``rests`` what is left over,
+    ``parameters`` how many numbers were fitted besides initial states, ``samples`` how many were used; ``jacobian``
+    (n, q) over the noise levels, row for row the finite ``judged`` of ``rests``; ``converged``.
     """
 
     form: Form
@@ -257,7 +258,7 @@ class _Task:
         return rests, tables, penalty
 
     def _level(self, name: str) -> float:
-        return getattr(self, "levels", {}).get(name, self.problem.scene.level.get(name, 1.0))
+        return self.problem.scene.level.get(name, 1.0)
 
     def local(self, x: Array) -> Local | None:
         found = self.rests(x, sensitivities=True)
