@@ -1,8 +1,8 @@
 """A narrow-band disturbance in white noise: a damped oscillator driven by white noise, seen through a Kalman filter.
 
 ``x'' + 2 zeta omega x' + omega^2 x = w``, the second-order shaping filter of waves (Fossen 2011, ch. 8), sampled
-exactly; a signal shows ``x`` and white noise, ``rho`` their ratio of variances. The prediction errors of the filter are white
-when the law is right, and the determinant of the whole is the product of their variances (Harvey 1989, 3.4).
+exactly; a signal shows ``x`` and white noise, ``rho`` their ratio of variances. The prediction errors of the filter
+are white when the law is right, and the determinant of the whole is the product of their variances (Harvey 1989, 3.4).
 """
 
 from __future__ import annotations
