@@ -146,11 +146,14 @@ class Problem:
         task = _Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
+        learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
+        if learns:
+            task.learn(x)
         minimum = descend(task.local, x, low, high, trials=trials, tolerance=TOLERANCE)
         if minimum is None:
             return None
-        if learn and any(BOOK[e.slug].overrides("learn") for e in task.effects):
-            for _ in range(LESSONS):
+        if learns:
+            for _ in range(LESSONS if trials > 1 else 0):
                 task.learn(minimum.x)
                 again = descend(task.local, minimum.x, low, high, trials=trials, tolerance=TOLERANCE)
                 if again is None:
