@@ -9,9 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gcs_autotune.effects.compass_deviation import CompassDeviation
+from gcs_autotune.effects.coriolis_coupling import CoriolisCoupling
 from gcs_autotune.effects.dead_zone import DeadZone
 from gcs_autotune.effects.effect import Effect
+from gcs_autotune.effects.ground_effect import GroundEffect
 from gcs_autotune.effects.input_bias import InputBias
+from gcs_autotune.effects.linear_drag import LinearDrag
+from gcs_autotune.effects.mass_change import MassChange
+from gcs_autotune.effects.net_buoyancy import NetBuoyancy
+from gcs_autotune.effects.quadratic_drag import QuadraticDrag
+from gcs_autotune.effects.steady_current import SteadyCurrent
+from gcs_autotune.effects.sway_yaw_coupling import SwayYawCoupling
+from gcs_autotune.effects.tether_pull import TetherPull
+from gcs_autotune.effects.wind_moment import WindMoment
 
 __all__ = ["BOOK"]
 
@@ -19,7 +29,17 @@ BOOK: Mapping[str, Effect] = {
     e.slug: e
     for e in (
         DeadZone(),
+        LinearDrag(),
+        QuadraticDrag(),
+        CoriolisCoupling(),
+        SwayYawCoupling(),
+        MassChange(),
+        NetBuoyancy(),
+        GroundEffect(),
         InputBias(),
+        SteadyCurrent(),
+        WindMoment(),
+        TetherPull(),
         CompassDeviation(),
     )
 }
