@@ -163,10 +163,12 @@ class Scene:
     quantum: Mapping[str, float] = field(default_factory=dict)
     extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Smallest and largest value of every recorded channel."""
+    rms: Mapping[str, float] = field(default_factory=dict)
+    """Root mean square of every recorded channel."""
+    base: Mapping[str, float] = field(default_factory=dict)
+    """Values of the base model's parameters."""
     runs: tuple[str, ...] = ()
     """Names of the runs."""
-    base: Mapping[str, float] = field(default_factory=dict)
-    """Values of the base model's parameters, fitted alone: what turns a motion into the force behind it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,7 +213,7 @@ class Effect:
     mistaken_for: ClassVar[tuple[str, ...]] = ()
     separated_by: ClassVar[str]
     fixed: ClassVar[tuple[str, ...]] = ()
-    """Parameters least squares leaves alone: chosen by the start (a slip of units), or learned."""
+    """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
 
     # -- where it may sit, and where a search for it begins
 
