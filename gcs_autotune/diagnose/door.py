@@ -9,19 +9,19 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.base import fit_base, given_base
-from gcs_autotune.diagnose.fitting import Fitted, Problem
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import ALIKE, Judged, Search, begin_search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
-from gcs_autotune.diagnose.stretches import Stretch, plain_form, stretches_of
 from gcs_autotune.diagnose.whiteness import correlation_of
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.extended.base import fit_base, given_base
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup

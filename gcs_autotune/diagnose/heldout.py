@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem, Rest
-from gcs_autotune.diagnose.stretches import Stretch
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.extended.stretches import Stretch
 
 __all__ = ["Fold", "HeldOut", "folds_of", "held_out", "p_value", "rms_of"]
 

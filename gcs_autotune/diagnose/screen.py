@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Effect
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
 __all__ = ["Candidate", "candidates", "screen"]
 

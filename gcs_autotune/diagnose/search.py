@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from gcs_autotune.diagnose.base import fit_base
-from gcs_autotune.diagnose.fitting import Fitted, Problem
 from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value, rms_of
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
-from gcs_autotune.diagnose.stretches import Stretch, only
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch, only
 
 __all__ = ["ALIKE", "Found", "Judged", "Search", "begin_search"]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem, Rest
 from gcs_autotune.diagnose.result import Portrait, Signature
 from gcs_autotune.diagnose.whiteness import Test, tests_of, whiteness_of
 from gcs_autotune.identify.colour import autocorrelation
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.sname import SIGNALS
 

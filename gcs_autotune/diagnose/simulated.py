@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.diagnose.base import fit_base
 from gcs_autotune.diagnose.search import Search, begin_search
-from gcs_autotune.diagnose.stretches import plain_form, stretches_of
 from gcs_autotune.diagnose.whiteness import correlation_of
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import SIGNALS

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.stretches import Stretch
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Leftover, Scene
 from gcs_autotune.effects.extended import ExtendedModel, ExtendedSimulator, in_order
 from gcs_autotune.identify.coupled.objective import Limits, free_states
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem
-from gcs_autotune.diagnose.stretches import Stretch, scene_of
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch, scene_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.models.coupled.derivatives import inertia_of
 
