@@ -38,8 +38,8 @@ class Outliers(Effect):
         return tuple(scene.signals)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """Few and large; :meth:`learn` counts and sizes them."""
-        return ({"share": 0.02, "size": max(10.0 * scene.level.get(place, 0.0), 0.1 * scene.spread[place])},)
+        """None yet; :meth:`learn` counts and sizes them."""
+        return ({"share": 0.0, "size": 0.1 * scene.spread[place]},)
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """More than a third are no exceptions."""

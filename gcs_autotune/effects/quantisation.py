@@ -48,8 +48,8 @@ class Quantisation(Effect):
         return tuple(scene.signals)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """None in particular; :meth:`learn` looks at the readings."""
-        return ({"step": scene.quantum.get(place, 0.0)},)
+        """None yet; :meth:`learn` looks at the readings."""
+        return ({"step": 0.0},)
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """Steps as large as the signal leave nothing of it."""
