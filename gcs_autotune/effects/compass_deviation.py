@@ -16,7 +16,8 @@ class CompassDeviation(Effect):
     """The compass shows ``psi + A + B sin(psi) + C cos(psi)``: iron and currents aboard.
 
     ``A``, a misaligned compass, is sought only where a track, ``x`` and ``y``, tells it from another choice of north.
-    At ``"psi+u+v"`` the velocities are a satellite receiver's, turned into the body by the same compass (as in :mod:`gcs_autotune.models.coupled.compass`).
+    At ``"psi+u+v"`` the velocities are a satellite receiver's, turned into the body by the same compass, as in
+    :mod:`gcs_autotune.models.coupled.compass`.
     """
 
     slug: ClassVar[str] = "compass-deviation"
