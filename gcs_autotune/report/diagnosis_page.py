@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
@@ -225,14 +225,6 @@ def _left(told: Diagnosis) -> Iterator[Picture]:
 
 
 def _steps(told: Diagnosis) -> Iterator[StepStory]:
-    found: Mapping[int, str] = {k: effect_words(c.applied.slug) for k, c in enumerate(told.causes, start=1)}
-    for step, ranked in diagnosis_tables.steps_of(told):
-        earlier = ", ".join(found[k] for k in range(1, step) if k in found)
-        title = f"Beside {earlier}" if earlier else "Against the plain simulation"
-        yield StepStory(
-            title, _ranking(ranked[:MOST_RANKED]), _ranking(ranked[MOST_RANKED:]) if ranked[MOST_RANKED:] else None
-        )
-
-
-def _ranking(ranked: tuple[Ranked, ...]) -> Table:
-    return diagnosis_tables.ranking_table(ranked)
+    for heading, ranked in diagnosis_tables.steps_of(told):
+        best, rest = (diagnosis_tables.ranking_table(r) for r in (ranked[:MOST_RANKED], ranked[MOST_RANKED:]))
+        yield StepStory(heading, best, rest if rest.rows else None)

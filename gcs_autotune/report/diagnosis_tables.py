@@ -47,7 +47,7 @@ def ranking_table(ranking: Iterable[Ranked]) -> Table:
     """Candidates, best first."""
     rows = tuple(
         (
-            effect_words(r.cause),
+            r.cause,
             place_words(r.place),
             format_share(r.gain) if math.isfinite(r.gain) else UNKNOWN,
             format_p(r.p_value),
@@ -64,7 +64,11 @@ def format_p(p: float) -> str:
     return "< 1e-15" if p < 1e-15 else format_number(p, 2)
 
 
-def steps_of(told: Diagnosis) -> tuple[tuple[int, tuple[Ranked, ...]], ...]:
-    """Return the ranking by step: those tried against the base model, then those tried beside the first cause ..."""
-    steps = sorted({r.step for r in told.ranking})
-    return tuple((s, tuple(r for r in told.ranking if r.step == s)) for s in steps)
+def steps_of(told: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
+    """Return (heading, candidates): tried against the base model, then beside the first cause, and so on."""
+    told_steps = []
+    for step in sorted({r.step for r in told.ranking}):
+        earlier = ", ".join(effect_words(c.applied.slug) for c in told.causes[: step - 1])
+        heading = f"Tried beside {earlier}" if earlier else "Tried against the plain simulation"
+        told_steps.append((heading, tuple(r for r in told.ranking if r.step == step)))
+    return tuple(told_steps)
