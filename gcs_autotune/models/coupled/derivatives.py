@@ -20,8 +20,8 @@ name          meaning                                                     term
 
 Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
 ``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
-``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``reach`` [m] of the bottom. An input
-called ``payload`` drives nothing: it multiplies the inertia as time goes on.
+``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``reach`` [m] of the bottom. An
+input called ``payload`` drives nothing: it multiplies the inertia as time goes on.
 """
 
 from __future__ import annotations
@@ -34,7 +34,18 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS
 
-__all__ = ["FORCES", "PAYLOAD", "RIGID_BODY", "SPECIAL", "STATES", "Inertia", "Term", "inertia_of", "term_of", "unit_of"]
+__all__ = [
+    "FORCES",
+    "PAYLOAD",
+    "RIGID_BODY",
+    "SPECIAL",
+    "STATES",
+    "Inertia",
+    "Term",
+    "inertia_of",
+    "term_of",
+    "unit_of",
+]
 
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 """Force letters in SNAME order; their index is the row of the equation."""
@@ -54,7 +65,9 @@ RIGID_BODY: Mapping[str, str] = {
 }
 """Rigid-body constants and their units."""
 
-SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s", "reach": "m"} | dict.fromkeys(COEFFICIENTS, "rad")
+SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s", "reach": "m"} | dict.fromkeys(
+    COEFFICIENTS, "rad"
+)
 """What is neither force nor inertia, and its unit."""
 
 PAYLOAD = "payload"
