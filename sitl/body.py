@@ -43,9 +43,10 @@ class AxisDynamics:
 
 @dataclass(slots=True)
 class Loads:
-    """What the actuators do to the hull: ``X`` [N] ahead, ``Z`` [N] down, ``N`` [N m] to starboard."""
+    """What acts on the hull: ``X`` [N] ahead, ``Y`` [N] to starboard, ``Z`` [N] down, ``N`` [N m] to starboard."""
 
     X: float = 0.0
+    Y: float = 0.0
     Z: float = 0.0
     N: float = 0.0
 
@@ -69,7 +70,11 @@ _ROCK_TIME = 0.5
 
 
 class Body:
-    """The hull's true state: ``x y z`` [m, NED], ``psi`` [rad, continuous], ``u w`` [m/s], ``r`` [rad/s]."""
+    """The hull's true state: ``x y z`` [m, NED], ``psi`` [rad, continuous], ``u w`` [m/s], ``r`` [rad/s].
+
+    ``u`` is through the water, which itself moves with ``V_x V_y`` [m/s, towards north and east]; ``over_ground`` says
+    what its speed sensor measures. It does not sway: ``v`` stays 0, and ``Y_rdot`` has nothing to couple.
+    """
 
     def __init__(self, surge: AxisDynamics, heave: AxisDynamics, yaw: AxisDynamics, world: World) -> None:
         self.surge = surge
@@ -80,6 +85,15 @@ class Body:
         self.psi = self.u = self.w = self.r = 0.0
         self.phi = self.theta = self.p = self.q = 0.0
         self.wdot = 0.0
+        self.v = self.V_x = self.V_y = self.Y_rdot = 0.0
+        self.over_ground = True
+
+    @property
+    def speed(self) -> float:
+        """The surge speed [m/s] its sensor measures: over the ground or through the water."""
+        if not self.over_ground:
+            return self.u
+        return self.u + self.V_x * math.cos(self.psi) + self.V_y * math.sin(self.psi)
 
     def step(self, loads: Loads, dt: float) -> None:
         """Run *dt* seconds [s] under constant *loads*."""
@@ -87,8 +101,8 @@ class Body:
         self.r, turned = self.yaw.step(self.r, loads.N, dt)
         self.u, ahead = self.surge.step(old_u, loads.X, dt)
         middle = self.psi + 0.5 * turned
-        self.x += ahead * math.cos(middle)
-        self.y += ahead * math.sin(middle)
+        self.x += ahead * math.cos(middle) + self.V_x * dt
+        self.y += ahead * math.sin(middle) + self.V_y * dt
         self.psi += turned
         if not self.world.floats:
             self._heave(loads.Z + self._cushion(), dt)
