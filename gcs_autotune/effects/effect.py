@@ -99,6 +99,7 @@ class Drive:
     channels: Mapping[str, Array]
     start: float
     measured: Mapping[str, Channel] = field(default_factory=dict)
+    run: str = ""
 
     def with_channel(self, name: str, values: Array) -> Drive:
         """Return it with one channel replaced (or added), at the same stamps."""
@@ -117,6 +118,7 @@ class Observed:
     t: Array
     signals: Mapping[str, Array]
     start: float
+    run: str = ""
 
     def with_signal(self, name: str, values: Array) -> Observed:
         """Return it with one signal replaced."""
@@ -158,6 +160,12 @@ class Scene:
     quantum: Mapping[str, float] = field(default_factory=dict)
     extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Smallest and largest value of every recorded channel."""
+    rms: Mapping[str, float] = field(default_factory=dict)
+    """Root mean square of every recorded channel."""
+    base: Mapping[str, float] = field(default_factory=dict)
+    """Values of the base model's parameters."""
+    runs: tuple[str, ...] = ()
+    """Names of the runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,6 +198,8 @@ class Effect:
     shown_by: ClassVar[str]
     mistaken_for: ClassVar[tuple[str, ...]] = ()
     separated_by: ClassVar[str]
+    fixed: ClassVar[tuple[str, ...]] = ()
+    """Parameters that are only chosen among :meth:`starts`, not fitted."""
 
     # -- where it may sit, and where a search for it begins
 

@@ -75,13 +75,16 @@ def signals_of(form: Form) -> tuple[str, ...]:
     return (*(d.velocity for d in dofs), *(d.position for d in dofs))
 
 
-def prepare_coupled(trial: Trial, form: Form, use: Sequence[str] | None = None) -> tuple[CoupledRecord, ...]:
+def prepare_coupled(
+    trial: Trial, form: Form, use: Sequence[str] | None = None, *, continuous: bool = False
+) -> tuple[CoupledRecord, ...]:
     """Return the usable stretches of *trial* for *form*.
 
     Parameters
     ----------
     use : names of the signals to take; when None all velocities and angles measured, and of the positions those whose
         velocity is not.
+    continuous : angles are continuous already.
 
     Raises
     ------
@@ -102,7 +105,7 @@ def prepare_coupled(trial: Trial, form: Form, use: Sequence[str] | None = None) 
     channels = {n: clean(trial[n], trial.name, notes) for n in names}
     for name, channel in channels.items():
         dof = next(d for d in DOFS.values() if name in (d.position, d.velocity))
-        if name == dof.position and dof.angular:
+        if name == dof.position and dof.angular and not continuous:
             channels[name] = replace(channel, values=unwrap(channel.t, channel.values, channels.get(dof.velocity)))
     for drive in drives:
         hidden = holes_of(drive, trial.name, notes)

@@ -34,7 +34,18 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS
 
-__all__ = ["FORCES", "PAYLOAD", "RIGID_BODY", "SPECIAL", "STATES", "Inertia", "Term", "inertia_of", "term_of", "unit_of"]
+__all__ = [
+    "FORCES",
+    "PAYLOAD",
+    "RIGID_BODY",
+    "SPECIAL",
+    "STATES",
+    "Inertia",
+    "Term",
+    "inertia_of",
+    "term_of",
+    "unit_of",
+]
 
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 """Force letters in SNAME order; their index is the row of the equation."""
@@ -54,7 +65,9 @@ RIGID_BODY: Mapping[str, str] = {
 }
 """Rigid-body constants and their units."""
 
-SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s", "reach": "m"} | dict.fromkeys(COEFFICIENTS, "rad")
+SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s", "reach": "m"} | dict.fromkeys(
+    COEFFICIENTS, "rad"
+)
 """What is neither force nor inertia, and its unit."""
 
 PAYLOAD = "payload"

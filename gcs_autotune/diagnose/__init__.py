@@ -1,0 +1,22 @@
+"""What a simulation gets wrong, and why: :func:`diagnose`.
+
+===========  =======================================================================
+door         from runs to a verdict
+result       what comes out
+stretches    runs made ready, the plain base model
+base         fitting the base model
+fitting      any model with effects, fitted by output error
+screen       which effects are worth a fit
+heldout      errors on data left out
+whiteness    is anything left?
+search       cause after cause, with second thoughts
+signature    what is left, in words and pictures
+===========  =======================================================================
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.diagnose.door import diagnose
+from gcs_autotune.diagnose.result import Diagnosis
+
+__all__ = ["Diagnosis", "diagnose"]

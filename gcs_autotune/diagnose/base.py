@@ -1,0 +1,91 @@
+"""The base model: the plain simulation everything else is measured against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.fitting import Fitted, Problem
+from gcs_autotune.diagnose.stretches import Stretch, scene_of
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.coupled.objective import Limits
+from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.models.coupled.derivatives import inertia_of
+
+__all__ = ["base_limits", "first_states", "fit_base", "given_base"]
+
+Array = NDArray[np.float64]
+
+STEERED_BY_ANGLE = "delta"
+
+
+def base_limits(form: Form) -> Limits:
+    """Return the limits of the base's parameters: inertia positive, drag that damps; either sign behind a rudder."""
+    limits = physical(form)
+    rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
+    low = {n: v for n, v in limits.low.items() if n[0] not in rows}
+    high = {n: v for n, v in limits.high.items() if n[0] not in rows}
+    for name in list(high):
+        if name.endswith("dot") and inertia_of(name) is not None:
+            high[name] = -1e-9
+    return Limits(low, high)
+
+
+def first_states(form: Form, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
+    """Return initial states read off the first samples."""
+    return ground_of(form, [s.record for s in stretches]).initial
+
+
+def fit_base(form: Form, stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]:
+    """Fit *form* from several starts and return the problem and the best fit.
+
+    Raises
+    ------
+    NotInformative
+        From no start can the base model follow these runs.
+    """
+    limits = base_limits(form)
+    ground = ground_of(form, [s.record for s in stretches])
+    problem = Problem(form, stretches, scene_of(form, stretches), limits)
+    best: Fitted | None = None
+    for theta in ground.starts(limits):
+        low, high = limits.of(form.parameters)
+        found = problem.fit(np.clip(theta, low, high), (), ground.initial)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+    if best is None:
+        raise NotInformative(
+            f"no simulation of '{form.title}' follows these runs: check columns and units, or give --dof with less"
+        )
+    return _known(form, stretches, limits, best), best
+
+
+def given_base(model: CoupledModel, effects: Sequence[Applied], stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]:
+    """Return the problem and the fit for a model that is given: nothing of it is fitted, only initial states.
+
+    Raises
+    ------
+    NotInformative
+        The model runs away on these runs.
+    """
+    form = replace(model.form, free=(), known={n: model[n] for n in model.form.parameters})
+    limits = base_limits(form)
+    problem = Problem(form, stretches, scene_of(form, stretches), limits)
+    found = problem.states(np.array([model[n] for n in form.parameters]), effects, first_states(form, stretches))
+    if found is None:
+        raise NotInformative(
+            f"the model '{form.title}' runs away on these runs: is it about this craft, in these units?"
+        )
+    return _known(form, stretches, limits, found), found
+
+
+def _known(form: Form, stretches: Sequence[Stretch], limits: Limits, fitted: Fitted) -> Problem:
+    """Return the problem with the base's values in the scene."""
+    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
+    return Problem(form, stretches, scene_of(form, stretches, values), limits)

@@ -1,0 +1,286 @@
+"""The door of diagnosis: :func:`diagnose`, from runs to a verdict."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.base import first_states, fit_base, given_base
+from gcs_autotune.diagnose.fitting import Fitted, Problem
+from gcs_autotune.diagnose.heldout import HeldOut, folds_of, ratio_interval, rms_of
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
+from gcs_autotune.diagnose.search import ALIKE, Judged, Search
+from gcs_autotune.diagnose.signature import portraits_of, signature_of
+from gcs_autotune.diagnose.stretches import Stretch, plain_form, stretches_of
+from gcs_autotune.diagnose.whiteness import correlation_of
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.registry import lookup
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = ["METRIC", "diagnose"]
+
+Array = NDArray[np.float64]
+
+METRIC = "held-out simulation RMSE"
+
+WHITE = 0.005
+"""Chance of calling a complete model incomplete."""
+
+Progress = Callable[[str, int, int], None]
+
+
+def diagnose(
+    runs: Trial | Sequence[Trial],
+    *,
+    unseen: Sequence[Trial] = (),
+    dof: str | None = None,
+    use: Sequence[str] | None = None,
+    form: Form | None = None,
+    model: ExtendedModel | None = None,
+    effects: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
+
+    Parameters
+    ----------
+    unseen : runs to measure the gain on; without any, parts of *runs* are left out in turn.
+    dof : degrees of freedom to look at, joined by commas; all in the file when None.
+    use : signals to compare; all measured when None.
+    form : the base model's structure instead of the plain one. model : a base model with its numbers, taken as it is.
+    effects : slugs to try; the whole book when None.
+    progress : called with a stage, how much of it is done, and how much there is.
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        The runs cannot be used; the message says why and what to try.
+    UsageError
+        Contradictory arguments; an effect that is not in the book.
+    """
+    begun = time.perf_counter()
+    together = [runs] if isinstance(runs, Trial) else list(runs)
+    if not together:
+        raise UsageError("no run was given to diagnose")
+    slugs = list(BOOK) if effects is None else [lookup(BOOK, e, "effect").slug for e in effects]
+    base_form = _form(together, dof, form, model)
+    stretches, doubts = stretches_of(together, base_form, use)
+    held = stretches_of(unseen, base_form, use)[0] if unseen else []
+    search, words = _search(base_form, stretches, held, model, slugs, progress)
+    search.run()
+    return _told(search, words, doubts, together, unseen, time.perf_counter() - begun)
+
+
+def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, model: ExtendedModel | None) -> Form:
+    if model is not None:
+        return model.base.form
+    return form if form is not None else plain_form(runs, dof)
+
+
+def _search(
+    form: Form,
+    stretches: list[Stretch],
+    unseen: list[Stretch],
+    model: ExtendedModel | None,
+    slugs: Sequence[str],
+    progress: Progress | None,
+) -> tuple[Search, str]:
+    if model is None:
+        problem, fitted = fit_base(form, stretches)
+    else:
+        problem, fitted = given_base(model.base, model.effects, stretches)
+    folds, pool, words = folds_of(stretches, unseen)
+    at_pool = first_states(problem.form, pool)
+    starts = [tuple(at_pool[i] for i in fold.train_at) for fold in folds]
+    place = {id(s): i for i, s in enumerate(pool)}
+    tests = [
+        tuple(at_pool[place[id(s)]] for s in fold.test) if not unseen else first_states(problem.form, fold.test)
+        for fold in folds
+    ]
+    search = Search(problem, fitted, folds, starts, tests, slugs, fit_base_too=model is None, progress=progress)
+    return search, words
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbers:
+    """Values of one effect with units and standard errors."""
+
+    values: Mapping[str, Value]
+
+
+def _told(
+    search: Search,
+    words: str,
+    doubts: Sequence[Doubt],
+    runs: Sequence[Trial],
+    unseen: Sequence[Trial],
+    seconds: float,
+) -> Diagnosis:
+    problem, base, final = search.problem, search.base, search.fitted
+    gave_away, _ = signature_of(problem, base)
+    left, _ = signature_of(problem, final)
+    order = [own for own in _found_order(search) if own in final.effects]
+    white = left.whiteness_p > WHITE
+    verdict: Verdict
+    if order:
+        verdict = "effect-found" if white else "partly-explained"
+    else:
+        verdict = "no-effect" if white else "unexplained"
+    numbers = _numbers(problem, final)
+    gains = _gains(search.base_unseen, search.present_unseen, words) if order else ()
+    alike = _alike(search, order)
+    return Diagnosis(
+        verdict=verdict,
+        causes=tuple(
+            Cause(
+                own,
+                numbers[own.slug, own.place],
+                BOOK[own.slug].meaning,
+                _share(search, own),
+                BOOK[own.slug].curve(own, problem.scene),
+            )
+            for own in order
+        ),
+        ranking=_ranking(search),
+        indistinguishable=alike,
+        gain=_headline(gains),
+        gains=gains,
+        base_model=base.model,
+        extended_model=final.model,
+        next_manoeuvre=_next(order, alike, verdict),
+        left=left,
+        gave_away=gave_away,
+        before=portraits_of(problem, base),
+        after=portraits_of(problem, final) if order else (),
+        used=tuple(r.name for r in runs),
+        held_out=tuple(r.name for r in unseen),
+        noise=dict(final.levels),
+        tried=search.tried,
+        seconds=seconds,
+        doubts=tuple(doubts),
+    )
+
+
+def _found_order(search: Search) -> list[Applied]:
+    """Return the effects of the final model in the order found; those that came in second thoughts take the old place."""
+    order: list[tuple[str, str]] = []
+    for step in search.steps:
+        if step.accepted is not None:
+            order.append((step.accepted.own.slug, step.accepted.own.place))
+    now = {(e.slug, e.place): e for e in search.fitted.effects}
+    kept = [now[key] for key in order if key in now]
+    given = {(e.slug, e.place) for e in search.base.effects}
+    late = [e for key, e in now.items() if key not in order and key not in given]
+    missing = [i for i, key in enumerate(order) if key not in now]
+    for e in late:
+        kept.insert(missing[0] if missing else len(kept), e)
+    return kept
+
+
+def _numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
+    covariance = fitted.covariance(correlation_of(fitted))
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    first = len(fitted.free)
+    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
+    found = {}
+    for i, own in enumerate(fitted.effects):
+        entry = BOOK[own.slug]
+        found[own.slug, own.place] = {
+            n: Value(
+                v,
+                entry.unit_of(n, own.place, problem.scene),
+                float(std[column[i, n]]) if (i, n) in column else (0.0 if n in entry.fixed else math.nan),
+            )
+            for n, v in own.values.items()
+        }
+    return found
+
+
+def _ranking(search: Search) -> tuple[Ranked, ...]:
+    found = []
+    for k, step in enumerate(search.steps):
+        for judged in step.judged:
+            numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
+            found.append(
+                Ranked(judged.own.slug, judged.own.place, judged.gain, judged.p, judged.evidence, numbers, k + 1)
+            )
+    return tuple(found)
+
+
+def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], ...]:
+    groups = []
+    for step in search.steps:
+        if step.accepted is None or step.accepted.own.slug not in {e.slug for e in order}:
+            continue
+        best = step.accepted
+        same = [best.own.slug, *(j.own.slug for j in step.judged if _is_alike(j, best))]
+        names = tuple(dict.fromkeys(same))
+        if len(names) > 1:
+            groups.append(names)
+    return tuple(groups)
+
+
+def _is_alike(other: Judged, best: Judged) -> bool:
+    return other is not best and best.evidence - other.evidence < ALIKE and other.gain > 0.0
+
+
+def _gains(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:
+    old, new = rms_of(before.rests), rms_of(after.rests)
+    found = []
+    for name in old:
+        if name not in new or not old[name] > 0.0 or not before.complete or not after.complete:
+            continue
+        pairs = [(a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.signal == name]
+        interval = ratio_interval([a for a, _ in pairs], [b for _, b in pairs])
+        found.append(Gain(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words))
+    return tuple(found)
+
+
+def _headline(gains: Sequence[Gain]) -> Gain | None:
+    """Return the gain of the signal that gains most."""
+    return min(gains, key=lambda g: g.ratio, default=None)
+
+
+def _share(search: Search, own: Applied) -> float:
+    """Return the share of the mean square error above the noise, over all signals, that this step removed."""
+    for k, step in enumerate(search.steps):
+        if step.accepted is None or (step.accepted.own.slug, step.accepted.own.place) != (own.slug, own.place):
+            continue
+        earlier = [s.accepted for s in search.steps[:k] if s.accepted is not None and s.accepted.unseen is not None]
+        before = earlier[-1].unseen if earlier and earlier[-1].unseen is not None else search.base_unseen
+        after = step.accepted.unseen
+        if after is None:
+            return math.nan
+        base, old, new = (rms_of(h.rests) for h in (search.base_unseen, before, after))
+        shares = []
+        for n, level in search.fitted.levels.items():
+            above = base.get(n, 0.0) ** 2 - level**2
+            if above > 0.05 * level**2 and n in old and n in new:
+                shares.append((old[n] ** 2 - new[n] ** 2) / above)
+        return float(np.clip(max(shares, default=math.nan), 0.0, 1.0)) if shares else math.nan
+    return math.nan
+
+
+def _next(order: Sequence[Applied], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
+    """Return the manoeuvre worth flying next."""
+    if alike:
+        return BOOK[alike[0][0]].separated_by
+    if verdict in ("unexplained", "partly-explained"):
+        return (
+            "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "
+            "is the craft, what turns with the heading is wind, current or compass, what does neither is disturbance"
+        )
+    if order:
+        return BOOK[order[0].slug].separated_by
+    return "nothing more is needed for this model; a run with larger commands would try it harder"

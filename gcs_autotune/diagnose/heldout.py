@@ -1,0 +1,196 @@
+"""Error on data left out: folds, the error of a model there, and whether another model's is truly smaller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from gcs_autotune.diagnose.fitting import Fitted, Problem, Rest
+from gcs_autotune.diagnose.stretches import Stretch
+from gcs_autotune.effects.effect import Applied
+
+__all__ = ["Fold", "HeldOut", "folds_of", "held_out", "p_value", "rms_of"]
+
+Array = NDArray[np.float64]
+
+MOST_FOLDS = 4
+"""Parts left out in turn."""
+
+BLOCKS = 24
+"""Blocks the held-out errors are averaged over before they are compared: neighbours share their errors."""
+
+FEWEST = 8
+"""Fewest samples of a block."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fold:
+    """Stretches to fit, stretches to predict, and where their initial states stand in the whole problem's."""
+
+    train: tuple[Stretch, ...]
+    test: tuple[Stretch, ...]
+    train_at: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """Residuals of a model on data it has not seen, ``complete`` False when it ran away somewhere."""
+
+    rests: tuple[Rest, ...]
+    complete: bool
+
+
+def folds_of(stretches: Sequence[Stretch], unseen: Sequence[Stretch] = ()) -> tuple[list[Fold], list[Stretch], str]:
+    """Return the folds, the stretches they index, and in words what is held out.
+
+    With *unseen* runs one fold; with several runs each (or each group of runs) in turn; else blocks of the only run.
+    """
+    if unseen:
+        return (
+            [Fold(tuple(stretches), tuple(unseen), tuple(range(len(stretches))))],
+            list(stretches),
+            ("runs not used for fitting: " + ", ".join(dict.fromkeys(s.run for s in unseen))),
+        )
+    runs = list(dict.fromkeys(s.run for s in stretches))
+    if len(runs) > 1:
+        pool, count = list(stretches), min(len(runs), MOST_FOLDS)
+        group = {run: i % count for i, run in enumerate(runs)}
+        label = [group[s.run] for s in pool]
+        words = (
+            f"each of {len(runs)} runs left out in turn" if count == len(runs) else f"{count} groups of runs in turn"
+        )
+    else:
+        longest = max(range(len(stretches)), key=lambda i: len(stretches[i].record.stamps))
+        pieces = stretches[longest].pieces(MOST_FOLDS)
+        pool = [*pieces, *(s for i, s in enumerate(stretches) if i != longest)]
+        count, label = len(pieces), [i % len(pieces) for i in range(len(pool))]
+        words = f"{count} blocks of the run left out in turn"
+    folds = []
+    for k in range(count):
+        train = tuple(i for i in range(len(pool)) if label[i] != k)
+        test = tuple(s for i, s in enumerate(pool) if label[i] == k)
+        if train and test:
+            folds.append(Fold(tuple(pool[i] for i in train), test, train))
+    return folds, pool, words
+
+
+def held_out(
+    problem: Problem,
+    folds: Sequence[Fold],
+    starts: Sequence[tuple[Array, ...]],
+    fitted: Fitted,
+    *,
+    refit: bool,
+    test_states: Sequence[tuple[Array, ...]],
+) -> HeldOut:
+    """Predict what each fold leaves out by a model fitted to the rest of it.
+
+    starts : initial states of each fold's training stretches to begin from; test_states : likewise of what it tests.
+    refit : the model is fitted anew on each fold, beginning at *fitted*; False: it is taken as it is.
+    """
+    rests: list[Rest] = []
+    complete = True
+    for k, (fold, initial, states) in enumerate(zip(folds, starts, test_states, strict=True)):
+        theta, effects = fitted.theta, fitted.effects
+        if refit:
+            again = problem.on(fold.train).fit(theta, effects, initial, trials=8)
+            if again is None:
+                complete = False
+                continue
+            theta, effects = again.theta, again.effects
+        predicted = problem.on(fold.test).states(theta, effects, states)
+        if predicted is None:
+            complete = False
+            continue
+        rests += [replace(r, fold=k) for r in predicted.rests]
+    return HeldOut(tuple(rests), complete)
+
+
+def rms_of(rests: Sequence[Rest]) -> dict[str, float]:
+    """Return the root mean square of what is left, per signal."""
+    squares: dict[str, list[Array]] = {}
+    for rest in rests:
+        good = rest.judged[np.isfinite(rest.judged)]
+        squares.setdefault(rest.signal, []).append(good**2)
+    return {n: float(np.sqrt(np.mean(np.concatenate(s)))) if sum(map(len, s)) else math.nan for n, s in squares.items()}
+
+
+def blocks(before: Sequence[Rest], after: Sequence[Rest]) -> tuple[list[tuple[str, float, float, int]], int]:
+    """Return per block: signal, sum of squares before, after, and samples; cut alike for both."""
+    total = sum(len(r.judged) for r in before)
+    size = max(FEWEST, total // BLOCKS)
+    found = []
+    for old, new in zip(before, after, strict=True):
+        count = max(1, len(old.judged) // size)
+        for a, b in zip(np.array_split(old.judged, count), np.array_split(new.judged, count), strict=True):
+            good = np.isfinite(a) & np.isfinite(b)
+            sole = np.isfinite(a) & ~np.isfinite(b)
+            if good.any():
+                found.append(
+                    (
+                        old.signal,
+                        float(np.sum(a[good] ** 2) + np.sum(a[sole] ** 2)),
+                        float(np.sum(b[good] ** 2)),
+                        int(good.sum()),
+                    )
+                )
+    return found, size
+
+
+def p_value(
+    before: HeldOut, after: HeldOut, levels: Mapping[str, float], raised: float, numbers: int, tried: int
+) -> float:
+    """Return the chance that *after* only seems better on unseen data, times how many were *tried* (at most 1).
+
+    The split likelihood ratio (Wasserman, Ramdas and Balakrishnan 2020, "Universal inference"): the likelihood of data
+    left out under a model fitted to the rest, with the noise *levels* found there, over the largest likelihood of the
+    model before, is an e-value; over folds their mean is one, and its inverse is a p value whatever the sample size.
+    The largest likelihood of the model before is that of its held-out error, with the *numbers* it would gain by being
+    fitted there. *raised*: samples that make one independent one.
+    """
+    if not after.complete or len(before.rests) != len(after.rests):
+        return 1.0
+    logs = []
+    for fold in range(max((r.fold for r in before.rests), default=-1) + 1):
+        gained = -float(numbers)
+        for name, level in levels.items():
+            pairs = [
+                (a.judged, b.judged)
+                for a, b in zip(before.rests, after.rests, strict=True)
+                if a.fold == fold and a.signal == name
+            ]
+            if not pairs:
+                continue
+            old, new = (np.concatenate([p[k] for p in pairs]) for k in (0, 1))
+            old, new = old[np.isfinite(old)], new[np.isfinite(new)]
+            if len(old) and len(new):
+                own = max(float(np.mean(old**2)), 1e-300)
+                gained += 0.5 * len(old) * (math.log(own) + 1.0)
+                gained -= 0.5 * len(new) * (math.log(level**2) + float(np.mean(new**2)) / level**2)
+        logs.append(gained / raised)
+    if not logs:
+        return 1.0
+    e = float(logsumexp(logs)) - math.log(len(logs))
+    return float(min(1.0, tried * math.exp(-min(e, 700.0))))
+
+
+def ratio_interval(before: Sequence[Rest], after: Sequence[Rest], seed: int = 0) -> tuple[float, float]:
+    """Return the 95 % interval of the ratio of rms errors, by drawing blocks with replacement."""
+    rows, _ = blocks(before, after)
+    a, b = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
+    if len(a) < 3:
+        return math.nan, math.nan
+    draws = np.random.default_rng(seed).integers(0, len(a), (2000, len(a)))
+    ratios = np.sqrt(b[draws].sum(axis=1) / np.maximum(a[draws].sum(axis=1), 1e-300))
+    low, high = np.quantile(ratios, (0.025, 0.975))
+    return float(low), float(high)
+
+
+def unfitted(effects: Sequence[Applied]) -> tuple[str, ...]:
+    """Return the slugs of *effects*."""
+    return tuple(e.slug for e in effects)

@@ -1,0 +1,185 @@
+"""Which effects are worth a fit: each is let loose at a few sizes, the rest of the model adapted to first order.
+
+One simulation per effect, place and size. What the residual has in common with what an effect would do is read off
+after everything the model could adapt (its own parameters, initial states) has been taken out of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.fitting import Fitted, Problem
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied, Effect
+from gcs_autotune.effects.extended import ExtendedSimulator, in_order
+
+__all__ = ["Candidate", "candidates", "screen"]
+
+Array = NDArray[np.float64]
+
+LONGEST_SCALE = 4.0
+"""An effect that acts linearly may turn out so many times the size it was tried at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises."""
+
+    own: Applied
+    begin: Fitted
+    promised: float
+
+
+def candidates(problem: Problem, present: Sequence[Applied], slugs: Sequence[str]) -> list[list[Applied]]:
+    """Return for every effect and place not *present* the values to begin from."""
+    scene = problem.scene
+    taken = {(e.slug, e.place) for e in present}
+    found = []
+    for slug in slugs:
+        entry = BOOK[slug]
+        for place in entry.places(scene):
+            if (slug, place) in taken:
+                continue
+            constants = dict(entry.constants(place, scene))
+            found.append([Applied(slug, place, dict(s), constants) for s in entry.starts(place, scene)])
+    return found
+
+
+def screen(
+    problem: Problem,
+    fits: Sequence[Fitted],
+    choices: Sequence[Sequence[Applied]],
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Candidate]:
+    """Return the most promising start of each choice, the best promise first.
+
+    fits : where fits may begin: the present model first, then others with the same effects for bookkeeping.
+    """
+    grounds = [_Ground(problem, fitted) for fitted in fits]
+    found = []
+    for i, choice in enumerate(choices):
+        entry = BOOK[choice[0].slug]
+        own_grounds = grounds if entry.family == "bookkeeping" else grounds[:1]
+        best: Candidate | None = None
+        for ground in own_grounds:
+            for own in choice:
+                promise = ground.promise(entry, own)
+                if promise is not None and (best is None or promise.promised < best.promised):
+                    best = promise
+        if best is not None:
+            found.append(best)
+        if progress is not None:
+            progress(i + 1, len(choices))
+    return sorted(found, key=lambda c: c.promised)
+
+
+class _Ground:
+    """A fit, and the space its own numbers can move the prediction in."""
+
+    def __init__(self, problem: Problem, fitted: Fitted) -> None:
+        self.problem, self.fitted = problem, fitted
+        norms = np.linalg.norm(fitted.jacobian, axis=0)
+        scaled = fitted.jacobian / np.where(norms > 0.0, norms, 1.0)
+        U, s, _ = np.linalg.svd(scaled, full_matrices=False)
+        self.Q = U[:, s > 1e-8 * s[0]] if len(s) else U
+        self.residual = fitted.residual
+        self.free = self._rest(self.residual)
+        self.slices = self._slices()
+
+    def _slices(self) -> list[tuple[str, slice]]:
+        found, at = [], 0
+        for rest in self.fitted.rests:
+            n = int(np.isfinite(rest.judged).sum())
+            found.append((rest.signal, slice(at, at + n)))
+            at += n
+        return found
+
+    def _rest(self, r: Array) -> Array:
+        left: Array = r - self.Q @ (self.Q.T @ r)
+        return left
+
+    def cost(self, r: Array) -> float:
+        """Return minus twice the log-likelihood of a residual in units of the fit's own noise levels."""
+        sums: dict[str, float] = {}
+        counts: dict[str, int] = {}
+        for name, part in self.slices:
+            sums[name] = sums.get(name, 0.0) + float(r[part] @ r[part])
+            counts[name] = counts.get(name, 0) + part.stop - part.start
+        total = 0.0
+        for name, s in sums.items():
+            n, level, floor = counts[name], self.fitted.levels[name], self.problem.floors[name]
+            total += n * np.log((s * level**2 + n * floor**2) / n / floor**2)
+        return float(total)
+
+    def promise(self, entry: Effect, own: Applied) -> Candidate | None:
+        """Return what adding *own* promises; None when the motion runs away with it."""
+        if entry.overrides("learn"):
+            return self._learnt(own)
+        changed = self._residual_with(own)
+        if changed is None:
+            return None
+        cost, scale = self.cost(self._rest(changed)), 1.0
+        if own.values and entry.family != "bookkeeping":
+            moved = self._rest(self.residual - changed)
+            power = float(moved @ moved)
+            if power > 0.0:
+                wanted = float(moved @ self.free) / power
+                wanted = float(np.clip(wanted, -LONGEST_SCALE if _two_sided(entry, own, self) else 0.0, LONGEST_SCALE))
+                other = self.cost(self.free - wanted * moved)
+                if other < cost:
+                    cost, scale = other, wanted
+        if scale != 1.0 and _linear(entry):
+            own = own.with_values({n: v * scale for n, v in own.values.items() if n not in entry.fixed})
+        return Candidate(own, self.fitted, cost)
+
+    def _learnt(self, own: Applied) -> Candidate | None:
+        tried = self.problem.fit(self.fitted.theta, (*self.fitted.effects, own), self.fitted.initial, trials=1)
+        return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost)
+
+    def _residual_with(self, own: Applied) -> Array | None:
+        effects = in_order((*self.fitted.effects, own))
+        simulator = ExtendedSimulator(self.problem.form, effects)
+        rows = []
+        at = 0
+        for i, stretch in enumerate(self.problem.stretches):
+            found = simulator.run(self.fitted.theta, effects, self.fitted.initial[i], stretch.passage)
+            if found is None:
+                return None
+            for name in stretch.record.signals:
+                rest = self.fitted.rests[at]
+                at += 1
+                shift = found[name][0] - rest.predicted
+                good = np.isfinite(rest.judged)
+                rows.append((rest.judged - shift)[good] / self.fitted.levels[name])
+        joined = np.concatenate(rows)
+        return joined if np.all(np.isfinite(joined)) else None
+
+
+def _two_sided(entry: Effect, own: Applied, ground: _Ground) -> bool:
+    """Whether an effect may act either way."""
+    bounds = entry.bounds(own.place, ground.problem.scene)
+    return all(bounds.get(n, (-np.inf, np.inf))[0] < 0.0 for n in own.values)
+
+
+def _linear(entry: Effect) -> bool:
+    """Whether twice the values have twice the effect, nearly."""
+    return (
+        not entry.overrides("drive")
+        and not entry.overrides("retime")
+        and not entry.fixed
+        and entry.slug != "wind-moment"
+    )
+
+
+def _of(fitted: Fitted, own: Applied) -> Applied:
+    """Return the effect of *fitted* at the place of *own*."""
+    return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
+
+
+def with_effect(fitted: Fitted, own: Applied) -> Fitted:
+    """Return *fitted* with one effect added, unfitted."""
+    return replace(fitted, effects=in_order((*fitted.effects, own)))

@@ -1,0 +1,166 @@
+"""What is left over, in words and in pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from gcs_autotune.diagnose.fitting import Fitted, Problem, Rest
+from gcs_autotune.diagnose.result import Portrait, Signature
+from gcs_autotune.diagnose.whiteness import Test, tests_of, whiteness_of
+from gcs_autotune.identify.colour import autocorrelation
+from gcs_autotune.identify.result import Trace
+from gcs_autotune.sname import SIGNALS
+
+__all__ = ["portraits_of", "signature_of"]
+
+Array = NDArray[np.float64]
+
+TOLD = 0.005
+"""Chance below which a finding is told (over all tests together)."""
+
+MOST = 5
+"""Findings told."""
+
+LAGS = 60
+
+
+def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
+    """Return what is left over in words, and the tests it rests on."""
+    tests = tests_of(problem, fitted)
+    told = sorted((t for t in tests if t.p * len(tests) < TOLD), key=lambda t: (t.p, -abs(t.size)))
+    lines: dict[str, None] = {}
+    for test in told:
+        lines.setdefault(_words(test, fitted), None)
+    return Signature(tuple(list(lines)[:MOST]), whiteness_of(tests)), tests
+
+
+def _words(test: Test, fitted: Fitted) -> str:
+    if not test.signal:
+        return f"the residual goes with {test.what} (correlation {test.size:+.2f})"
+    unit = SIGNALS[test.signal][0]
+    rms = fitted.levels[test.signal]
+    if test.what == "one frequency":
+        return f"{test.signal}: {100 * test.size:.0f} % of the residual's power is one frequency"
+    if test.what == "slow drift":
+        return f"{test.signal}: the residual (rms {rms:.3g} {unit}) wanders slowly, block means {math.sqrt(test.size):.1f} times those of noise"
+    return f"{test.signal}: {test.what} of the residual (rms {rms:.3g} {unit}), {test.size:+.2f} from sample to sample"
+
+
+def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
+    """Return a portrait of every signal's residual."""
+    found = []
+    for name in fitted.levels:
+        unit = SIGNALS[name][0]
+        rests = [r for r in fitted.rests if r.signal == name]
+        traces = tuple(
+            Trace(
+                problem.stretches[r.stretch].record.run,
+                r.t,
+                r.measured,
+                r.predicted,
+                np.full(len(r.t), 1.96 * fitted.levels[name]),
+                name,
+                unit,
+            )
+            for r in rests
+        )
+        lag, rho = _correlation(rests)
+        n = max(len(r.t) for r in rests)
+        found.append(
+            Portrait(
+                signal=name,
+                unit=unit,
+                traces=traces,
+                against=_against(problem, fitted, name),
+                one_step=_one_step(rests),
+                spectrum=_spectrum(rests),
+                correlation=(lag, rho),
+                cross=_cross(problem, rests),
+                limit=1.96 / math.sqrt(n),
+            )
+        )
+    return tuple(found)
+
+
+def _left(rest: Rest) -> Array:
+    left: Array = rest.measured - rest.predicted
+    return left
+
+
+def _correlation(rests: Sequence[Rest]) -> tuple[Array, Array]:
+    longest = max(rests, key=lambda r: len(r.t))
+    e, t = _left(longest), longest.t
+    lags = min(LAGS, len(e) // 3)
+    step = float(np.median(np.diff(t)))
+    return np.arange(1, lags + 1) * step, autocorrelation(e, lags)
+
+
+def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[Array, Array, str]]:
+    xs: dict[str, list[tuple[Array, Array]]] = {}
+    units: dict[str, str] = {"time": "s"}
+    for rest in fitted.rests:
+        if rest.signal != name:
+            continue
+        stretch = problem.stretches[rest.stretch]
+        left = _left(rest)
+        xs.setdefault("time", []).append((rest.t - rest.t[0], left))
+        for channel, values in stretch.passage.commands.items():
+            at = np.maximum(np.searchsorted(stretch.passage.t_in, rest.t, side="right") - 1, 0)
+            xs.setdefault(channel, []).append((values[at], left))
+            units[channel] = problem.scene.inputs[channel]
+        for signal, own in stretch.record.signals.items():
+            value = np.interp(rest.t, own.t, own.values)
+            if signal == "psi":
+                value = np.mod(value, 2.0 * np.pi)
+            xs.setdefault(signal, []).append((value, left))
+            units[signal] = SIGNALS[signal][0]
+    return {n: (np.concatenate([a for a, _ in p]), np.concatenate([b for _, b in p]), units[n]) for n, p in xs.items()}
+
+
+def _one_step(rests: Sequence[Rest]) -> tuple[Array, Array]:
+    """Return the one-step residual: how far each sample is from where the one before it was heading."""
+    longest = max(rests, key=lambda r: len(r.t))
+    return longest.t[1:], np.diff(_left(longest))
+
+
+def _spectrum(rests: Sequence[Rest]) -> tuple[Array, Array] | None:
+    longest = max(rests, key=lambda r: len(r.t))
+    t, e = longest.t, _left(longest)
+    if len(t) < 32:
+        return None
+    step = float(np.median(np.diff(t)))
+    grid = np.arange(t[0], t[-1], step)
+    f, power = welch(np.interp(grid, t, e), fs=1.0 / step, nperseg=min(256, len(grid)))
+    return f[1:], power[1:]
+
+
+def _cross(problem: Problem, rests: Sequence[Rest]) -> Mapping[str, tuple[Array, Array]]:
+    longest = max(rests, key=lambda r: len(r.t))
+    t, e = longest.t, _left(longest)
+    e = e - e.mean()
+    stretch = problem.stretches[longest.stretch]
+    lags = min(LAGS, len(e) // 4)
+    step = float(np.median(np.diff(t)))
+    found = {}
+    signals: dict[str, Array] = {}
+    for channel, values in stretch.passage.commands.items():
+        at = np.maximum(np.searchsorted(stretch.passage.t_in, t, side="right") - 1, 0)
+        signals[channel] = values[at]
+    for name, own in stretch.record.signals.items():
+        signals[name] = np.interp(t, own.t, own.values)
+    for name, x in signals.items():
+        x = x - x.mean()
+        power = math.sqrt(float(x @ x) * float(e @ e))
+        if power <= 0.0:
+            continue
+        rho = [
+            float(e[max(k, 0) : len(e) + min(k, 0)] @ x[max(-k, 0) : len(x) - max(k, 0)]) / power
+            for k in range(-lags, lags + 1)
+        ]
+        found[name] = (np.arange(-lags, lags + 1) * step, np.array(rho))
+    return found

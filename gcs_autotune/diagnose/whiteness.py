@@ -1,0 +1,196 @@
+"""Is anything left? Tests of residuals that have no particular cause in mind.
+
+Pooled per signal: Ljung and Box (1978) over short and long lags; the variance of block means (slow drifts); the
+largest line of the periodogram (Fisher 1929); score tests for forces no base model has (cubes, moduli, sines of twice
+the heading, drifts in time ...), each read off the sensitivity of the motion to such a force. Bonferroni over all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from gcs_autotune.diagnose.fitting import Fitted, Problem
+from gcs_autotune.effects.extended import ExtendedSimulator
+from gcs_autotune.errors import BadFile
+from gcs_autotune.identify.colour import autocorrelation
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.derivatives import term_of
+from gcs_autotune.sname import DOFS
+
+__all__ = ["Test", "correlation_of", "tests_of", "whiteness_of"]
+
+Array = NDArray[np.float64]
+
+SHORT, LONG = 8, 40
+"""Lags of the two portmanteau tests."""
+
+BLOCK = 25
+"""Samples of a block whose mean is looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Test:
+    """One test: what it looked at, in words, the signal, its probability, and a size for the words (may be NaN)."""
+
+    what: str
+    signal: str
+    p: float
+    size: float = math.nan
+
+
+def whiteness_of(tests: list[Test]) -> float:
+    """Return the probability that white noise looks at least this coloured to the keenest test (Bonferroni)."""
+    return min(1.0, len(tests) * min((t.p for t in tests), default=1.0))
+
+
+def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
+    """Return all tests of what a fit leaves over."""
+    return [*_portmanteaus(fitted), *_scores(problem, fitted)]
+
+
+def correlation_of(fitted: Fitted) -> float:
+    """Return how many samples make one independent one, the worst over signals."""
+    worst = 1.0
+    for name in fitted.levels:
+        times = []
+        for series in _series(fitted, name):
+            if len(series) < 3 * SHORT:
+                continue
+            rho = autocorrelation(series, len(series) // 4)
+            if len(series) * float(np.sum(rho[:SHORT] ** 2)) < chi2.isf(0.01, SHORT):
+                times.append(1.0)
+                continue
+            below = np.flatnonzero(rho < 0.05)
+            times.append(1.0 + 2.0 * float(rho[: int(below[0]) if len(below) else len(rho)].sum()))
+        if times:
+            worst = max(worst, float(np.median(times)))
+    return worst
+
+
+def _series(fitted: Fitted, name: str) -> list[Array]:
+    return [(r.judged[np.isfinite(r.judged)] / fitted.levels[name]) for r in fitted.rests if r.signal == name]
+
+
+def _portmanteaus(fitted: Fitted) -> Iterator[Test]:
+    for name in fitted.levels:
+        series = [s for s in _series(fitted, name) if len(s) > 2 * SHORT]
+        if not series:
+            continue
+        for lags, words in ((SHORT, "short-term correlation"), (LONG, "correlation over many samples")):
+            total, freedom, first = 0.0, 0, []
+            for s in series:
+                n, own = len(s), min(lags, len(s) // 4)
+                rho = autocorrelation(s, own)
+                total += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, own + 1))))
+                freedom += own
+                first.append(float(rho[0]))
+            yield Test(words, name, float(chi2.sf(total, freedom)), float(np.mean(first)))
+        yield _drift(series, name)
+        yield _line(series, name)
+
+
+def _drift(series: list[Array], name: str) -> Test:
+    total, freedom = 0.0, 0
+    for s in series:
+        count = max(2, len(s) // BLOCK)
+        parts = np.array_split(s, count)
+        total += sum(len(p) * float(p.mean()) ** 2 for p in parts) / float(np.mean(s**2) or 1.0)
+        freedom += count
+    return Test("slow drift", name, float(chi2.sf(total, freedom)), total / freedom)
+
+
+def _line(series: list[Array], name: str) -> Test:
+    """Return Fisher's test for the strongest line of any stretch."""
+    best, size = 1.0, 0.0
+    for s in series:
+        power = np.abs(np.fft.rfft(s - s.mean()))[1:-1] ** 2
+        m = len(power)
+        if m < 4 or power.sum() <= 0.0:
+            continue
+        g = float(power.max() / power.sum())
+        p = min(1.0, m * (1.0 - g) ** (m - 1))
+        if p * len(series) < best:
+            best, size = min(1.0, p * len(series)), g
+    return Test("one frequency", name, best, size)
+
+
+def generic_terms(form: Form) -> dict[str, str]:
+    """Return forces nobody named: derivative -> words."""
+    found: dict[str, str] = {}
+    for dof in form.dofs:
+        d = DOFS[dof]
+        f, nu = d.force, d.velocity
+        own = {
+            f"{f}_0": "a constant force",
+            f"{f}_{nu}{nu}": f"drag that grows with {nu} squared",
+            f"{f}_{nu}{nu}{nu}": f"drag that grows with the cube of {nu}",
+        }
+        if "yaw" in form.dofs:
+            own |= {
+                f"{f}_sinpsi": "a force that goes with the heading",
+                f"{f}_cospsi": "a force that goes with the heading",
+            }
+        if dof in ("yaw", "heave"):
+            own[f"{f}_{d.position}"] = f"a force that goes with {d.position}"
+        for channel, pairs in form.inputs.items():
+            if any(force == f for force, _ in pairs):
+                own[f"{f}_{channel}{channel}"] = f"a force that goes with {channel} squared"
+                own[f"{f}_{channel}{channel}{channel}"] = f"a force that goes with the cube of {channel}"
+                own[f"{f}_|{channel}|{nu}"] = f"a force that goes with {channel} times {nu}"
+                own[f"{f}_|{channel}|"] = f"a force that goes with the size of {channel}"
+        for other in form.dofs:
+            if other != dof:
+                own[f"{f}_{DOFS[other].velocity}"] = f"a force that goes with {DOFS[other].velocity}"
+        for name, words in own.items():
+            try:
+                term_of(name, tuple(form.inputs))
+            except BadFile:
+                continue
+            found[name] = words
+    return found
+
+
+def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
+    """Yield a score test per generic force, on top of everything fitted."""
+    terms = {n: w for n, w in generic_terms(fitted.form).items() if n not in fitted.free}
+    columns = _columns(problem, fitted, tuple(terms))
+    if columns is None:
+        return
+    residual = fitted.residual
+    norms = np.linalg.norm(fitted.jacobian, axis=0)
+    U, s, _ = np.linalg.svd(fitted.jacobian / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    Q = U[:, s > 1e-7 * s[0]] if len(s) else U
+    variance = float(residual @ residual) / max(len(residual) - Q.shape[1], 1)
+    for j, words in enumerate(terms.values()):
+        d = columns[:, j]
+        free = d - Q @ (Q.T @ d)
+        power = float(free @ free)
+        if power < 1e-6 * float(d @ d) or power <= 0.0:
+            continue
+        score = float(free @ residual)
+        statistic = score**2 / power / variance
+        yield Test(words, "", float(chi2.sf(statistic, 1)), score / math.sqrt(power * float(residual @ residual)))
+
+
+def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array | None:
+    """Return the sensitivities (n, k) of all signals to forces of no size yet, over the noise levels."""
+    form = fitted.form.freeing(*(n for n in names if n not in fitted.form.parameters))
+    simulator = ExtendedSimulator(form, fitted.effects, names)
+    values = dict(zip(fitted.form.parameters, fitted.theta.tolist(), strict=True))
+    theta = np.array([values.get(n, 0.0) for n in form.parameters])
+    rows, at = [], 0
+    for i, stretch in enumerate(problem.stretches):
+        found = simulator.run(theta, fitted.effects, fitted.initial[i], stretch.passage, sensitivities=True)
+        if found is None:
+            return None
+        for name in stretch.record.signals:
+            good = np.isfinite(fitted.rests[at].judged)
+            at += 1
+            rows.append(found[name][1][good] / fitted.levels[name])
+    return np.vstack(rows)
