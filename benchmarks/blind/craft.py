@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["KINDS", "POSITION", "SPEED", "Craft", "draw_craft", "log_uniform"]
+__all__ = ["FORCE", "KINDS", "POSITION", "SPEED", "Craft", "draw_craft", "log_uniform"]
 
 Rng = np.random.Generator
 
 SPEED: Mapping[str, str] = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
+FORCE: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 POSITION: Mapping[str, str] = {"surge": "x", "sway": "y", "heave": "z", "yaw": "psi"}
 
 FASTEST, SLOWEST = 0.1, 20.0
@@ -23,8 +24,9 @@ class Craft:
     """A plain hull and what is on board.
 
     ``inertia``, ``linear`` per degree of freedom, SI (per radian of rudder where the input is ``delta``); ``full`` the
-    largest command of each channel; ``top`` the speed it holds; ``drives`` channel -> degree of freedom; ``signals``
-    what is measured; ``scale`` the size of each signal that noise is a share of; ``interval`` [s], ``samples`` of a run.
+    largest command of each channel; ``top`` the speed it holds; ``drives`` channel -> degree of freedom;
+    ``signals`` what is measured; ``scale`` the size of each signal that noise is a share of;
+    ``interval`` [s], ``samples`` of a run.
     """
 
     kind: str
@@ -38,7 +40,6 @@ class Craft:
     scale: Mapping[str, float]
     interval: float
     samples: int
-    quadratic: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def main(self) -> str:

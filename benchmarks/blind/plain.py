@@ -33,8 +33,7 @@ class _Axis:
         self.signals = [name for name in seen if name in craft.signals]
         self.speed = SPEED[dof]
         self.sizes, self.drag = sizes, drag
-        linear = craft.linear[dof] if craft.linear[dof] > 0.0 else 1.0
-        self.start = np.log([craft.inertia[dof], linear])
+        self.start = np.log([craft.inertia[dof], craft.linear[dof]])
 
     def paths(self, theta: Array, file: File) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return speed and position from rest, and what initial speed and position add: (n,), (n, 2)."""

@@ -16,9 +16,10 @@ __all__ = ["Hidden", "Recipe"]
 class Hidden:
     """One effect to hide.
 
-    ``craft``: what carries it (its sensors may have been chosen for the effect). ``turns``: the heading has to go round.
+    ``craft``: what carries it. ``turns``: the heading has to go round.
     ``start``: signal -> (mean, spread) of where runs begin. ``in_runs``: the runs that have it, None: all.
-    ``plain``: how the base model drags, ``linear`` or ``none``. ``near_bottom``: runs reach down to the bottom.
+    ``plain``: how the base model drags, ``linear`` or ``none`` (then neither does the bare hull).
+    ``near_bottom``: runs reach down to the bottom.
     """
 
     slug: str

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -128,8 +127,7 @@ def _advance_loss(rng: Rng, craft: Craft) -> Hidden:
 
 def _linear_drag(rng: Rng, craft: Craft) -> Hidden:
     """All the drag there is: the base model is told of none."""
-    bare = replace(craft, linear={**craft.linear, craft.main: 0.0})
-    return Hidden("linear-drag", craft.main, {"coefficient": craft.linear[craft.main]}, bare, plain="none")
+    return Hidden("linear-drag", craft.main, {"coefficient": craft.linear[craft.main]}, craft, plain="none")
 
 
 def _quadratic_drag(rng: Rng, craft: Craft) -> Hidden:
@@ -177,7 +175,7 @@ def _ground_effect(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _input_bias(rng: Rng, craft: Craft) -> Hidden:
-    place, full = _on_input(rng, craft)
+    full = craft.full[craft.input]
     return Hidden("input-bias", craft.main, {"bias": _sign(rng) * full * log_uniform(rng, 0.02, 0.4)}, craft)
 
 
