@@ -88,6 +88,20 @@ class Body:
         self.v = self.V_x = self.V_y = self.Y_rdot = 0.0
         self.over_ground = True
 
+    def axes(self) -> tuple[tuple[float, float, float], ...]:
+        """Return (alpha, beta, beta2) of surge, heave and yaw."""
+        return tuple((axis.alpha, axis.beta, axis.beta2) for axis in (self.surge, self.heave, self.yaw))
+
+    def set_axes(self, axes: tuple[tuple[float, float, float], ...]) -> None:
+        """Set what :meth:`axes` returns."""
+        for axis, (alpha, beta, beta2) in zip((self.surge, self.heave, self.yaw), axes, strict=True):
+            axis.alpha, axis.beta, axis.beta2 = alpha, beta, beta2
+
+    @property
+    def drift(self) -> float:
+        """The sideways speed [m/s] over the ground, which is the water's; 0 when measured through the water."""
+        return self.V_y * math.cos(self.psi) - self.V_x * math.sin(self.psi) if self.over_ground else 0.0
+
     @property
     def speed(self) -> float:
         """The surge speed [m/s] its sensor measures: over the ground or through the water."""

@@ -76,6 +76,7 @@ class Sensors:
         reading.theta = body.theta + self._tilt(0.0, data.tilt_noise)
         reading.p, reading.q = body.p, body.q
         reading.u = body.speed + self._speed(0.0, data.speed_noise)
+        reading.v = body.drift
         reading.x = body.x + self._position(0.0, data.position_noise)
         reading.y = body.y + self._position(0.0, data.position_noise)
         if not self._floats:

@@ -12,6 +12,10 @@ from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
 __all__ = ["ChannelSwap", "SignError", "TimeOffset", "TimeScale", "UnitError"]
 
 
+_CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"x", "y", "z"}, {"u", "v", "w"})
+"""Columns a vehicle can swap: those that one message carries."""
+
+
 class TimeScale(Effect):
     """The file's clock runs at another pace: file time = factor times true time."""
 
@@ -60,6 +64,8 @@ class OnColumns(Effect):
         if len(names) != self.count or not set(names) <= set(known):
             wanted = "one column" if self.count == 1 else "two columns joined by +"
             raise BadEffect(f"{self.slug} needs {wanted} as its place, of {', '.join(known)}; not '{self.place}'")
+        if self.count > 1 and setting.on_vehicle and not any(set(names) <= carried for carried in _CARRIED_TOGETHER):
+            raise BadEffect(f"{self.slug}: no message of a vehicle carries both {' and '.join(names)}")
         self._names = names
 
 
