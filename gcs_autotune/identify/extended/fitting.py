@@ -51,7 +51,7 @@ class Rest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A fitted model: ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch, ``cost`` minus twice the log-likelihood.
+    """A fitted model: ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch, ``cost`` minus 2 log-likelihood.
 
     The cost is known up to a constant of the data. ``levels`` noise per signal, ``rests`` what is left over,
     ``parameters`` how many numbers were fitted besides initial states, ``samples`` how many were used; ``jacobian``
