@@ -8,19 +8,39 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from gcs_autotune.effects.channel_swap import ChannelSwap
 from gcs_autotune.effects.compass_deviation import CompassDeviation
 from gcs_autotune.effects.dead_zone import DeadZone
 from gcs_autotune.effects.effect import Effect
+from gcs_autotune.effects.gyro_bias import GyroBias
 from gcs_autotune.effects.input_bias import InputBias
+from gcs_autotune.effects.measurement_delay import MeasurementDelay
+from gcs_autotune.effects.outliers import Outliers
+from gcs_autotune.effects.quantisation import Quantisation
+from gcs_autotune.effects.sign_error import SignError
+from gcs_autotune.effects.time_offset import TimeOffset
+from gcs_autotune.effects.time_scale import TimeScale
+from gcs_autotune.effects.unit_error import UnitError
+from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 
 __all__ = ["BOOK"]
 
 BOOK: Mapping[str, Effect] = {
     e.slug: e
     for e in (
+        TimeScale(),
+        TimeOffset(),
+        UnitError(),
+        SignError(),
+        ChannelSwap(),
         DeadZone(),
         InputBias(),
+        WaveDisturbance(),
         CompassDeviation(),
+        GyroBias(),
+        MeasurementDelay(),
+        Quantisation(),
+        Outliers(),
     )
 }
 """Slug -> effect."""

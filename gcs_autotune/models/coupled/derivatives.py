@@ -20,8 +20,8 @@ name          meaning                                                     term
 
 Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
 ``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
-``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``reach`` [m] of the bottom. An input
-called ``payload`` drives nothing: it multiplies the inertia as time goes on.
+``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``reach`` [m] of the bottom. An
+input called ``payload`` drives nothing: it multiplies the inertia as time goes on.
 """
 
 from __future__ import annotations

@@ -21,10 +21,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 __all__ = [
+    "COS_PSI",
     "ETA",
     "INPUT",
     "INPUT_SIZE",
-    "COS_PSI",
     "NEAR",
     "NU",
     "NU_SIZE",
