@@ -139,3 +139,11 @@ def test_the_same_effect_object_flies_again_from_the_start():
     usual = {"duration": 10.0, "interval": 0.1, "measured": ("r",), "effects": [lag, waves]}
     first, second = (tow(turning(1.0), {"N": [(0.0, 0.0), (1.0, 1.0)]}, **usual) for _ in range(2))
     assert np.array_equal(first["r"], second["r"])
+
+
+def test_a_hull_that_only_turns_keeps_the_way_it_begins_with():
+    run = tow(turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"), initial={"u": 1.0})
+    still = tow(turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"))
+    assert run["r"] == pytest.approx(still["r"], abs=1e-12)
+    assert run["x"][10] > 0.5
+    assert not np.any(still["x"])
