@@ -158,6 +158,12 @@ class Scene:
     quantum: Mapping[str, float] = field(default_factory=dict)
     extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Smallest and largest value of every recorded channel."""
+    rms: Mapping[str, float] = field(default_factory=dict)
+    """Root mean square of every recorded channel."""
+    base: Mapping[str, float] = field(default_factory=dict)
+    """Values of the base model's parameters."""
+    runs: tuple[str, ...] = ()
+    """Names of the runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
