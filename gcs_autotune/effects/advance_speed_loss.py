@@ -39,6 +39,7 @@ class AdvanceSpeedLoss(Actuator):
     parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("loss", PER_SPEED, "share of the thrust lost per speed ahead, gained per speed astern"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("loss",)
     shown_by: ClassVar[str] = "residual against speed, under power: grows with the speed; none while drifting to a stop"
     mistaken_for: ClassVar[tuple[str, ...]] = ("linear-drag", "quadratic-drag", "saturation")
     separated_by: ClassVar[str] = (

@@ -24,6 +24,7 @@ class GainDrift(Gradual):
     slug: ClassVar[str] = "gain-drift"
     meaning: ClassVar[str] = "thrust weakens (or grows) in the course of a run: the battery sags, a motor heats up"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("rate", "1/s", "share of the first gain lost per second"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("rate",)
     shown_by: ClassVar[str] = "residual against time: follows the command in the beginning and opposes it in the end"
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "mass-change",

@@ -26,6 +26,7 @@ class QuadraticActuator(Characteristic):
     parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("share", "1", "quadratic share of the thrust at full command"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("share",)
     shown_by: ClassVar[str] = (
         "residual against command bends: too little thrust at small commands, too much at large ones"
     )

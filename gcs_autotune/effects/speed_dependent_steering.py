@@ -34,6 +34,7 @@ class SpeedDependentSteering(Actuator):
     parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("share", "1", "share of the steering that goes with the speed squared; the rest is always there"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("share",)
     shown_by: ClassVar[str] = (
         "yaw residual over command, against speed: too weak a turn when slow, too strong when fast"
     )
