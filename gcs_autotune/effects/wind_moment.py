@@ -20,7 +20,7 @@ DIRECTIONS = 6
 class WindMoment(Effect):
     """``N += strength sin(direction - psi)``: it turns the bow towards ``direction``, upwind or down.
 
-    Which of the two is the hull's affair. Needs a measured heading. ``direction`` counts from north over east; a fit may leave it outside [0, 2 pi).
+    Which of the two is the hull's affair. Needs a measured heading; a fit may leave ``direction`` outside [0, 2 pi).
     """
 
     slug: ClassVar[str] = "wind-moment"
@@ -48,7 +48,7 @@ class WindMoment(Effect):
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """Strength is positive, the direction says the rest."""
-        return {"strength": (0.0, inf), "direction": (-3.0 * pi, 3.0 * pi)}
+        return {"strength": (0.0, inf), "direction": (-1.25 * pi, 1.25 * pi)}
 
     def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
         """Which sign turns to starboard."""
