@@ -23,7 +23,6 @@ class InputBias(Effect):
     shown_by: ClassVar[str] = "mean of the one-step residual; free run drifts to one side"
     mistaken_for: ClassVar[tuple[str, ...]] = ("asymmetric-thrust", "gyro-bias", "wind-moment", "steady-current")
     separated_by: ClassVar[str] = "a minute with no command at all, then the same manoeuvre on another heading"
-    grows_with: ClassVar[tuple[str, ...]] = ("bias",)
 
     def places(self, scene: Scene) -> tuple[str, ...]:
         """Every degree of freedom but heave, unless the base model has a constant force there."""
