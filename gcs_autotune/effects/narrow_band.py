@@ -25,6 +25,10 @@ Record = tuple[Array, Array]
 """Stamps (n,) [s] and what is left over (n,) of one signal of one run."""
 
 
+SETTLED = 20
+"""Samples before the filter's gain may be taken for the one it keeps (stamps being even)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Oscillator:
     """The law of one signal: ``omega`` [rad/s], damping ratio ``zeta`` < 1, ``lag`` [s] of the craft.
@@ -129,13 +133,14 @@ def _innovations(
     stationary = scale * np.array([[1.0, 0.0, s0], [0.0, 1.0, s1], [s0, s1, s0]])
     P, x, g = stationary.copy(), np.zeros((3, k)), np.zeros(3)
     F, Q, A = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3))
-    last = -1.0
+    first, third = (1.0, -1.0) if rate else (0.0, 1.0)
+    last, s, settled = -1.0, 0.0, False
     for i in range(n):
         if i > 0:
             dt = t[i] - t[i - 1]
             if abs(dt - last) > 1e-9:
                 _step(omega, zeta, lag, dt, F)
-                last = dt
+                last, settled = dt, False
                 for a in range(3):
                     for b in range(3):
                         total = 0.0
@@ -147,31 +152,33 @@ def _innovations(
                         Q[a, b] = stationary[a, b]
                         for c in range(3):
                             Q[a, b] -= A[a, c] * F[b, c]
-            for a in range(3):
-                for b in range(3):
-                    A[a, b] = F[a, 0] * P[0, b] + F[a, 1] * P[1, b] + F[a, 2] * P[2, b]
-            for a in range(3):
-                for b in range(3):
-                    P[a, b] = Q[a, b] + A[a, 0] * F[b, 0] + A[a, 1] * F[b, 1] + A[a, 2] * F[b, 2]
+            if not settled:
+                for a in range(3):
+                    for b in range(3):
+                        A[a, b] = F[a, 0] * P[0, b] + F[a, 1] * P[1, b] + F[a, 2] * P[2, b]
+                for a in range(3):
+                    for b in range(3):
+                        P[a, b] = Q[a, b] + A[a, 0] * F[b, 0] + A[a, 1] * F[b, 1] + A[a, 2] * F[b, 2]
             for j in range(k):
                 x0, x1, x2 = x[0, j], x[1, j], x[2, j]
                 x[0, j] = F[0, 0] * x0 + F[0, 1] * x1
                 x[1, j] = F[1, 0] * x0 + F[1, 1] * x1
                 x[2, j] = F[2, 0] * x0 + F[2, 1] * x1 + F[2, 2] * x2
-        first = 1.0 if rate else 0.0
-        third = -1.0 if rate else 1.0
-        for a in range(3):
-            g[a] = first * P[a, 0] + third * P[a, 2]
-        s = max(first * g[0] + third * g[2], 0.0) + 1.0
+        if not settled:
+            before = s
+            for a in range(3):
+                g[a] = first * P[a, 0] + third * P[a, 2]
+            s = max(first * g[0] + third * g[2], 0.0) + 1.0
+            for a in range(3):
+                for b in range(3):
+                    P[a, b] -= g[a] * g[b] / s
+            settled = i > SETTLED and abs(s - before) < 1e-12 * s
         S[i] = s
         for j in range(k):
             e = Y[i, j] - first * x[0, j] - third * x[2, j]
             E[i, j] = e
             for a in range(3):
                 x[a, j] += g[a] / s * e
-        for a in range(3):
-            for b in range(3):
-                P[a, b] -= g[a] * g[b] / s
     return E, S
 
 
