@@ -43,7 +43,7 @@ class WaveDisturbance(Effect):
         return tuple(d for d in scene.form.dofs if {DOFS[d].position, DOFS[d].velocity} & set(scene.signals))
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """None in particular; :meth:`learn` finds the band."""
+        """None yet; :meth:`learn` finds the band."""
         amplitude = {} if _gains(place, scene) is None else {"amplitude": 0.0}
         return ({**amplitude, "frequency": 6.0 / scene.pace, "bandwidth": 0.05},)
 

@@ -131,8 +131,10 @@ def _broad(records: Mapping[str, Sequence[Record]], low: float) -> float:
         found = [cost(None, own)]
         for omega in (low, 8.0 * low):
             start = np.array([math.log(omega), 1.0])
-            options = {"xatol": 0.01, "fatol": 0.1, "maxfev": 80}
-            found.append(float(minimize(_red(own, low), start, method="Nelder-Mead", options=options).fun))
+            ended = minimize(
+                _red(own, low), start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.1, "maxfev": 80}
+            )
+            found.append(float(ended.fun))
         total += min(found)
     return total
 

@@ -14,7 +14,7 @@ __all__ = ["describe_vehicle"]
 
 _CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z"}
 _NAMES = {
-    "N": ("steering", "yaw", "delta"),
+    "N": ("steering", "rudder", "yaw", "delta"),
     "X": ("throttle", "surge"),
     "Z": ("vertical", "heave"),
 }
