@@ -1,6 +1,13 @@
-"""The book."""
+"""The book of effects: everything a simulation may get wrong that this package knows by name.
+
+Adding one is one file and one line here. The order is that in which effects act on a command, a motion and a
+measurement, and that in which equals are named; bookkeeping comes first, because it mimics physics.
+"""
+
 from __future__ import annotations
+
 from collections.abc import Mapping
+
 from gcs_autotune.effects.actuator_lag import ActuatorLag
 from gcs_autotune.effects.advance_speed_loss import AdvanceSpeedLoss
 from gcs_autotune.effects.asymmetric_thrust import AsymmetricThrust
@@ -36,5 +43,46 @@ from gcs_autotune.effects.time_scale import TimeScale
 from gcs_autotune.effects.unit_error import UnitError
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 from gcs_autotune.effects.wind_moment import WindMoment
-__all__=["BOOK"]
-BOOK: Mapping[str, Effect] = {e.slug: e for e in (TimeScale(),TimeOffset(),UnitError(),SignError(),ChannelSwap(),InputDelay(),Saturation(),RateLimit(),ActuatorLag(),Backlash(),DeadZone(),QuadraticActuator(),RudderStall(),AsymmetricThrust(),GainDrift(),SpeedDependentSteering(),AdvanceSpeedLoss(),LinearDrag(),QuadraticDrag(),CoriolisCoupling(),SwayYawCoupling(),MassChange(),NetBuoyancy(),GroundEffect(),InputBias(),SteadyCurrent(),WindMoment(),WaveDisturbance(),TetherPull(),CompassDeviation(),GyroBias(),MeasurementDelay(),Quantisation(),Outliers(),)}
+
+__all__ = ["BOOK"]
+
+BOOK: Mapping[str, Effect] = {
+    e.slug: e
+    for e in (
+        TimeScale(),
+        TimeOffset(),
+        UnitError(),
+        SignError(),
+        ChannelSwap(),
+        InputDelay(),
+        Saturation(),
+        RateLimit(),
+        ActuatorLag(),
+        Backlash(),
+        DeadZone(),
+        QuadraticActuator(),
+        RudderStall(),
+        AsymmetricThrust(),
+        GainDrift(),
+        SpeedDependentSteering(),
+        AdvanceSpeedLoss(),
+        LinearDrag(),
+        QuadraticDrag(),
+        CoriolisCoupling(),
+        SwayYawCoupling(),
+        MassChange(),
+        NetBuoyancy(),
+        GroundEffect(),
+        InputBias(),
+        SteadyCurrent(),
+        WindMoment(),
+        WaveDisturbance(),
+        TetherPull(),
+        CompassDeviation(),
+        GyroBias(),
+        MeasurementDelay(),
+        Quantisation(),
+        Outliers(),
+    )
+}
+"""Slug -> effect."""
