@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gcs_autotune.diagnose.result import Cause, Value
 from gcs_autotune.report.numbers import UNKNOWN, format_value, pretty_unit, to_people
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["effect_words", "named", "place_words", "signal_words", "value_words"]
+__all__ = ["effect_words", "listed", "named", "place_words", "signal_words", "value_words"]
+
+MOST_PLACES = 3
+"""Columns named one by one in a sentence."""
 
 
 def effect_words(slug: str) -> str:
@@ -21,7 +26,10 @@ def signal_words(signal: str) -> str:
 
 def place_words(place: str) -> str:
     """Return where an effect sits: ``N`` is ``yaw moment (N)``, ``yaw`` stays, ``t`` is the file's clock."""
-    return " and ".join(_place(part) for part in place.split("+"))
+    parts = place.split("+")
+    if len(parts) > MOST_PLACES:
+        return f"{len(parts)} columns ({', '.join(parts)})"
+    return listed([_place(part) for part in parts])
 
 
 def _place(part: str) -> str:
@@ -30,11 +38,18 @@ def _place(part: str) -> str:
     return f"{signal_words(part)} ({part})" if part in SIGNALS else part
 
 
+def listed(names: Sequence[str]) -> str:
+    """Return ``a, b and c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
 def named(cause: Cause) -> str:
     """Return an effect with its place: ``dead zone on yaw moment (N)``, ``input bias in yaw``."""
-    place = cause.applied.place
-    preposition = "in" if place.split("+")[0] in DOFS else "on"
-    return f"{effect_words(cause.applied.slug)} {preposition} {place_words(place)}"
+    place, effect = cause.applied.place, effect_words(cause.applied.slug)
+    first = place.split("+")[0]
+    if first not in DOFS and first not in SIGNALS and first != "t":
+        return f"{effect} ({place})"
+    return f"{effect} {'in' if first in DOFS else 'on'} {place_words(place)}"
 
 
 def value_words(value: Value) -> str:

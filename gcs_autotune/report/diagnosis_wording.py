@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import PurePath
 
 import numpy as np
 
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Signature
 from gcs_autotune.effects.book import BOOK
-from gcs_autotune.report.diagnosis_names import effect_words, named, signal_words, value_words
+from gcs_autotune.report.diagnosis_names import effect_words, listed, named, signal_words, value_words
 from gcs_autotune.report.numbers import (
     format_number,
     format_quantity,
@@ -157,16 +157,8 @@ def cause_remarks(cause: Cause) -> tuple[tuple[str, str], ...]:
 
 def cannot_tell(told: Diagnosis) -> tuple[str, ...]:
     """Return one sentence per group of effects these runs cannot tell apart."""
-    return tuple(
-        f"{_list(group)}: each of them explains these runs about as well as the others."
-        for group in told.indistinguishable
-    )
-
-
-def _list(slugs: Sequence[str]) -> str:
-    names = [effect_words(s) for s in slugs]
-    names[0] = names[0][0].upper() + names[0][1:]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    groups = (listed([effect_words(s) for s in group]) for group in told.indistinguishable)
+    return tuple(sentence(f"{names}: each explains these runs about as well as the others") for names in groups)
 
 
 def left_sentence(left: Signature) -> str:

@@ -22,8 +22,8 @@ def test_one_axis_moves_the_same_as_a_coupled_model():
     tau = np.where(t % 8.0 < 4.0, 1.0, -0.7)
     ours = as_coupled(AXIS).simulate(t, {"N": tau}, t, {"psi": 0.2, "r": 0.1})
     theirs = simulate(AXIS, t, tau, t, 0.2, 0.1)
-    assert np.max(np.abs(ours.signals["psi"] - theirs.eta)) < 1e-4
-    assert np.max(np.abs(ours.signals["r"] - theirs.nu)) < 1e-4
+    assert np.max(np.abs(ours.values["psi"] - theirs.eta)) < 1e-4
+    assert np.max(np.abs(ours.values["r"] - theirs.nu)) < 1e-4
 
 
 def test_a_rudder_angle_drives_through_its_own_channel_and_fractions_have_no_newtons():

@@ -16,8 +16,9 @@ from rich.console import Console
 
 from gcs_autotune.diagnose.result import Value
 from gcs_autotune.effects.book import BOOK
+from gcs_autotune.effects.effect import Applied
 from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
-from gcs_autotune.report.diagnosis_names import place_words, value_words
+from gcs_autotune.report.diagnosis_names import named, place_words, value_words
 from gcs_autotune.report.diagnosis_views import bin_means, telling_view, views_of
 from gcs_autotune.report.diagnosis_wording import verdict_headline
 from gcs_autotune.report.terminal import render_text
@@ -137,7 +138,7 @@ def test_a_found_cause_without_a_gain_or_pictures_can_still_be_told():
 
 def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides():
     for text in (text_of("dead-zone"), terminal_of("dead-zone")):
-        assert "Dead zone and quadratic actuator: each of them explains these runs about as well" in text
+        assert "Dead zone and quadratic actuator: each explains these runs about as well" in text
         assert "Steps of several sizes" in text
 
 
@@ -174,7 +175,10 @@ def test_bins_hold_all_samples_once_also_when_a_command_takes_three_values_only(
 def test_places_and_values_are_called_what_people_call_them():
     assert place_words("u+v") == "surge velocity (u) and sway velocity (v)"
     assert place_words("t") == "the file's clock"
-    assert place_words("surge+sway") == "surge and sway"
+    assert place_words("surge+sway+yaw") == "surge, sway and yaw"
+    assert place_words("psi+r+u+v") == "4 columns (psi, r, u, v)"
+    current = replace(dead_zone().causes[0], applied=Applied("steady-current", "over ground", {}))
+    assert named(current) == "steady current (over ground)"
     assert value_words(Value(math.radians(6.93), "rad", math.radians(0.17))) == "6.93 ± 0.17°"
     assert value_words(Value(math.nan, "rad", math.nan)) == "?"
 
