@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import inf
 from typing import ClassVar
 
-from gcs_autotune.effects.axes import force_unit, inertia_scale, top_speed
+from gcs_autotune.effects.axes import force_scale, force_unit, inertia_scale, top_speed
 from gcs_autotune.effects.effect import Applied, Effect, Family, Quantity, Scene
 
 __all__ = ["CoriolisCoupling"]
@@ -17,6 +17,9 @@ TERMS: Mapping[str, tuple[str, str, str]] = {
     "N_uv": ("yaw", "surge", "sway"),
 }
 """Coefficient -> equation it stands in, and the two velocities it goes with."""
+
+SHARE = 0.2
+"""Share of the largest force to begin from, at the largest speeds."""
 
 
 class CoriolisCoupling(Effect):
@@ -45,12 +48,15 @@ class CoriolisCoupling(Effect):
         return () if missing or form.coriolis or set(TERMS) & set(form.parameters) else ("surge+sway+yaw",)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """What the base's masses speak for, and each of the three by itself."""
+        """What the base's masses speak for; a fair share of the forces there are, all together and one by one.
+
+        A base model without these forces has often put them into its masses, so the masses alone would mislead.
+        """
         m_u, m_v = inertia_scale("surge", scene), inertia_scale("sway", scene)
-        whole = {"X_vr": m_v, "Y_ur": -m_u, "N_uv": m_u - m_v}
-        size = {**whole, "N_uv": 0.3 * inertia_scale("yaw", scene) / top_speed("surge", scene)}
-        alone = tuple({n: (v if n == name else 0.0) for n, v in size.items()} for name in TERMS)
-        return (whole, *alone)
+        signs = {"X_vr": 1.0, "Y_ur": -1.0, "N_uv": 1.0 if m_u > m_v else -1.0}
+        fair = {n: SHARE * sign * _per_speeds(n, scene) for n, sign in signs.items()}
+        alone = tuple({n: (v if n == name else 0.0) for n, v in fair.items()} for name in TERMS)
+        return ({"X_vr": m_v, "Y_ur": -m_u, "N_uv": m_u - m_v}, fair, *alone)
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """Masses are positive; the moment may have either sign."""
@@ -63,3 +69,8 @@ class CoriolisCoupling(Effect):
     def unit_of(self, name: str, place: str, scene: Scene) -> str:
         """Force or moment per product of two speeds."""
         return f"{force_unit(TERMS[name][0], scene)} s^2/{'m^2' if name == 'N_uv' else '(m rad)'}"
+
+
+def _per_speeds(name: str, scene: Scene) -> float:
+    dof, first, second = TERMS[name]
+    return force_scale(dof, scene) / (top_speed(first, scene) * top_speed(second, scene))

@@ -12,6 +12,10 @@ from gcs_autotune.models.coupled.derivatives import PAYLOAD
 
 __all__ = ["MassChange"]
 
+RATIOS, MOMENTS = (1.5, 0.67), 16
+"""Ratios to begin from, at so many moments: between two changes of command nothing tells when, so moments have to lie
+about as close as commands do."""
+
 
 class MassChange(Effect):
     """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump."""
@@ -32,10 +36,9 @@ class MassChange(Effect):
         return ("+".join(scene.form.dofs),)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """Heavier and lighter, at four moments."""
-        return tuple(
-            {"ratio": ratio, "time": share * scene.duration} for ratio in (1.5, 0.67) for share in (0.2, 0.4, 0.6, 0.8)
-        )
+        """Heavier and lighter, at moments all over the run."""
+        moments = np.linspace(0.0, scene.duration, MOMENTS + 2)[1:-1].tolist()
+        return tuple({"ratio": ratio, "time": t} for ratio in RATIOS for t in moments)
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """A fifth to five times the inertia, well within the longest run."""
