@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.craft import POSITION, Craft, draw_craft, log_uniform
-from benchmarks.blind.flying import MANOEUVRES, draw_commands
+from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
 from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.plain import errors_of, misfit, whitened
 from benchmarks.blind.secret import Hidden
@@ -125,8 +125,9 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
 def _single(rng: Rng, slug: str) -> Case | None:
     recipe = RECIPES[slug]
     hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
-    voyage = _voyage(rng, [hidden])
-    return _weighed(rng, voyage, [hidden], coarse=recipe.coarse)
+    if hidden.turns and not turns_round(hidden.craft):
+        return None
+    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
 
 
 def _foreign(rng: Rng, slug: str) -> Case | None:
