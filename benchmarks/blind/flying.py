@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
 
-__all__ = ["MANOEUVRES", "draw_commands"]
+__all__ = ["MANOEUVRES", "draw_commands", "turns_round"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -82,6 +82,16 @@ def _turns(rng: Rng, t: Array, around: float) -> Array:
     return turned if rng.random() < 0.5 else -turned
 
 
+def _reach(craft: Craft) -> float:
+    """Return the heading [rad] full command turns in the first half of a run, from rest."""
+    return craft.top["yaw"] * max(0.5 * craft.duration - craft.time_constant("yaw"), 0.0)
+
+
+def turns_round(craft: Craft) -> bool:
+    """Whether a run is long enough for a full turn one way, and back."""
+    return _reach(craft) > 4.0 * np.pi
+
+
 def _ahead(rng: Rng, t: Array, pace: float) -> Array:
     """Ahead at changing speeds, at rest or astern at times."""
     astern = rng.uniform(0.0, 0.4)
@@ -101,7 +111,7 @@ def draw_commands(rng: Rng, craft: Craft, name: str, *, turns: bool) -> dict[str
         else:
             share = MANOEUVRES[str(rng.choice(list(MANOEUVRES)))](rng, t, pace)
         if dof == "yaw" and turns:
-            around = min(1.2 * 2.0 * np.pi / (craft.top["yaw"] * 0.5 * craft.duration), 0.75)
+            around = min(1.5 * 2.0 * np.pi / max(_reach(craft), 1e-9), 0.75)
             share = _turns(rng, t, around) + max(1.0 - around, 0.25) * share
         share = np.clip(share, -1.0, 1.0)
         if rng.random() < 0.5:

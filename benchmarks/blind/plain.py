@@ -15,10 +15,13 @@ from scipy.signal import lfilter
 
 from benchmarks.blind.craft import POSITION, SPEED, Craft
 
-__all__ = ["misfit"]
+__all__ = ["errors_of", "misfit", "whitened"]
 
 Array = NDArray[np.float64]
 File = Mapping[str, Array]
+
+MEMORY = 20
+"""Samples an error's own past reaches back."""
 
 _WIDEST = 5.0
 """Inertia and drag are sought within a factor exp(5) of the true hull's."""
@@ -89,7 +92,33 @@ class _Axis:
 def misfit(
     craft: Craft, train: Sequence[File], unseen: Sequence[File], sizes: Mapping[str, float], *, drag: bool = True
 ) -> float:
-    """Return the held-out simulation error of the plain model: rms over all signals, each in its *sizes*.
+    """Return the held-out simulation error of the plain model: rms over all signals, each in its *sizes*."""
+    return _rms(errors_of(craft, train, unseen, sizes, drag=drag))
+
+
+def whitened(errors: Sequence[Array], noise: float = 0.0) -> float:
+    """Return the rms of *errors* with white *noise* added, over that of what their own past does not foretell.
+
+    For disturbances that no simulation foretells: the most that knowing their spectrum can be worth. The prediction is
+    an autoregression over the last :data:`MEMORY` samples, by least squares.
+    """
+    rng = np.random.default_rng(0)
+    noisy = [e + noise * rng.standard_normal(len(e)) for e in errors]
+    left = []
+    for e in noisy:
+        past = np.column_stack([e[MEMORY - k - 1 : len(e) - k - 1] for k in range(MEMORY)])
+        left.append(e[MEMORY:] - past @ np.linalg.lstsq(past, e[MEMORY:], rcond=None)[0])
+    return _rms(noisy) / max(_rms(left), 1e-300)
+
+
+def _rms(errors: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def errors_of(
+    craft: Craft, train: Sequence[File], unseen: Sequence[File], sizes: Mapping[str, float], *, drag: bool = True
+) -> list[Array]:
+    """Return the errors (n,) of every signal of every unseen file, in its *sizes*.
 
     Fitted to *train*, simulated on *unseen* with the initial state fitted. Positions on the plane are dead reckoned
     from the simulated speeds and heading, their starting point fitted.
@@ -97,14 +126,14 @@ def misfit(
     axes = {dof: _Axis(craft, dof, sizes, drag=drag) for dof in craft.dofs}
     axes = {dof: axis for dof, axis in axes.items() if axis.signals}
     fitted = {dof: axis.fit(train) for dof, axis in axes.items()}
-    squares: list[Array] = []
+    found: list[Array] = []
     for file in unseen:
         errors = {}
         for dof, axis in axes.items():
             errors.update(axis.errors(fitted[dof], file))
-        squares += [e**2 for e in errors.values()]
-        squares += [(e / sizes[n]) ** 2 for n, e in _reckoned(craft, file, errors, sizes).items()]
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
+        found += errors.values()
+        found += [e / sizes[n] for n, e in _reckoned(craft, file, errors, sizes).items()]
+    return found
 
 
 def _reckoned(craft: Craft, file: File, errors: Mapping[str, Array], sizes: Mapping[str, float]) -> dict[str, Array]:

@@ -60,6 +60,12 @@ def _applied(case: Case, scene: Scene) -> Applied:
     return Applied(slug, named[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(named[0], scene))
 
 
+def _rms(fitted: Fitted, name: str) -> float:
+    """Return what is left of a signal, samples that a disturbance accounts for left out."""
+    left = np.concatenate([r.judged for r in fitted.rests if r.signal == name])
+    return float(np.sqrt(np.nanmean(left**2)))
+
+
 def _line(case: Case) -> str:
     slug = case.slugs[0]
     head = f"{slug:24} {case.index:3d} {case.craft.kind:8} T={case.craft.pace:6.2f} x{case.ratio:5.1f}"
@@ -69,7 +75,7 @@ def _line(case: Case) -> str:
         return f"{head}  {error}"
     if fitted is None:
         return f"{head}  runs away"
-    levels = np.array([fitted.levels[n] / (case.levels[n] or np.nan) for n in fitted.levels if n in case.levels])
+    levels = np.array([_rms(fitted, name) / case.levels[name] for name in fitted.levels])
     now = next(e for e in fitted.effects if e.slug == slug)
     numbers = ", ".join(f"{n} {v:.4g} (true {own.values[n]:.4g})" for n, v in now.values.items())
     flag = "  <-- error" if levels.max() > 1.1 else ""
