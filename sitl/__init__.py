@@ -10,11 +10,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sitl.catalogue import VEHICLES, UnknownVehicle, load_vehicle
-from sitl.effects import Effect
+from sitl.effects import EFFECTS, BadEffect, Effect, make_effect
 from sitl.mavlink import Server
 from sitl.vehicle import Vehicle
 
-__all__ = ["VEHICLES", "Effect", "Server", "UnknownVehicle", "load_vehicle", "open_vehicle"]
+__all__ = [
+    "EFFECTS",
+    "VEHICLES",
+    "BadEffect",
+    "Effect",
+    "Server",
+    "UnknownVehicle",
+    "load_vehicle",
+    "make_effect",
+    "open_vehicle",
+]
 
 
 def open_vehicle(
@@ -38,5 +48,7 @@ def open_vehicle(
         There is no such vehicle.
     KeyError
         The firmware has no such parameter.
+    BadEffect
+        The vehicle has no place for an effect.
     """
     return Server(Vehicle(load_vehicle(name), seed=seed, parameters=parameters, effects=effects))

@@ -13,6 +13,7 @@ from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters
+from sitl.effects import EFFECTS, parse_effect
 from sitl.listen import AddressError, CannotListen, open_link, serve_free_running
 from sitl.lockstep import serve_lockstep
 
@@ -53,6 +54,15 @@ def _make_parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="set a parameter before boot; repeatable",
     )
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="SLUG[@PLACE].PARAM=VALUE[,...]",
+        help="hide an effect, e.g. dead-zone.width=0.05, backlash@throttle.width=0.1; inputs are shares of full, all "
+        "else SI; repeatable",
+    )
+    parser.add_argument("--list-effects", action="store_true", help="show the effects there are and their parameters")
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
     return parser
 
@@ -81,7 +91,8 @@ def _open(args: argparse.Namespace) -> Server:
     presets = dict(read_parameters(args.eeprom)) if args.eeprom else {}
     presets.update(_read_presets(args.param))
     try:
-        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets)
+        effects = [parse_effect(text) for text in args.effect]
+        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets, effects=effects)
     except KeyError as error:
         raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
     if args.eeprom:
@@ -108,6 +119,15 @@ def _show_vehicles() -> None:
         print(f"{name:12} {load_vehicle(name).title}")
 
 
+def _show_effects() -> None:
+    for slug, kind in EFFECTS.items():
+        print(f"{slug:26} {kind.meaning}")
+        for p in kind.parameters:
+            default = "" if p.default is None else f" (default {p.default:g})"
+            print(f"{'':26}   {p.name} [{p.unit}]{': ' if p.meaning else ''}{p.meaning}{default}")
+        print(f"{'':26}   on a vehicle: {kind.on_vehicles}")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not to be had."""
     args = _make_parser().parse_args(argv)
@@ -116,6 +136,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if args.list:
             _show_vehicles()
+        elif args.list_effects:
+            _show_effects()
         else:
             _run(args)
     except (UnknownVehicle, AddressError, ValueError) as error:

@@ -2,27 +2,52 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from sitl.body import Body, Loads
 
 __all__ = ["FRAMES", "Actuators", "RudderBoat", "ThrusterFrame", "YawSchedule"]
 
 _NEUTRAL_PWM = 1500
+_RUDDER_SPAN, _MOTOR_SPAN = 500.0, 400.0
+_LONGEST_PULSE = 65535
 
 
-class Actuators(Protocol):
-    """Turns the pulses on the servo rail into loads on the hull."""
+class Actuators(ABC):
+    """Turns the pulses on the servo rail into loads on the hull, by way of the share of full asked of each axis."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def full(self) -> Mapping[str, float]:
+        """Degree of freedom -> force at a share of 1; those it drives."""
+
+    @abstractmethod
+    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+        """Return the shares of full asked of ``N``, ``X`` (``Z``); a pulse [us] of 0 means no signal, hence none."""
+
+    @abstractmethod
+    def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
+        """Return the pulses that differ least from *pwm* and ask for *shares*; limits do not count."""
+
+    @abstractmethod
+    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
+        """Fill *loads* with what these shares do."""
 
     def drive(self, pwm: Sequence[int], body: Body, loads: Loads) -> None:
-        """Fill *loads* from the pulses [us]; a pulse of 0 means no signal, hence no force."""
-        ...
+        """Fill *loads* from the pulses."""
+        self.apply(self.read(pwm), body, loads)
 
 
 def _fraction(pwm: int, span: float) -> float:
     return 0.0 if pwm == 0 else max(-1.0, min(1.0, (pwm - _NEUTRAL_PWM) / span))
+
+
+def _pulse(share: float, span: float) -> int:
+    return max(0, min(_LONGEST_PULSE, round(_NEUTRAL_PWM + span * share)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +74,7 @@ class YawSchedule:
 
 
 @dataclass(frozen=True, slots=True)
-class RudderBoat:
+class RudderBoat(Actuators):
     """A rudder in the race of a propeller. Thrust goes with n|n|; going astern the rudder acts the other way."""
 
     schedule: YawSchedule
@@ -60,10 +85,28 @@ class RudderBoat:
     rudder_channel: int
     throttle_channel: int
 
-    def drive(self, pwm: Sequence[int], body: Body, loads: Loads) -> None:
+    @property
+    def full(self) -> Mapping[str, float]:
+        """Degree of freedom -> force at a share of 1; yaw's is the rudder angle [rad]."""
+        return {"yaw": self.full_rudder, "surge": self.full_thrust}
+
+    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+        """Return rudder (``N``) and throttle (``X``) as shares of full."""
+        return {
+            "N": _fraction(pwm[self.rudder_channel - 1], _RUDDER_SPAN),
+            "X": _fraction(pwm[self.throttle_channel - 1], _RUDDER_SPAN),
+        }
+
+    def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
+        """Return the pulses with rudder and throttle at *shares*."""
+        pulses = list(pwm)
+        pulses[self.rudder_channel - 1] = _pulse(shares["N"], _RUDDER_SPAN)
+        pulses[self.throttle_channel - 1] = _pulse(shares["X"], _RUDDER_SPAN)
+        return pulses
+
+    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
         """Fill *loads*, and set the hull's yaw inertia and drag for this propeller speed."""
-        rudder = _fraction(pwm[self.rudder_channel - 1], 500.0) * self.full_rudder
-        throttle = _fraction(pwm[self.throttle_channel - 1], 500.0)
+        rudder, throttle = shares["N"] * self.full_rudder, shares["X"]
         n = self.full_n * throttle
         body.yaw.alpha, body.yaw.beta, share = self.schedule.at(n * n)
         loads.X = self.full_thrust * throttle * abs(throttle)
@@ -72,7 +115,7 @@ class RudderBoat:
 
 
 @dataclass(frozen=True, slots=True)
-class ThrusterFrame:
+class ThrusterFrame(Actuators):
     """Fixed thrusters, force proportional to command; the authorities are what all of them do together."""
 
     motors: Sequence[tuple[float, float, float]]
@@ -82,17 +125,37 @@ class ThrusterFrame:
     bias_N: float
     bias_Z: float
 
-    def drive(self, pwm: Sequence[int], body: Body, loads: Loads) -> None:
-        """Fill *loads* from the motors' pulses."""
+    @property
+    def full(self) -> Mapping[str, float]:
+        """Degree of freedom -> force at a share of 1."""
+        return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z}
+
+    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+        """Return what all motors together make of full ``N``, ``X`` and ``Z``."""
         N = X = Z = 0.0
         for pulse, (yaw, ahead, down) in zip(pwm, self.motors, strict=False):
-            output = _fraction(pulse, 400.0)
+            output = _fraction(pulse, _MOTOR_SPAN)
             N += yaw * output
             X += ahead * output
             Z += down * output
-        loads.N = self.full_N * N + self.bias_N
-        loads.X = self.full_X * X
-        loads.Z = self.full_Z * Z + self.bias_Z
+        return {"N": N, "X": X, "Z": Z}
+
+    def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
+        """Return the motors' pulses moved along each axis' own pattern (the patterns are orthogonal)."""
+        outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
+        for axis, name in enumerate(("N", "X", "Z")):
+            pattern = [motor[axis] for motor in self.motors]
+            step = (shares[name] - now[name]) / sum(part * part for part in pattern)
+            for i, part in enumerate(pattern):
+                outputs[i] += part * step
+        count = len(self.motors)
+        return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
+
+    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
+        """Fill *loads*, in proportion."""
+        loads.N = self.full_N * shares["N"] + self.bias_N
+        loads.X = self.full_X * shares["X"]
+        loads.Z = self.full_Z * shares["Z"] + self.bias_Z
 
 
 FRAMES: Mapping[str, Sequence[tuple[float, float, float]]] = {

@@ -43,9 +43,10 @@ class AxisDynamics:
 
 @dataclass(slots=True)
 class Loads:
-    """What the actuators do to the hull: ``X`` [N] ahead, ``Z`` [N] down, ``N`` [N m] to starboard."""
+    """What acts on the hull: ``X`` [N] ahead, ``Y`` [N] to starboard, ``Z`` [N] down, ``N`` [N m] to starboard."""
 
     X: float = 0.0
+    Y: float = 0.0
     Z: float = 0.0
     N: float = 0.0
 
@@ -69,7 +70,11 @@ _ROCK_TIME = 0.5
 
 
 class Body:
-    """The hull's true state: ``x y z`` [m, NED], ``psi`` [rad, continuous], ``u w`` [m/s], ``r`` [rad/s]."""
+    """The hull's true state: ``x y z`` [m, NED], ``psi`` [rad, continuous], ``u w`` [m/s], ``r`` [rad/s].
+
+    ``u`` is through the water, which itself moves with ``V_x V_y`` [m/s, towards north and east]; ``over_ground`` says
+    what its speed sensor measures. It does not sway: ``v`` stays 0, and ``Y_rdot`` has nothing to couple.
+    """
 
     def __init__(self, surge: AxisDynamics, heave: AxisDynamics, yaw: AxisDynamics, world: World) -> None:
         self.surge = surge
@@ -80,6 +85,29 @@ class Body:
         self.psi = self.u = self.w = self.r = 0.0
         self.phi = self.theta = self.p = self.q = 0.0
         self.wdot = 0.0
+        self.v = self.V_x = self.V_y = self.Y_rdot = 0.0
+        self.over_ground = True
+
+    def axes(self) -> tuple[tuple[float, float, float], ...]:
+        """Return (alpha, beta, beta2) of surge, heave and yaw."""
+        return tuple((axis.alpha, axis.beta, axis.beta2) for axis in (self.surge, self.heave, self.yaw))
+
+    def set_axes(self, axes: tuple[tuple[float, float, float], ...]) -> None:
+        """Set what :meth:`axes` returns."""
+        for axis, (alpha, beta, beta2) in zip((self.surge, self.heave, self.yaw), axes, strict=True):
+            axis.alpha, axis.beta, axis.beta2 = alpha, beta, beta2
+
+    @property
+    def drift(self) -> float:
+        """The sideways speed [m/s] over the ground, which is the water's; 0 when measured through the water."""
+        return self.V_y * math.cos(self.psi) - self.V_x * math.sin(self.psi) if self.over_ground else 0.0
+
+    @property
+    def speed(self) -> float:
+        """The surge speed [m/s] its sensor measures: over the ground or through the water."""
+        if not self.over_ground:
+            return self.u
+        return self.u + self.V_x * math.cos(self.psi) + self.V_y * math.sin(self.psi)
 
     def step(self, loads: Loads, dt: float) -> None:
         """Run *dt* seconds [s] under constant *loads*."""
@@ -87,8 +115,8 @@ class Body:
         self.r, turned = self.yaw.step(self.r, loads.N, dt)
         self.u, ahead = self.surge.step(old_u, loads.X, dt)
         middle = self.psi + 0.5 * turned
-        self.x += ahead * math.cos(middle)
-        self.y += ahead * math.sin(middle)
+        self.x += ahead * math.cos(middle) + self.V_x * dt
+        self.y += ahead * math.sin(middle) + self.V_y * dt
         self.psi += turned
         if not self.world.floats:
             self._heave(loads.Z + self._cushion(), dt)

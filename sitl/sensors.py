@@ -37,6 +37,7 @@ class Reading:
     p: float = 0.0
     q: float = 0.0
     u: float = 0.0
+    v: float = 0.0
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
@@ -74,7 +75,8 @@ class Sensors:
         reading.phi = body.phi + self._tilt(0.0, data.tilt_noise)
         reading.theta = body.theta + self._tilt(0.0, data.tilt_noise)
         reading.p, reading.q = body.p, body.q
-        reading.u = body.u + self._speed(0.0, data.speed_noise)
+        reading.u = body.speed + self._speed(0.0, data.speed_noise)
+        reading.v = body.drift
         reading.x = body.x + self._position(0.0, data.position_noise)
         reading.y = body.y + self._position(0.0, data.position_noise)
         if not self._floats:

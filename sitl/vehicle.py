@@ -10,6 +10,7 @@ from sitl.battery import Battery
 from sitl.body import Loads
 from sitl.catalogue import VehicleData
 from sitl.effects import Effect
+from sitl.effects.aboard import describe_vehicle
 from sitl.sensors import Reading, Sensors
 
 __all__ = ["TICKS_PER_SECOND", "Vehicle"]
@@ -54,6 +55,9 @@ class Vehicle:
         self._reading = Reading()
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.autopilot = self._boot()
+        self._plain = self.body.axes()
+        for effect in self.effects:
+            effect.begin(describe_vehicle(self, str(seed)))
 
     @property
     def ms(self) -> int:
@@ -71,8 +75,9 @@ class Vehicle:
         pwm: Sequence[int] = self.autopilot.pwm
         t = self.seconds
         if self.effects:
-            pwm = self._altered(t, pwm)
-        self.actuators.drive(pwm, self.body, self._loads)
+            self._drive_altered(t, pwm)
+        else:
+            self.actuators.drive(pwm, self.body, self._loads)
         for effect in self.effects:
             effect.alter_force(t, self._loads)
             effect.alter_parameters(t, self.body)
@@ -95,8 +100,13 @@ class Vehicle:
     def _boot(self) -> Autopilot:
         return self._make_autopilot(self.parameters, _DT, round(1000.0 * self.data.ready_time))
 
-    def _altered(self, t: float, pwm: Sequence[int]) -> list[int]:
+    def _drive_altered(self, t: float, pwm: Sequence[int]) -> None:
+        """Drive with what the effects make of *pwm*, on the hull's plain inertia and drag."""
         pulses = list(pwm)
         for effect in self.effects:
             effect.alter_command(t, pulses)
-        return pulses
+        shares = self.actuators.read(pulses)
+        for effect in self.effects:
+            effect.alter_input(t, _DT, shares)
+        self.body.set_axes(self._plain)
+        self.actuators.apply(shares, self.body, self._loads)

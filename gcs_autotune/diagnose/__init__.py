@@ -3,15 +3,14 @@
 ===========  =======================================================================
 door         from runs to a verdict
 result       what comes out
-stretches    runs made ready, the plain base model
-base         fitting the base model
-fitting      any model with effects, fitted by output error
 screen       which effects are worth a fit
 heldout      errors on data left out
 whiteness    is anything left?
 search       cause after cause, with second thoughts
 signature    what is left, in words and pictures
 ===========  =======================================================================
+
+Runs made ready and fits with effects come from :mod:`gcs_autotune.identify.extended`.
 """
 
 from __future__ import annotations

@@ -5,25 +5,25 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.base import first_states, fit_base, given_base
-from gcs_autotune.diagnose.fitting import Fitted, Problem
-from gcs_autotune.diagnose.heldout import HeldOut, folds_of, ratio_interval, rms_of
+from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
-from gcs_autotune.diagnose.search import ALIKE, Judged, Search
+from gcs_autotune.diagnose.search import ALIKE, Judged, Search, begin_search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
-from gcs_autotune.diagnose.stretches import Stretch, plain_form, stretches_of
+from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
 from gcs_autotune.diagnose.whiteness import correlation_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.extended.base import fit_base, given_base
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
@@ -39,6 +39,14 @@ METRIC = "held-out simulation RMSE"
 WHITE = 0.005
 """Chance of calling a complete model incomplete."""
 
+VERDICTS: Mapping[tuple[bool, bool], Verdict] = {
+    (True, True): "effect-found",
+    (True, False): "partly-explained",
+    (False, False): "unexplained",
+    (False, True): "no-effect",
+}
+"""(Some cause was accepted, what is left is white) -> verdict."""
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -50,6 +58,7 @@ def diagnose(
     use: Sequence[str] | None = None,
     form: Form | None = None,
     model: ExtendedModel | None = None,
+    simulations: Sequence[Trial] = (),
     effects: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -60,7 +69,10 @@ def diagnose(
     unseen : runs to measure the gain on; without any, parts of *runs* are left out in turn.
     dof : degrees of freedom to look at, joined by commas; all in the file when None.
     use : signals to compare; all measured when None.
-    form : the base model's structure instead of the plain one. model : a base model with its numbers, taken as it is.
+    form : the base model's structure instead of the plain one. model : a base model with its numbers: its error is
+        that of the numbers as they are; effects are looked for on top of the same model refitted.
+    simulations : what somebody else's simulator made of the same commands, one per run. It is modelled itself first;
+        that model takes its place.
     effects : slugs to try; the whole book when None.
     progress : called with a stage, how much of it is done, and how much there is.
 
@@ -76,6 +88,11 @@ def diagnose(
     if not together:
         raise UsageError("no run was given to diagnose")
     slugs = list(BOOK) if effects is None else [lookup(BOOK, e, "effect").slug for e in effects]
+    early: list[Doubt] = []
+    if simulations:
+        if model is not None:
+            raise UsageError("give either a model or a simulation's output, not both")
+        model, early = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
     together, doubts = taken_in(together)
     others, more = taken_in(unseen) if unseen else ([], [])
     together, repeats = without_repeats(together, others)
@@ -87,6 +104,7 @@ def diagnose(
     doubts += [*more, *repeats, *notes]
     search, words = _search(base_form, stretches, held, model, slugs, progress)
     search.run()
+    doubts = [*early, *doubts, *parameters_off(search)]
     return _told(search, words, doubts, together, others, time.perf_counter() - begun)
 
 
@@ -104,27 +122,12 @@ def _search(
     slugs: Sequence[str],
     progress: Progress | None,
 ) -> tuple[Search, str]:
+    given = None
     if model is None:
         problem, fitted = fit_base(form, stretches)
     else:
-        problem, fitted = given_base(model.base, model.effects, stretches)
-    folds, pool, words = folds_of(stretches, unseen)
-    at_pool = first_states(problem.form, pool)
-    starts = [tuple(at_pool[i] for i in fold.train_at) for fold in folds]
-    place = {id(s): i for i, s in enumerate(pool)}
-    tests = [
-        tuple(at_pool[place[id(s)]] for s in fold.test) if not unseen else first_states(problem.form, fold.test)
-        for fold in folds
-    ]
-    search = Search(problem, fitted, folds, starts, tests, slugs, fit_base_too=model is None, progress=progress)
-    return search, words
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    """Values of one effect with units and standard errors."""
-
-    values: Mapping[str, Value]
+        problem, given, fitted = given_base(model.base, model.effects, stretches)
+    return begin_search(problem, fitted, unseen, slugs, given=given, progress=progress)
 
 
 def _told(
@@ -140,11 +143,7 @@ def _told(
     left, _ = signature_of(problem, final)
     order = [own for own in _found_order(search) if own in final.effects]
     white = left.whiteness_p > WHITE
-    verdict: Verdict
-    if order:
-        verdict = "effect-found" if white else "partly-explained"
-    else:
-        verdict = "no-effect" if white else "unexplained"
+    verdict = VERDICTS[bool(order), white]
     numbers = _numbers(problem, final)
     gains = _gains(search.base_unseen, search.present_unseen, words) if order else ()
     alike = _alike(search, order)
@@ -181,7 +180,7 @@ def _told(
 
 
 def _found_order(search: Search) -> list[Applied]:
-    """Return the effects of the final model in the order found; those that came in second thoughts take the old place."""
+    """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
     order: list[tuple[str, str]] = []
     for step in search.steps:
         if step.accepted is not None:

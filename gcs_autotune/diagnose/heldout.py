@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem, Rest
-from gcs_autotune.diagnose.stretches import Stretch
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.extended.stretches import Stretch
 
 __all__ = ["Fold", "HeldOut", "folds_of", "held_out", "p_value", "rms_of"]
 
@@ -189,8 +188,3 @@ def ratio_interval(before: Sequence[Rest], after: Sequence[Rest], seed: int = 0)
     ratios = np.sqrt(b[draws].sum(axis=1) / np.maximum(a[draws].sum(axis=1), 1e-300))
     low, high = np.quantile(ratios, (0.025, 0.975))
     return float(low), float(high)
-
-
-def unfitted(effects: Sequence[Applied]) -> tuple[str, ...]:
-    """Return the slugs of *effects*."""
-    return tuple(e.slug for e in effects)

@@ -7,15 +7,15 @@ after everything the model could adapt (its own parameters, initial states) has 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Effect
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
 __all__ = ["Candidate", "candidates", "screen"]
 
@@ -178,8 +178,3 @@ def _linear(entry: Effect) -> bool:
 def _of(fitted: Fitted, own: Applied) -> Applied:
     """Return the effect of *fitted* at the place of *own*."""
     return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
-
-
-def with_effect(fitted: Fitted, own: Applied) -> Fitted:
-    """Return *fitted* with one effect added, unfitted."""
-    return replace(fitted, effects=in_order((*fitted.effects, own)))

@@ -15,18 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from gcs_autotune.diagnose.base import fit_base
-from gcs_autotune.diagnose.fitting import Fitted, Problem
-from gcs_autotune.diagnose.heldout import Fold, HeldOut, held_out, p_value, rms_of
+from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value, rms_of
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
-from gcs_autotune.diagnose.stretches import only
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import in_order
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch, only
 
-__all__ = ["ALIKE", "Found", "Judged", "Search"]
+__all__ = ["ALIKE", "Found", "Judged", "Search", "begin_search"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -79,15 +78,16 @@ class Search:
     fold_states: Sequence[tuple[Array, ...]]
     test_states: Sequence[tuple[Array, ...]]
     slugs: Sequence[str]
-    fit_base_too: bool = True
+    given: Fitted | None = None
     progress: Progress | None = None
     tried: int = 0
     steps: list[Found] = field(default_factory=list)
+    _alone: list[Fitted] | None = None
 
     def __post_init__(self) -> None:
-        self.base = self.fitted
-        self.base_unseen = self.unseen(self.base, refit=self.fit_base_too)
-        self.present_unseen = self.base_unseen
+        self.base = self.fitted if self.given is None else self.given
+        self.base_unseen = self.unseen(self.base, refit=self.given is None)
+        self.present_unseen = self.base_unseen if self.given is None else self.unseen(self.fitted)
 
     # -- the whole
 
@@ -199,10 +199,10 @@ class Search:
 
     def _others(self) -> list[Fitted]:
         """Return other places for bookkeeping fits to begin: the base fitted to one signal alone."""
-        if not self.fit_base_too or not hasattr(self, "_alone"):
-            self._alone: list[Fitted] = []
+        if self._alone is None:
+            self._alone = []
             names = list(self.problem.scene.signals)
-            for name in names if len(names) > 1 and self.fit_base_too else ():
+            for name in names if len(names) > 1 and self.given is None else ():
                 try:
                     _, alone = fit_base(self.problem.form, only(self.problem.stretches, name))
                 except AutotuneError:
@@ -216,6 +216,27 @@ class Search:
     def _say(self, stage: str, done: int, total: int) -> None:
         if self.progress is not None:
             self.progress(stage, done, total)
+
+
+def begin_search(
+    problem: Problem,
+    fitted: Fitted,
+    unseen: Sequence[Stretch],
+    slugs: Sequence[str],
+    *,
+    given: Fitted | None = None,
+    progress: Progress | None = None,
+) -> tuple[Search, str]:
+    """Return a search ready to run, and in words what its errors are measured on.
+
+    unseen : stretches of runs kept apart; without any, parts of the problem's are left out in turn.
+    """
+    folds, pool, words = folds_of(problem.stretches, unseen)
+    states = problem.first_states([*pool, *unseen])
+    at = {id(s): i for i, s in enumerate([*pool, *unseen])}
+    starts = [tuple(states[i] for i in fold.train_at) for fold in folds]
+    tests = [tuple(states[at[id(s)]] for s in fold.test) for fold in folds]
+    return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress), words
 
 
 def _ratio(before: HeldOut, after: HeldOut) -> float:
@@ -233,8 +254,3 @@ def _learnt(fitted: Fitted) -> int:
 def _contradicts(present: Sequence[Applied], own: Applied) -> bool:
     """Whether an effect is already there in other words: the same slug at a place that overlaps."""
     return any(e.slug == own.slug and set(e.place.split("+")) & set(own.place.split("+")) for e in present)
-
-
-def order(effects: Sequence[Applied]) -> tuple[Applied, ...]:
-    """Return *effects* in the book's order."""
-    return in_order(effects)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem, Rest
 from gcs_autotune.diagnose.result import Portrait, Signature
 from gcs_autotune.diagnose.whiteness import Test, tests_of, whiteness_of
 from gcs_autotune.identify.colour import autocorrelation
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.sname import SIGNALS
 
@@ -47,7 +47,8 @@ def _words(test: Test, fitted: Fitted) -> str:
     if test.what == "one frequency":
         return f"{test.signal}: {100 * test.size:.0f} % of the residual's power is one frequency"
     if test.what == "slow drift":
-        return f"{test.signal}: the residual (rms {rms:.3g} {unit}) wanders slowly, block means {math.sqrt(test.size):.1f} times those of noise"
+        wide = math.sqrt(test.size)
+        return f"{test.signal}: the residual (rms {rms:.3g} {unit}) wanders slowly: {wide:.1f} times as far as noise"
     return f"{test.signal}: {test.what} of the residual (rms {rms:.3g} {unit}), {test.size:+.2f} from sample to sample"
 
 
@@ -97,7 +98,8 @@ def _correlation(rests: Sequence[Rest]) -> tuple[Array, Array]:
     e, t = _left(longest), longest.t
     lags = min(LAGS, len(e) // 3)
     step = float(np.median(np.diff(t)))
-    return np.arange(1, lags + 1) * step, autocorrelation(e, lags)
+    lag = np.asarray(np.arange(1, lags + 1) * step, dtype=np.float64)
+    return lag, autocorrelation(e, lags)
 
 
 def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[Array, Array, str]]:
@@ -125,7 +127,8 @@ def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[
 def _one_step(rests: Sequence[Rest]) -> tuple[Array, Array]:
     """Return the one-step residual: how far each sample is from where the one before it was heading."""
     longest = max(rests, key=lambda r: len(r.t))
-    return longest.t[1:], np.diff(_left(longest))
+    steps: Array = np.diff(_left(longest))
+    return longest.t[1:], steps
 
 
 def _spectrum(rests: Sequence[Rest]) -> tuple[Array, Array] | None:
@@ -146,7 +149,7 @@ def _cross(problem: Problem, rests: Sequence[Rest]) -> Mapping[str, tuple[Array,
     stretch = problem.stretches[longest.stretch]
     lags = min(LAGS, len(e) // 4)
     step = float(np.median(np.diff(t)))
-    found = {}
+    found: dict[str, tuple[Array, Array]] = {}
     signals: dict[str, Array] = {}
     for channel, values in stretch.passage.commands.items():
         at = np.maximum(np.searchsorted(stretch.passage.t_in, t, side="right") - 1, 0)
@@ -162,5 +165,6 @@ def _cross(problem: Problem, rests: Sequence[Rest]) -> Mapping[str, tuple[Array,
             float(e[max(k, 0) : len(e) + min(k, 0)] @ x[max(-k, 0) : len(x) - max(k, 0)]) / power
             for k in range(-lags, lags + 1)
         ]
-        found[name] = (np.arange(-lags, lags + 1) * step, np.array(rho))
+        lag = np.asarray(np.arange(-lags, lags + 1) * step, dtype=np.float64)
+        found[name] = (lag, np.array(rho))
     return found

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem
 from gcs_autotune.effects.extended import ExtendedSimulator
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.colour import autocorrelation
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import term_of
 from gcs_autotune.sname import DOFS

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.follows import follows, on_grid
-from gcs_autotune.diagnose.stretches import THRUSTERS
+from gcs_autotune.identify.extended.stretches import THRUSTERS
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.record import INPUTS
 from gcs_autotune.identify.coupled.record import signals_of

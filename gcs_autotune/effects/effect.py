@@ -38,6 +38,8 @@ __all__ = [
     "Observed",
     "Quantity",
     "Scene",
+    "columns_of",
+    "concerns",
 ]
 
 Array = NDArray[np.float64]
@@ -92,7 +94,8 @@ class Applied:
 class Drive:
     """Inputs of one run: each value of ``channels[name]`` (j,) holds from its stamp ``t`` (j,) on, the first before it.
 
-    ``measured`` are the run's own channels, for effects that go with something measured; ``start`` [s] its first stamp.
+    ``measured`` are the run's own channels, for effects that go with something measured; ``start`` [s] its first stamp;
+    ``run`` its name.
     """
 
     t: Array
@@ -113,7 +116,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observed:
-    """What is predicted of one run: ``signals[name]`` (s,) at the stamps ``t`` (s,), all signals at all stamps."""
+    """What is predicted of one run: ``signals[name]`` (s,) at the stamps ``t`` (s,), all signals at all of them."""
 
     t: Array
     signals: Mapping[str, Array]
@@ -184,6 +187,17 @@ class Curve:
     polar: bool = False
 
 
+def columns_of(place: str) -> tuple[str, ...]:
+    """Return the columns (or degrees of freedom) a place names: ``"u+v"`` and ``"u+v@run"`` are ``u`` and ``v``."""
+    return tuple(place.partition("@")[0].split("+"))
+
+
+def concerns(place: str, run: str) -> bool:
+    """Return whether an effect at *place* sits in *run*: ``"N@run"`` in that one only."""
+    _, one, name = place.partition("@")
+    return not one or name == run
+
+
 class Effect:
     """One entry of the book. Class attributes say what it is, methods what it does; see the module's head.
 
@@ -199,7 +213,9 @@ class Effect:
     mistaken_for: ClassVar[tuple[str, ...]] = ()
     separated_by: ClassVar[str]
     fixed: ClassVar[tuple[str, ...]] = ()
-    """Parameters that are only chosen among :meth:`starts`, not fitted."""
+    """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
+    grows_with: ClassVar[tuple[str, ...]] = ()
+    """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
 
     # -- where it may sit, and where a search for it begins
 
@@ -248,9 +264,15 @@ class Effect:
     def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
         """Return the residual (n,) and its derivatives (n, k) as this disturbance leaves them, and a penalty.
 
-        Samples the disturbance accounts for wholly become NaN. The penalty is added to minus twice the log-likelihood.
+        Samples the disturbance accounts for wholly become NaN. With m of n left, of mean square s^2 over all runs of
+        the signal, ``m log(s^2) + penalty`` compares with ``n log(s^2)`` of the raw residual: both are minus twice the
+        log-likelihood of all n samples, less ``n (1 + log(2 pi))``.
         """
         return left.error, columns, 0.0
+
+    def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
+        """Return standard errors of the values :meth:`learn` found; those of fitted ones come from the fit."""
+        return {}
 
     # -- what is told of it
 
@@ -266,5 +288,5 @@ class Effect:
     def unit_of(self, name: str, place: str, scene: Scene) -> str:
         """Return the unit of a parameter at a place."""
         unit = next(q.unit for q in self.parameters if q.name == name)
-        first = place.split("+")[0]
+        first = columns_of(place)[0]
         return unit.replace(INPUT, scene.inputs.get(first, "1")).replace(SIGNAL, scene.signals.get(first, "1"))

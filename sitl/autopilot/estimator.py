@@ -37,8 +37,9 @@ class Estimate:
         self.yaw_rate = self._gyro.apply(reading.r, values["INS_GYRO_FILTER"], dt)
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
-        self.vx = reading.u * math.cos(reading.psi)
-        self.vy = reading.u * math.sin(reading.psi)
+        c, s = math.cos(reading.psi), math.sin(reading.psi)
+        self.vx = reading.u * c - reading.v * s
+        self.vy = reading.u * s + reading.v * c
         self.vz = reading.w
         self.climb = -reading.w
         self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)

@@ -16,6 +16,7 @@ from sitl.mavlink.control import (
 )
 from sitl.mavlink.dialect import Message, mavlink
 from sitl.mavlink.parameter_protocol import ParameterProtocol
+from sitl.mavlink.report import Reporter
 from sitl.mavlink.streams import STREAM_GROUPS, Streams
 from sitl.mavlink.telemetry import MESSAGES, available_messages
 from sitl.vehicle import TICKS_PER_SECOND, Vehicle
@@ -45,6 +46,7 @@ class Server:
         self._codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=_COMPONENT)
         self._codec.robust_parsing = True
         self._reboots = False
+        self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
         self.streams = Streams(available_messages(vehicle.autopilot))
         self._announce()
@@ -84,6 +86,8 @@ class Server:
     def send_now(self, message_id: int) -> None:
         """Send a message of :data:`~sitl.mavlink.telemetry.MESSAGES` once."""
         for message in MESSAGES[message_id][0](self.vehicle):
+            if self._reporter:
+                self._reporter.alter(message)
             self.send(message)
 
     def reboot_soon(self) -> None:

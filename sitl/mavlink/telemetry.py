@@ -12,11 +12,11 @@ from sitl.mavlink.dialect import Message, fit_float, mavlink
 from sitl.mavlink.pid_tuning import make_pid_tuning
 from sitl.vehicle import Vehicle
 
-__all__ = ["MESSAGES", "available_messages", "make_heartbeat"]
+__all__ = ["HOME", "MESSAGES", "METRES_PER_DEGREE", "available_messages", "make_heartbeat"]
 
-_HOME_LATITUDE, _HOME_LONGITUDE = 44.4250, 8.7640
-"""Chosen: Genoa Pra harbour [deg], where the thesis' boat was tried."""
-_METRES_PER_DEGREE = 111319.5
+HOME = 44.4250, 8.7640
+"""Chosen: Genoa Pra harbour, latitude and longitude [deg], where the thesis' boat was tried."""
+METRES_PER_DEGREE = 111319.5
 _SURFACE_HPA = 1013.25
 _HPA_PER_METRE = 98.0665
 """Fresh water; times BARO_SPEC_GRAV."""
@@ -55,8 +55,8 @@ def _vfr_hud(vehicle: Vehicle) -> Message:
 
 def _global_position(vehicle: Vehicle) -> Message:
     e = vehicle.autopilot.estimate
-    latitude = _HOME_LATITUDE + e.x / _METRES_PER_DEGREE
-    longitude = _HOME_LONGITUDE + e.y / (_METRES_PER_DEGREE * math.cos(math.radians(_HOME_LATITUDE)))
+    latitude = HOME[0] + e.x / METRES_PER_DEGREE
+    longitude = HOME[1] + e.y / (METRES_PER_DEGREE * math.cos(math.radians(HOME[0])))
     altitude = round(-1000.0 * e.z)
     return mavlink.MAVLink_global_position_int_message(
         vehicle.ms,

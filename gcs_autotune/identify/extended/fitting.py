@@ -7,16 +7,17 @@ step is that of least squares weighted with ``n_s / RSS_s``. Initial states are 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.stretches import Stretch
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Leftover, Scene
 from gcs_autotune.effects.extended import ExtendedModel, ExtendedSimulator, in_order
 from gcs_autotune.identify.coupled.objective import Limits, free_states
+from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 
@@ -51,10 +52,12 @@ class Rest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A fitted model: ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch, ``cost`` minus twice the log-likelihood
-    (up to a constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many
-    numbers were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise
-    levels, row for row the finite ``judged`` of ``rests``; ``converged``.
+    """A fitted model.
+
+    ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch; ``cost`` minus twice the log-likelihood (up to a
+    constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
+    were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
+    for row the finite ``judged`` of ``rests``; ``converged``.
     """
 
     form: Form
@@ -143,17 +146,24 @@ class Problem:
         task = _Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
+        learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
+        if learns:
+            task.learn(x)
         minimum = descend(task.local, x, low, high, trials=trials, tolerance=TOLERANCE)
         if minimum is None:
             return None
-        if learn and any(BOOK[e.slug].overrides("learn") for e in task.effects):
-            for _ in range(LESSONS):
+        if learns:
+            for _ in range(LESSONS if trials > 1 else 0):
                 task.learn(minimum.x)
                 again = descend(task.local, minimum.x, low, high, trials=trials, tolerance=TOLERANCE)
                 if again is None:
                     break
                 minimum = again
         return task.fitted(minimum.x, minimum.converged)
+
+    def first_states(self, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
+        """Return initial states of any stretches, read off their first samples."""
+        return ground_of(self.form, [s.record for s in stretches]).initial
 
     def states(self, theta: Array, effects: Sequence[Applied], initial: Sequence[Array]) -> Fitted | None:
         """Fit the initial states only: how a given model predicts these stretches."""
@@ -173,6 +183,7 @@ class _Task:
         fixed_effects: bool,
     ) -> None:
         self.problem, self.theta, self.effects, self.initial = problem, theta, effects, initial
+        self.levels: dict[str, float] = {}
         scene = problem.scene
         self.free_effects = tuple(
             (i, name)
@@ -257,7 +268,7 @@ class _Task:
         return rests, tables, penalty
 
     def _level(self, name: str) -> float:
-        return getattr(self, "levels", {}).get(name, self.problem.scene.level.get(name, 1.0))
+        return self.levels.get(name, self.problem.scene.level.get(name, 1.0))
 
     def local(self, x: Array) -> Local | None:
         found = self.rests(x, sensitivities=True)
@@ -304,7 +315,7 @@ class _Task:
         runs = self.problem.stretches
         left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
         self.effects = tuple(BOOK[e.slug].learn(e, left) if BOOK[e.slug].overrides("learn") else e for e in effects)
-        self.theta, self.initial = theta, tuple(initial)
+        self.theta, self.initial, self.levels = theta, tuple(initial), levels
 
     def fitted(self, x: Array, converged: bool) -> Fitted | None:
         found = self.rests(x, sensitivities=True)
@@ -336,13 +347,3 @@ class _Task:
             samples=sum(counts.values()),
             converged=converged,
         )
-
-
-def without_effect(fitted: Fitted, slug: str) -> tuple[Applied, ...]:
-    """Return the effects but that called *slug*."""
-    return tuple(e for e in fitted.effects if e.slug != slug)
-
-
-def replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:
-    """Return *effects* with one of the same slug and place replaced."""
-    return tuple(replace(own) if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.fitting import Fitted, Problem
-from gcs_autotune.diagnose.stretches import Stretch, scene_of
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch, scene_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.models.coupled.derivatives import inertia_of
 
-__all__ = ["base_limits", "first_states", "fit_base", "given_base"]
+__all__ = ["base_limits", "fit_base", "given_base"]
 
 Array = NDArray[np.float64]
 
@@ -35,11 +34,6 @@ def base_limits(form: Form) -> Limits:
         if name.endswith("dot") and inertia_of(name) is not None:
             high[name] = -1e-9
     return Limits(low, high)
-
-
-def first_states(form: Form, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
-    """Return initial states read off the first samples."""
-    return ground_of(form, [s.record for s in stretches]).initial
 
 
 def fit_base(form: Form, stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]:
@@ -66,23 +60,26 @@ def fit_base(form: Form, stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]
     return _known(form, stretches, limits, best), best
 
 
-def given_base(model: CoupledModel, effects: Sequence[Applied], stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]:
-    """Return the problem and the fit for a model that is given: nothing of it is fitted, only initial states.
+def given_base(
+    model: CoupledModel, effects: Sequence[Applied], stretches: Sequence[Stretch]
+) -> tuple[Problem, Fitted, Fitted]:
+    """Return the problem, the fit of a model taken as it is (initial states only), and the same model refitted.
 
     Raises
     ------
     NotInformative
         The model runs away on these runs.
     """
-    form = replace(model.form, free=(), known={n: model[n] for n in model.form.parameters})
-    limits = base_limits(form)
-    problem = Problem(form, stretches, scene_of(form, stretches), limits)
-    found = problem.states(np.array([model[n] for n in form.parameters]), effects, first_states(form, stretches))
-    if found is None:
+    form, limits = model.form, base_limits(model.form)
+    problem = Problem(form, stretches, scene_of(form, stretches, model.values), limits)
+    theta = model.theta
+    given = problem.states(theta, effects, problem.first_states(stretches))
+    if given is None:
         raise NotInformative(
             f"the model '{form.title}' runs away on these runs: is it about this craft, in these units?"
         )
-    return _known(form, stretches, limits, found), found
+    refitted = problem.fit(theta, effects, given.initial) or given
+    return _known(form, stretches, limits, refitted), given, refitted
 
 
 def _known(form: Form, stretches: Sequence[Stretch], limits: Limits, fitted: Fitted) -> Problem:

@@ -1,0 +1,200 @@
+"""Is there a narrow band in what is left over, which one, and is it no answer of the craft to its own motion?
+
+A predicting filter gains by any colour a wrong model leaves, so a band must prove itself: damped less than a quarter,
+several periods long, better than noise that is merely red, and still there once everything has been taken out that goes
+with the predicted motion (in proportion, with its rate, its square, or rung up by it).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize, minimize_scalar
+
+from gcs_autotune.effects.effect import Leftover
+from gcs_autotune.effects.narrow_band import Oscillator, Record, cost, driven, whitened
+
+__all__ = ["Band", "band_of"]
+
+Array = NDArray[np.float64]
+
+NARROW, BROAD = 0.25, 0.7
+"""Damping ratio a band has at most, and that of a law without a peak to hold it against."""
+PERIODS = 5.0
+"""A band's period goes at least so often into the longest run."""
+FASTEST = 0.7
+"""Highest frequency looked at, in shares of half the sample rate."""
+BETTER = 10.0
+"""Minus twice the log-likelihood a band must gain over red noise."""
+OWN = 0.5
+"""Share of a band's gain that must survive what the craft's own motion explains."""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A band: frequency [rad/s], damping ratio, and per signal the oscillation's variance ratio and rms [signal].
+
+    ``std`` are standard errors of log frequency, log damping ratio and log variance ratio (the first signal's).
+    """
+
+    omega: float
+    zeta: float
+    rho: Mapping[str, float]
+    rms: Mapping[str, float]
+    std: tuple[float, float, float]
+
+
+def band_of(left: Sequence[Leftover]) -> Band | None:
+    """Return the narrow band that *left* (all of one degree of freedom's signals) shows, or None."""
+    groups: dict[str, list[Leftover]] = {}
+    for x in left:
+        if len(x.error) >= 40:
+            groups.setdefault(x.signal, []).append(x)
+    records = {s: [(x.t, x.error - np.mean(x.error)) for x in own] for s, own in groups.items()}
+    records = {s: own for s, own in records.items() if max(float(np.ptp(e)) for _, e in own) > 0.0}
+    if not records:
+        return None
+    longest = max(float(t[-1] - t[0]) for own in records.values() for t, _ in own)
+    interval = float(np.median(np.concatenate([np.diff(t) for own in records.values() for t, _ in own])))
+    low, high = 2.0 * math.pi * PERIODS / longest, FASTEST * math.pi / interval
+    if low >= 0.5 * high:
+        return None
+    p, value = _fitted(records, low, high)
+    omega, zeta = math.exp(p[0]), math.exp(p[1])
+    if zeta > NARROW or not 1.03 * low < omega < 0.97 * high:
+        return None
+    if _broad(records, low) - value < BETTER:
+        return None
+    laws = {s: Oscillator(omega, zeta, math.exp(r)) for s, r in zip(records, p[2:], strict=True)}
+    before = after = 0.0
+    for s, law in laws.items():
+        before += cost(None, records[s]) - cost(law, records[s])
+        after += _own_gain(law, records[s], groups[s])
+    if after < OWN * before:
+        return None
+    rms = {s: math.sqrt(law.rho * _noise(law, records[s])) for s, law in laws.items()}
+    return Band(omega, zeta, {s: law.rho for s, law in laws.items()}, rms, _errors(records, p))
+
+
+def _total(p: Array, records: Mapping[str, Sequence[Record]]) -> float:
+    omega, zeta = math.exp(p[0]), math.exp(p[1])
+    return sum(cost(Oscillator(omega, zeta, math.exp(r)), own) for r, own in zip(p[2:], records.values(), strict=True))
+
+
+def _fitted(records: Mapping[str, Sequence[Record]], low: float, high: float) -> tuple[Array, float]:
+    """Return log omega, log zeta and log rho per signal, and the cost there, from the highest peaks of the spectrum."""
+    span = [(math.log(low), math.log(high)), (math.log(5e-4), math.log(0.35)), *([(-6.0, 16.0)] * len(records))]
+
+    def bounded(p: Array) -> float:
+        inside = np.clip(p, [a for a, _ in span], [b for _, b in span])
+        return _total(inside, records) + 1e3 * float(np.sum((p - inside) ** 2))
+
+    best: tuple[Array, float] | None = None
+    for omega in _peaks(records, low, high):
+        start = np.array([math.log(omega), math.log(0.04), *([1.0] * len(records))])
+        steps = np.diag([0.05, 0.7, *([1.0] * len(records))])
+        found = minimize(
+            bounded,
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": np.vstack([start, start + steps]), "xatol": 1e-3, "fatol": 0.02, "maxfev": 250},
+        )
+        if best is None or float(found.fun) < best[1]:
+            best = np.clip(found.x, [a for a, _ in span], [b for _, b in span]), float(found.fun)
+    assert best is not None
+    return best
+
+
+def _peaks(records: Mapping[str, Sequence[Record]], low: float, high: float) -> list[float]:
+    """Return the frequencies [rad/s] of the highest peaks, of the plain spectrum and of one not led by drift."""
+    grid = np.exp(np.linspace(math.log(low), math.log(high), 400))
+    power = np.zeros(len(grid))
+    for own in records.values():
+        every = sum(float(e @ e) for _, e in own)
+        for t, e in own:
+            step = (t[-1] - t[0]) / (len(t) - 1)
+            even = np.interp(t[0] + step * np.arange(len(t)), t, e) * np.hanning(len(t))
+            spectrum = np.abs(np.fft.rfft(even, 4 * len(t))) ** 2
+            power += np.interp(grid, 2.0 * math.pi * np.fft.rfftfreq(4 * len(t), step), spectrum) / every
+    first = [float(grid[int(np.argmax(weight * power))]) for weight in (np.ones(len(grid)), grid)]
+    return first if abs(first[1] / first[0] - 1.0) > 0.05 else first[:1]
+
+
+def _broad(records: Mapping[str, Sequence[Record]], low: float) -> float:
+    """Return the cost of red noise in white noise: an oscillator too damped to have a peak."""
+    total = 0.0
+    for own in records.values():
+        found = [cost(None, own)]
+        for omega in (low, 8.0 * low):
+            start = np.array([math.log(omega), 1.0])
+            ended = minimize(
+                _red(own, low), start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.1, "maxfev": 80}
+            )
+            found.append(float(ended.fun))
+        total += min(found)
+    return total
+
+
+def _red(own: Sequence[Record], low: float) -> Callable[[Array], float]:
+    def of(p: Array) -> float:
+        inside = np.clip(p, [math.log(0.02 * low), -6.0], [math.log(100.0 * low), 16.0])
+        law = Oscillator(math.exp(inside[0]), BROAD, math.exp(inside[1]))
+        return cost(law, own) + 1e3 * float(np.sum((p - inside) ** 2))
+
+    return of
+
+
+def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover]) -> float:
+    """Return what the band still gains once everything that goes with the predicted motion is taken out."""
+    features = [_with_motion(law, x) for x in own]
+    A, b = [], []
+    for (t, error), X in zip(records, features, strict=True):
+        E, _ = whitened(law, t, np.column_stack([error, X]))
+        A.append(E[:, 1:])
+        b.append(E[:, 0])
+    theta = np.linalg.lstsq(np.concatenate(A), np.concatenate(b), rcond=1e-10)[0]
+    rest = [(t, error - X @ theta) for (t, error), X in zip(records, features, strict=True)]
+    found = minimize_scalar(
+        lambda r: cost(Oscillator(law.omega, law.zeta, math.exp(r)), rest), bounds=(-6.0, 16.0), method="bounded"
+    )
+    return cost(None, rest) - float(found.fun)
+
+
+def _with_motion(law: Oscillator, x: Leftover) -> Array:
+    """Return regressors (n, 6): a constant, the predicted motion, its rate, its signed square, what it rings up."""
+    motion = x.measured - x.error
+    motion = motion - np.mean(motion)
+    rung, rate = driven(law, x.t, motion)
+    columns = [motion, np.gradient(motion, x.t), np.abs(motion) * motion, rung, rate]
+    sizes = [max(float(np.sqrt(np.mean(c**2))), 1e-300) for c in columns]
+    return np.column_stack([np.ones(len(motion)), *(c / s for c, s in zip(columns, sizes, strict=True))])
+
+
+def _noise(law: Oscillator, records: Sequence[Record]) -> float:
+    """Return the variance of the white noise."""
+    E = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
+    return float(np.mean(E**2))
+
+
+def _errors(records: Mapping[str, Sequence[Record]], p: Array) -> tuple[float, float, float]:
+    """Return standard errors of log omega, log zeta and the first log rho, from the curvature of the likelihood."""
+    k, h = len(p), np.full(len(p), 0.05)
+    h[0] = min(0.02, 0.3 * math.exp(p[1]))
+    H = np.empty((k, k))
+    f = {}
+    for i in range(k):
+        for j in range(i, k):
+            for a in (-1, 1):
+                for b in (-1, 1):
+                    at = p.copy()
+                    at[i] += a * h[i]
+                    at[j] += b * h[j]
+                    f[a, b] = _total(at, records)
+            H[i, j] = H[j, i] = (f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4.0 * h[i] * h[j])
+    variances = np.diag(np.linalg.pinv(0.5 * H))
+    found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances[:3]]
+    return found[0], found[1], found[2]

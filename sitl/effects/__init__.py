@@ -1,0 +1,9 @@
+"""Hidden effects: what may stand between the autopilot and the ideal sea. None is built in.
+
+``effect`` is the contract, ``table`` says which there are, the other files hold them by family.
+"""
+
+from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
+from sitl.effects.table import EFFECTS, make_effect, parse_effect
+
+__all__ = ["EFFECTS", "BadEffect", "Effect", "Parameter", "Setting", "make_effect", "parse_effect"]

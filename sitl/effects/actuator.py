@@ -1,0 +1,175 @@
+"""Actuators that do not do what they are told: memoryless ones. Each is placed on one input."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import MutableMapping
+
+from sitl.effects.effect import Effect, Parameter, Setting
+from sitl.effects.places import find_input
+
+__all__ = [
+    "AdvanceSpeedLoss",
+    "AsymmetricThrust",
+    "DeadZone",
+    "GainDrift",
+    "QuadraticActuator",
+    "RudderStall",
+    "Saturation",
+    "SpeedDependentSteering",
+]
+
+_WEAKEST = 0.05
+"""The least share of its strength an actuator keeps when it drifts."""
+_SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
+
+
+class OnInput(Effect):
+    """An effect on one input."""
+
+    on_vehicles = "an axis: steering (default), throttle, vertical; inputs are shares of full"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the input."""
+        self.channel = find_input(self, setting)
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Change that one input."""
+        inputs[self.channel] = self.act(t, dt, inputs[self.channel])
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Return what the actuator does, on average over the *dt* [s] from *t*, when told *u*."""
+        raise NotImplementedError
+
+
+class Saturation(OnInput):
+    """Clipped at a limit."""
+
+    slug = "saturation"
+    meaning = "the actuator cannot do more than a limit"
+    parameters = (Parameter("limit", "input unit", least=0.0),)
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Clip."""
+        limit = self["limit"]
+        return max(-limit, min(limit, u))
+
+
+class DeadZone(OnInput):
+    """Nothing happens for small commands, and all larger ones lose as much."""
+
+    slug = "dead-zone"
+    meaning = "small commands do nothing (a shaft that does not turn yet, a slack linkage)"
+    parameters = (
+        Parameter("width", "input unit", "half-width: the command at which something begins to happen", least=0.0),
+    )
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Take the dead part away."""
+        return math.copysign(max(abs(u) - self["width"], 0.0), u)
+
+
+class QuadraticActuator(OnInput):
+    """Thrust goes with n|n| in part."""
+
+    slug = "quadratic-actuator"
+    meaning = "thrust goes with n|n|: weak for small commands"
+    parameters = (
+        Parameter("share", "1", "0: proportional, 1: all quadratic"),
+        Parameter("u_ref", "input unit", "command that is carried out as told; 0: the largest there is", 0.0),
+    )
+
+    def begin(self, setting: Setting) -> None:
+        """Read off the largest command."""
+        super().begin(setting)
+        self._full = self["u_ref"] or setting.swing.get(self.channel, 0.0) or 1.0
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Bend the line."""
+        share = self["share"]
+        return u * (1.0 - share + share * abs(u) / self._full)
+
+
+class RudderStall(OnInput):
+    """Beyond an angle the rudder loses lift."""
+
+    slug = "rudder-stall"
+    meaning = "beyond an angle the rudder's force falls again"
+    parameters = (Parameter("angle", "input unit", least=0.0), Parameter("drop", "1", "slope beyond it, downwards"))
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Fall beyond the angle, never below nothing."""
+        beyond = abs(u) - self["angle"]
+        return u if beyond <= 0.0 else math.copysign(max(self["angle"] - self["drop"] * beyond, 0.0), u)
+
+
+class AsymmetricThrust(OnInput):
+    """Weaker (or stronger) one way than the other."""
+
+    slug = "asymmetric-thrust"
+    meaning = "a negative command does not do as much as a positive one"
+    parameters = (Parameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Scale what is negative."""
+        return u * self["ratio"] if u < 0.0 else u
+
+
+class GainDrift(OnInput):
+    """Weaker with time."""
+
+    slug = "gain-drift"
+    meaning = "the actuator grows weaker with time (a battery that sags)"
+    parameters = (Parameter("rate", "1/s", "share of the first strength lost per second"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Note when time begins."""
+        super().begin(setting)
+        self._start = setting.start
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Weaken."""
+        passed = max(t + 0.5 * dt - self._start, 0.0)
+        return u * max(1.0 - self["rate"] * passed, _WEAKEST)
+
+
+class SpeedDependentSteering(OnInput):
+    """Rudder force goes with the square of the speed through the water, in part."""
+
+    slug = "speed-dependent-steering"
+    meaning = "the rudder's force goes with the square of the speed through the water"
+    parameters = (
+        Parameter("share", "1", "0: none of it goes with speed, 1: all"),
+        Parameter("U_ref", "m/s", "speed at which it does as told; 0: the rms surge speed", 0.0),
+    )
+    on_vehicles = "steering; the speed at full throttle is the reference"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the speed it goes by."""
+        super().begin(setting)
+        self._motion = setting.motion
+        self._speed = self["U_ref"] or setting.cruise or 1.0
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Scale with the square of the speed."""
+        share = self["share"]
+        return u * (1.0 - share + share * (self._motion.u / self._speed) ** 2)
+
+
+class AdvanceSpeedLoss(OnInput):
+    """A thruster loses force as it runs into its own race: the bilinear thruster."""
+
+    slug = "advance-speed-loss"
+    meaning = "a thruster loses force as the craft moves (bilinear thruster)"
+    parameters = (Parameter("loss", "s/m or s/rad"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Find the speed along the thruster."""
+        super().begin(setting)
+        self._motion = setting.motion
+        self._speed = _SPEED_OF[setting.inputs[self.channel]]
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Take the loss off."""
+        nu: float = getattr(self._motion, self._speed)
+        return u - self["loss"] * abs(u) * nu

@@ -1,0 +1,124 @@
+"""Mistakes on the way to the file: wrong clocks, units, signs and labels. The craft never feels them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
+
+__all__ = ["ChannelSwap", "SignError", "TimeOffset", "TimeScale", "UnitError"]
+
+
+_CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"x", "y", "z"}, {"u", "v", "w"})
+"""Columns a vehicle can swap: those that one message carries."""
+
+
+class TimeScale(Effect):
+    """The file's clock runs at another pace: file time = factor times true time."""
+
+    slug = "time-scale"
+    meaning = "the clock of the record runs too fast or too slow"
+    parameters = (Parameter("factor", "1", least=1e-6),)
+    on_vehicles = "the stamps of all messages"
+
+    def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
+        """Scale the stamps."""
+        columns["t"] = self["factor"] * columns["t"]
+
+    def alter_report(self, fields: dict[str, float]) -> None:
+        """Scale the stamp."""
+        if "t" in fields:
+            fields["t"] *= self["factor"]
+
+
+class TimeOffset(Effect):
+    """The signals' stamps are late against the inputs' (negative: they are early)."""
+
+    slug = "time-offset"
+    meaning = "commands and signals were stamped by clocks that do not agree"
+    parameters = (Parameter("offset", "s"),)
+    on_vehicles = "the stamps of servo reports against those of all others"
+
+    def lateness(self) -> Mapping[str, float]:
+        """Return the offset, of all signals."""
+        return {"*": self["offset"]}
+
+    def alter_report(self, fields: dict[str, float]) -> None:
+        """Stamp the servo report early by the offset: the motion then seems late against it."""
+        if "t" in fields and "servo" in fields:
+            fields["t"] -= self["offset"]
+
+
+class OnColumns(Effect):
+    """A mistake in some columns of the file."""
+
+    count = 1
+
+    def begin(self, setting: Setting) -> None:
+        """Find the columns."""
+        names = tuple(setting.axis_names.get(name, name) for name in self.place.split("+"))
+        known = (*setting.inputs, *setting.signals)
+        if len(names) != self.count or not set(names) <= set(known):
+            wanted = "one column" if self.count == 1 else "two columns joined by +"
+            raise BadEffect(f"{self.slug} needs {wanted} as its place, of {', '.join(known)}; not '{self.place}'")
+        if self.count > 1 and setting.on_vehicle and not any(set(names) <= carried for carried in _CARRIED_TOGETHER):
+            raise BadEffect(f"{self.slug}: no message of a vehicle carries both {' and '.join(names)}")
+        self._names = names
+
+
+class UnitError(OnColumns):
+    """Numbers in another unit than the header says."""
+
+    slug = "unit-error"
+    meaning = "a column is in another unit than its header says"
+    parameters = (Parameter("factor", "1", "the file's number over the true one"),)
+    on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
+
+    def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
+        """Scale the column."""
+        columns[self._names[0]] = self["factor"] * columns[self._names[0]]
+
+    def alter_report(self, fields: dict[str, float]) -> None:
+        """Scale the field."""
+        if self._names[0] in fields:
+            fields[self._names[0]] *= self["factor"]
+
+
+class SignError(OnColumns):
+    """A column has the wrong sign."""
+
+    slug = "sign-error"
+    meaning = "a column has the wrong sign"
+    on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
+
+    def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
+        """Turn the column round."""
+        columns[self._names[0]] = -columns[self._names[0]]
+
+    def alter_report(self, fields: dict[str, float]) -> None:
+        """Turn the field round."""
+        if self._names[0] in fields:
+            fields[self._names[0]] = -fields[self._names[0]]
+
+
+class ChannelSwap(OnColumns):
+    """Two columns carry each other's data."""
+
+    slug = "channel-swap"
+    meaning = "two columns carry each other's data"
+    on_vehicles = "two fields of one message (x+y, p+q, p+r, phi+theta, two axes)"
+    count = 2
+
+    def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
+        """Swap the columns."""
+        a, b = self._names
+        columns[a], columns[b] = columns[b], columns[a]
+
+    def alter_report(self, fields: dict[str, float]) -> None:
+        """Swap the fields."""
+        a, b = self._names
+        if a in fields and b in fields:
+            fields[a], fields[b] = fields[b], fields[a]

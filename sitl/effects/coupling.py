@@ -1,0 +1,67 @@
+"""Degrees of freedom that move each other: Fossen (2011), chapters 3 and 6. Only a hull that can sway has them."""
+
+from __future__ import annotations
+
+from sitl.body import Loads
+from sitl.effects.effect import BadEffect, Effect, Motion, Parameter, Setting
+
+__all__ = ["CoriolisCoupling", "SwayYawCoupling"]
+
+_HORIZONTAL = ("surge", "sway", "yaw")
+
+
+class CoriolisCoupling(Effect):
+    """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
+
+    on_vehicles = "no: these do not sway"
+    slug = "coriolis-coupling"
+    meaning = "turning while moving pushes sideways (rigid body and added mass)"
+    parameters = (
+        Parameter("X_vr", "kg", default=0.0),
+        Parameter("Y_ur", "kg", default=0.0),
+        Parameter("N_uv", "kg", default=0.0),
+    )
+
+    def begin(self, setting: Setting) -> None:
+        """Make sure that there are two horizontal degrees of freedom at least, sway among them or pushed."""
+        there = [dof for dof in _HORIZONTAL if dof in setting.axes]
+        if "sway" not in there or len(there) < 2:
+            raise BadEffect("coriolis-coupling needs a hull that sways and moves ahead or turns; this one does not")
+        self._motion: Motion = setting.motion
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Push."""
+        at = self._motion
+        loads.X += self["X_vr"] * at.v * at.r
+        loads.Y += self["Y_ur"] * at.u * at.r
+        loads.N += self["N_uv"] * at.u * at.v
+
+
+class SwayYawCoupling(Effect):
+    """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
+
+    on_vehicles = "no: these do not sway"
+    slug = "sway-yaw-coupling"
+    meaning = "sway turns and turning makes sway (off-diagonal mass and damping, centre of gravity off the middle)"
+    parameters = (
+        Parameter("Y_r", "N s/rad", default=0.0),
+        Parameter("N_v", "N s", default=0.0),
+        Parameter("Y_rdot", "kg m", default=0.0),
+    )
+
+    def begin(self, setting: Setting) -> None:
+        """Make sure that the hull sways and turns, and that its mass matrix stays positive."""
+        if not {"sway", "yaw"} <= setting.axes.keys():
+            raise BadEffect("sway-yaw-coupling needs a hull that sways and turns; this one does not")
+        if self["Y_rdot"] ** 2 >= setting.axes["sway"].alpha * setting.axes["yaw"].alpha:
+            raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
+        self._motion = setting.motion
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Push."""
+        loads.Y += self["Y_r"] * self._motion.r
+        loads.N += self["N_v"] * self._motion.v
+
+    def alter_parameters(self, t: float, body: Motion) -> None:
+        """Couple the masses."""
+        body.Y_rdot = self["Y_rdot"]

@@ -1,0 +1,174 @@
+"""The seam for hidden effects: what may stand between the commands, the ideal sea and the record.
+
+An effect overrides only what it alters. Effects run in the order given; an empty list costs nothing. The same effect
+works in the tank (:mod:`sitl.tank`), where inputs are in SI units, and on a vehicle, where an input is the share of
+full of one axis.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, MutableMapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.body import AxisDynamics, Loads
+from sitl.sensors import Reading
+
+__all__ = ["FORCE_OF", "BadEffect", "Effect", "Motion", "Parameter", "Setting"]
+
+FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
+"""Degree of freedom -> name of its force (SNAME)."""
+
+
+class BadEffect(ValueError):
+    """An effect cannot be had like this: unknown, a wrong parameter, or a place this craft has not."""
+
+
+class Motion(Protocol):
+    """Where the craft is and how it moves: SI, NED; ``u v`` through the water, ``V_x V_y`` the water's own velocity.
+
+    ``over_ground``: what a log of the speed shows; ``Y_rdot``: off the diagonal of the mass matrix (negative: SNAME).
+    """
+
+    x: float
+    y: float
+    z: float
+    psi: float
+    u: float
+    v: float
+    w: float
+    r: float
+    V_x: float
+    V_y: float
+    over_ground: bool
+    Y_rdot: float
+    surge: AxisDynamics
+    heave: AxisDynamics
+    yaw: AxisDynamics
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of an effect. ``default``: None when it must be given; ``least``: smallest value that makes sense."""
+
+    name: str
+    unit: str
+    meaning: str = ""
+    default: float | None = None
+    least: float = -math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What an effect may know of the craft it is hidden in.
+
+    ``axes``: drag and inertia of each degree of freedom there is, live; ``inputs``: channel -> degree of freedom it
+    drives; ``swing``: largest command of each; ``gain``: force per unit of input of each degree of freedom;
+    ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge speed; ``bottom`` [m]: depth of the water;
+    ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: behind the wire, not in the tank.
+    """
+
+    motion: Motion
+    axes: Mapping[str, AxisDynamics]
+    inputs: Mapping[str, str]
+    swing: Mapping[str, float]
+    gain: Mapping[str, float]
+    signals: tuple[str, ...]
+    start: float = 0.0
+    seed: str = "0"
+    cruise: float = 0.0
+    bottom: float = 10.0
+    on_vehicle: bool = False
+    axis_names: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def steering(self) -> str:
+        """The input an actuator effect sits on unless told otherwise: yaw's, or the first."""
+        return next((name for name, dof in self.inputs.items() if dof == "yaw"), next(iter(self.inputs), ""))
+
+
+class Effect:
+    """One hidden effect: its *place* (input, degree of freedom or signal; empty: the usual one) and its numbers, SI.
+
+    Every method gets the craft's time *t* [s] and alters its last argument in place. :meth:`begin` comes first.
+
+    Raises
+    ------
+    BadEffect
+        A parameter is unknown, missing or impossible.
+    """
+
+    slug: ClassVar[str] = ""
+    meaning: ClassVar[str] = ""
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    on_vehicles: ClassVar[str] = "no"
+    """Where it may sit on a vehicle behind the wire, in words; ``no`` when it makes no sense there."""
+
+    def __init__(self, place: str = "", **values: float) -> None:
+        self.place = place
+        self.values = {p.name: p.default for p in self.parameters if p.default is not None}
+        self.values.update(values)
+        for name in values:
+            if name not in {p.name for p in self.parameters}:
+                raise BadEffect(f"{self.slug} has no parameter '{name}'; {self._hint(name)}")
+        missing = [p.name for p in self.parameters if p.name not in self.values]
+        if missing:
+            raise BadEffect(f"{self.slug} needs {', '.join(missing)}")
+        for p in self.parameters:
+            if not p.least <= self.values[p.name] < math.inf:
+                raise BadEffect(f"{self.slug}.{p.name}={self.values[p.name]:g}: at least {p.least:g}, and finite")
+
+    def __getitem__(self, name: str) -> float:
+        """Return a parameter."""
+        return self.values[name]
+
+    def _hint(self, name: str) -> str:
+        names = [p.name for p in self.parameters]
+        near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        return f"did you mean {near[0]}?" if near else f"it has {', '.join(names) or 'none'}"
+
+    def begin(self, setting: Setting) -> None:
+        """Forget everything and learn where the craft starts. ``BadEffect`` when it has no such place."""
+
+    def quickness(self, setting: Setting) -> float:
+        """Return the shortest time [s] in which this effect moves the craft; the tank's steps are much shorter."""
+        return float("inf")
+
+    def lateness(self) -> Mapping[str, float]:
+        """Return by how much [s] signals are late against the inputs, for the tank. ``*``: all of them."""
+        return {}
+
+    # -- from the command to the hull
+
+    def alter_command(self, t: float, pwm: list[int]) -> None:
+        """Change the servo pulses [us] on their way to the actuators. Vehicles only."""
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Change what is asked of the actuators, by channel (``N``, ``X`` ...), for the *dt* [s] that begin at *t*."""
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Change what acts on the hull; called as often as the integrator asks."""
+
+    def alter_parameters(self, t: float, body: Motion) -> None:
+        """Set inertia, drag or state of the hull; called every step, on the plain inertia and drag each time."""
+
+    # -- from the hull to the record
+
+    def alter_measurement(self, t: float, reading: Reading) -> None:
+        """Change what the sensors report."""
+
+    def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
+        """Change what is written down: ``t``, inputs and signals, (n,) each. Tank only."""
+
+    def alter_report(self, fields: dict[str, float]) -> None:
+        """Change what is sent of one moment (see :mod:`sitl.mavlink.report`). Vehicles only."""
+
+    @classmethod
+    def overrides(cls, hook: str) -> bool:
+        """Return whether this effect has its own *hook*."""
+        return getattr(cls, hook) is not getattr(Effect, hook)

@@ -1,0 +1,205 @@
+"""What the surroundings do to the craft. In the tank forces are SI; on a vehicle ``input unit`` is a share of full."""
+
+from __future__ import annotations
+
+import math
+from random import Random
+
+from sitl.body import Loads
+from sitl.effects.effect import FORCE_OF, BadEffect, Effect, Parameter, Setting
+from sitl.effects.places import find_dof
+
+__all__ = ["InputBias", "SteadyCurrent", "TetherPull", "WaveDisturbance", "WindMoment"]
+
+
+class InputBias(Effect):
+    """A constant force on top of the commanded one."""
+
+    slug = "input-bias"
+    meaning = "a constant force or moment: trim, list, a slack tether"
+    parameters = (Parameter("bias", "input unit"),)
+    on_vehicles = "yaw (default), surge"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the degree of freedom; heave's is called net-buoyancy."""
+        dof = find_dof(self, setting, among=("yaw", "surge", "sway"))
+        self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Push."""
+        setattr(loads, self._name, getattr(loads, self._name) + self._force)
+
+
+class SteadyCurrent(Effect):
+    """The water moves, and the craft with it; drag goes with speed through the water.
+
+    Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen 2011, section
+    8.1). Place: what the file's (or the receiver's) ``u v`` mean, ``over ground`` (default) or ``through water``.
+    """
+
+    slug = "steady-current"
+    meaning = "the water moves over the ground"
+    parameters = (Parameter("V_x", "m/s", "towards north", 0.0), Parameter("V_y", "m/s", "towards east", 0.0))
+    on_vehicles = "over ground (default), through water"
+
+    def begin(self, setting: Setting) -> None:
+        """Set the water moving."""
+        if self.place not in ("", "over ground", "through water"):
+            raise BadEffect(f"steady-current: '{self.place}' is neither 'over ground' nor 'through water'")
+        if not {"surge", "sway"} & setting.axes.keys():
+            raise BadEffect("steady-current needs a hull that moves ahead or sways")
+        setting.motion.V_x, setting.motion.V_y = self["V_x"], self["V_y"]
+        setting.motion.over_ground = self.place != "through water"
+
+
+class WindMoment(Effect):
+    """The wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
+
+    slug = "wind-moment"
+    meaning = "the wind turns the bow (goes with the sine of the heading against the wind)"
+    parameters = (
+        Parameter("strength", "input unit", least=0.0),
+        Parameter("direction", "rad", "where the bow turns to"),
+    )
+    on_vehicles = "yaw"
+
+    def begin(self, setting: Setting) -> None:
+        """Make sure that it can turn."""
+        dof = find_dof(self, setting, among=("yaw",))
+        self._motion, self._moment = setting.motion, self["strength"] * setting.gain.get(dof, 1.0)
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Turn."""
+        loads.N += self._moment * math.sin(self["direction"] - self._motion.psi)
+
+    def quickness(self, setting: Setting) -> float:
+        """Return one radian of the swing about ``direction``."""
+        return math.sqrt(setting.axes["yaw"].alpha / max(abs(self._moment), 1e-12))
+
+
+class WaveDisturbance(Effect):
+    """A narrow-band force: second-order shaped noise, or one sinusoid when ``bandwidth`` is 0.
+
+    Fossen (2011), equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
+    bandwidth; here in exact steps, begun in its stationary spread, with ``amplitude`` its standard deviation.
+    """
+
+    slug = "wave-disturbance"
+    meaning = "waves: a narrow-band force"
+    parameters = (
+        Parameter("amplitude", "input unit", "rms"),
+        Parameter("frequency", "rad/s", least=1e-6),
+        Parameter("bandwidth", "1", "damping ratio of the shaping filter; 0: one sinusoid", 0.0, least=0.0),
+    )
+    on_vehicles = "yaw (default), surge, heave"
+
+    def begin(self, setting: Setting) -> None:
+        """Draw where the waves stand."""
+        dof = find_dof(self, setting)
+        self._name, self._rms = FORCE_OF[dof], self["amplitude"] * setting.gain.get(dof, 1.0)
+        draw = Random(f"{setting.seed}/{self.slug}/{dof}")
+        self._gauss = draw.gauss
+        self._phase = draw.uniform(0.0, math.tau)
+        self._level, self._rise = draw.gauss(0.0, 1.0), draw.gauss(0.0, 1.0)
+        self._t, self._dt = -math.inf, math.nan
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Push and pull."""
+        if self["bandwidth"] == 0.0:
+            now = math.sqrt(2.0) * math.sin(self["frequency"] * t + self._phase)
+        else:
+            now = self._advance(t)
+        setattr(loads, self._name, getattr(loads, self._name) + self._rms * now)
+
+    def quickness(self, setting: Setting) -> float:
+        """Return one radian."""
+        return 1.0 / self["frequency"]
+
+    def _advance(self, t: float) -> float:
+        """Return the force over its rms at *t*; time only goes forward."""
+        if self._t == -math.inf:
+            self._t = t
+        dt = t - self._t
+        if dt > 1e-12:
+            self._t = t
+            if not math.isclose(dt, self._dt, rel_tol=1e-6):
+                self._dt = dt
+                self._matrix = _step_of(self["frequency"], self["bandwidth"], dt)
+            a11, a12, a21, a22, l11, l21, l22 = self._matrix
+            e1, e2 = self._gauss(0.0, 1.0), self._gauss(0.0, 1.0)
+            level, rise = self._level, self._rise
+            self._level = a11 * level + a12 * rise + l11 * e1
+            self._rise = a21 * level + a22 * rise + l21 * e1 + l22 * e2
+        return self._rise
+
+
+def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, float, float, float, float, float]:
+    """Return transition (2, 2) and lower Cholesky factor of the noise of one step, states scaled to unit spread.
+
+    The states are the filter's (omega times its integral, itself): ``x1' = omega x2``,
+    ``x2' = -omega x1 - 2 lambda omega x2 + noise``; with unit stationary spread the noise of a step is ``I - A A'``.
+    """
+    decay = math.exp(-damping * omega * dt)
+    root = math.sqrt(abs(1.0 - damping * damping))
+    if damping < 1.0:
+        c, s = math.cos(omega * root * dt), math.sin(omega * root * dt) / root
+    elif damping > 1.0:
+        c, s = math.cosh(omega * root * dt), math.sinh(omega * root * dt) / root
+    else:
+        c, s = 1.0, omega * dt
+    a11, a12, a21, a22 = decay * (c + damping * s), decay * s, -decay * s, decay * (c - damping * s)
+    q11 = max(1.0 - a11 * a11 - a12 * a12, 0.0)
+    q12 = -(a11 * a21 + a12 * a22)
+    q22 = max(1.0 - a21 * a21 - a22 * a22, 0.0)
+    l11 = math.sqrt(q11)
+    l21 = q12 / l11 if l11 > 0.0 else 0.0
+    return a11, a12, a21, a22, l11, l21, math.sqrt(max(q22 - l21 * l21, 0.0))
+
+
+class TetherPull(Effect):
+    """A spring to a fixed place: in one degree of freedom, or on the horizontal plane (``surge+sway``)."""
+
+    slug = "tether-pull"
+    meaning = "the tether pulls back like a spring"
+    parameters = (
+        Parameter("stiffness", "N/m or N m/rad"),
+        Parameter("anchor", "m or rad", "where it does not pull, in one degree of freedom", 0.0),
+        Parameter("x", "m", "the same on the plane, north", 0.0),
+        Parameter("y", "m", "the same on the plane, east", 0.0),
+    )
+    on_vehicles = "yaw (default), heave, surge+sway (its part along the hull)"
+
+    def begin(self, setting: Setting) -> None:
+        """Find what is held, and by where."""
+        self._motion = setting.motion
+        self._on_plane = self.place == "surge+sway"
+        if self._on_plane:
+            if "surge" not in setting.axes or not (setting.on_vehicle or "sway" in setting.axes):
+                raise BadEffect("tether-pull@surge+sway needs a hull that moves ahead and sways")
+            return
+        self._dof = find_dof(self, setting, among=("yaw", "heave", "surge"))
+        if self._dof == "surge" and ("yaw" in setting.axes or "sway" in setting.axes):
+            raise BadEffect("tether-pull: a craft that turns is held on the plane: place it on 'surge+sway'")
+        self._axis = setting.axes[self._dof]
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Pull back."""
+        at, stiffness = self._motion, self["stiffness"]
+        if self._on_plane:
+            north, east = stiffness * (self["x"] - at.x), stiffness * (self["y"] - at.y)
+            c, s = math.cos(at.psi), math.sin(at.psi)
+            loads.X += c * north + s * east
+            loads.Y += -s * north + c * east
+        elif self._dof == "yaw":
+            loads.N -= stiffness * (at.psi - self["anchor"])
+        elif self._dof == "heave":
+            loads.Z -= stiffness * (at.z - self["anchor"])
+        else:
+            loads.X -= stiffness * (at.x - self["anchor"])
+
+    def quickness(self, setting: Setting) -> float:
+        """Return one radian of the swing on the spring."""
+        held = (
+            [setting.axes[dof] for dof in ("surge", "sway") if dof in setting.axes] if self._on_plane else [self._axis]
+        )
+        return math.sqrt(min(axis.alpha for axis in held) / max(abs(self["stiffness"]), 1e-12))

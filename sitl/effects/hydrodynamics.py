@@ -1,0 +1,137 @@
+"""Forces of the water that a plain hull does not have."""
+
+from __future__ import annotations
+
+import math
+
+from sitl.body import Loads
+from sitl.effects.effect import BadEffect, Effect, Motion, Parameter, Setting
+from sitl.effects.places import find_dof
+
+__all__ = ["GroundEffect", "LinearDrag", "MassChange", "NetBuoyancy", "QuadraticDrag"]
+
+
+class OnAxis(Effect):
+    """An effect that changes the inertia or the drag of one degree of freedom."""
+
+    on_vehicles = "yaw (default), surge, heave"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the degree of freedom."""
+        self._axis = setting.axes[find_dof(self, setting)]
+
+
+class LinearDrag(OnAxis):
+    """More drag that goes with speed."""
+
+    slug = "linear-drag"
+    meaning = "drag that goes with speed"
+    parameters = (Parameter("coefficient", "N s/m or N m s/rad"),)
+
+    def alter_parameters(self, t: float, body: Motion) -> None:
+        """Add it."""
+        self._axis.beta += self["coefficient"]
+
+    def quickness(self, setting: Setting) -> float:
+        """Return the time constant it leaves."""
+        return self._axis.alpha / max(self._axis.beta + self["coefficient"], 1e-9)
+
+
+class QuadraticDrag(OnAxis):
+    """More drag that goes with the square of speed."""
+
+    slug = "quadratic-drag"
+    meaning = "drag that goes with the square of speed"
+    parameters = (Parameter("coefficient", "N s^2/m^2 or N m s^2/rad^2"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Find the degree of freedom and the force on it."""
+        dof = find_dof(self, setting)
+        self._axis = setting.axes[dof]
+        driving = [setting.swing[name] for name, driven in setting.inputs.items() if driven == dof]
+        self._force = setting.gain.get(dof, 1.0) * max(driving, default=0.0)
+
+    def alter_parameters(self, t: float, body: Motion) -> None:
+        """Add it."""
+        self._axis.beta2 += self["coefficient"]
+
+    def quickness(self, setting: Setting) -> float:
+        """Return the time constant at the speed the largest command holds: alpha/(beta + 2 beta2 nu)."""
+        return self._axis.alpha / max(2.0 * math.sqrt(abs(self["coefficient"]) * self._force), 1e-9)
+
+
+class MassChange(Effect):
+    """A payload is taken aboard or let go: the inertia changes at once, the speed does not."""
+
+    slug = "mass-change"
+    meaning = "inertia changes within the run (a payload taken aboard or dropped)"
+    parameters = (
+        Parameter("ratio", "1", "new inertia over old", least=1e-3),
+        Parameter("time", "s", "since the start"),
+    )
+    on_vehicles = "all (default), yaw, surge, heave"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the degrees of freedom: all there are unless the place says otherwise."""
+        everything = self.place in ("", "all")
+        self._axes = tuple(setting.axes.values()) if everything else (setting.axes[find_dof(self, setting)],)
+        self._when = setting.start + self["time"]
+
+    def alter_parameters(self, t: float, body: Motion) -> None:
+        """Scale the inertia once the time has come."""
+        if t >= self._when - 1e-9:
+            for axis in self._axes:
+                axis.alpha *= self["ratio"]
+
+    def quickness(self, setting: Setting) -> float:
+        """Return the time constant a smaller inertia leaves."""
+        return min(a.alpha * self["ratio"] / a.beta if a.beta > 0.0 else math.inf for a in self._axes)
+
+
+class NetBuoyancy(Effect):
+    """Too heavy or too light."""
+
+    slug = "net-buoyancy"
+    meaning = "the craft is heavier (positive) or lighter than the water it displaces"
+    parameters = (Parameter("force", "N", "down positive"),)
+    on_vehicles = "heave (ROVs)"
+
+    def begin(self, setting: Setting) -> None:
+        """Make sure that it can sink."""
+        find_dof(self, setting, among=("heave",))
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Sink."""
+        loads.Z += self["force"]
+
+
+class GroundEffect(Effect):
+    """More drag close to the bottom: times ``1 + strength exp(-(z_bottom - z)/length)``."""
+
+    slug = "ground-effect"
+    meaning = "drag grows close to the bottom"
+    parameters = (
+        Parameter("strength", "1", "drag at the bottom over drag far from it, less one"),
+        Parameter("length", "m", "height over which it fades", least=1e-3),
+        Parameter("z_bottom", "m", "depth of the bottom; 0: the water's", 0.0),
+    )
+    on_vehicles = "heave (default), yaw, surge (ROVs)"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the degree of freedom and the bottom."""
+        if "heave" not in setting.axes:
+            raise BadEffect("ground-effect needs a craft that dives")
+        self._motion = setting.motion
+        self._axis = setting.axes[find_dof(self, setting) if self.place else "heave"]
+        self._bottom = self["z_bottom"] or setting.bottom
+
+    def alter_parameters(self, t: float, body: Motion) -> None:
+        """Scale the drag with the height above the bottom."""
+        height = max(self._bottom - self._motion.z, 0.0)
+        factor = 1.0 + self["strength"] * math.exp(-height / self["length"])
+        self._axis.beta *= factor
+        self._axis.beta2 *= factor
+
+    def quickness(self, setting: Setting) -> float:
+        """Return the time constant at the bottom."""
+        return self._axis.alpha / max(self._axis.beta * (1.0 + self["strength"]), 1e-9)

@@ -1,0 +1,116 @@
+"""Actuators that do not do what they are told: those with a memory. Each is placed on one input."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from sitl.effects.actuator import OnInput
+from sitl.effects.effect import Parameter, Setting
+
+__all__ = ["ActuatorLag", "Backlash", "InputDelay", "RateLimit"]
+
+
+class InputDelay(OnInput):
+    """The command acts later; before anything has arrived, the first one acts."""
+
+    slug = "input-delay"
+    meaning = "commands act later than they are given"
+    parameters = (Parameter("delay", "s", least=0.0),)
+
+    def begin(self, setting: Setting) -> None:
+        """Forget what is under way."""
+        super().begin(setting)
+        self._due: deque[tuple[float, float]] = deque()
+        """(when it begins to act, command), oldest first."""
+        self._last = math.nan
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Return the mean of what arrives between *t* and *t + dt*."""
+        due = self._due
+        if u != self._last:
+            due.append((t + self["delay"] if due else -math.inf, u))
+            self._last = u
+        end = t + dt
+        while len(due) > 1 and due[1][0] <= t:
+            due.popleft()
+        if len(due) == 1 or due[1][0] >= end:
+            return due[0][1]
+        total, since, value = 0.0, t, due[0][1]
+        for when, following in list(due)[1:]:
+            if when >= end:
+                break
+            total += value * (when - since)
+            since, value = when, following
+        return (total + value * (end - since)) / dt
+
+
+class ActuatorLag(OnInput):
+    """First order."""
+
+    slug = "actuator-lag"
+    meaning = "the actuator follows its command with a time constant"
+    parameters = (Parameter("time_constant", "s", least=1e-6),)
+
+    def begin(self, setting: Setting) -> None:
+        """Forget where the actuator stands."""
+        super().begin(setting)
+        self._now = math.nan
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Follow exactly, and return the mean over the step."""
+        if self._now != self._now:
+            self._now = u
+        ratio = dt / self["time_constant"]
+        rest = self._now - u
+        self._now = u + rest * math.exp(-ratio)
+        return u - rest * math.expm1(-ratio) / ratio
+
+
+class RateLimit(OnInput):
+    """No faster than a rate."""
+
+    slug = "rate-limit"
+    meaning = "the actuator cannot move faster than a rate"
+    parameters = (Parameter("rate", "input unit/s", least=1e-9),)
+
+    def begin(self, setting: Setting) -> None:
+        """Forget where the actuator stands."""
+        super().begin(setting)
+        self._now = math.nan
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Move towards *u*, and return the mean over the step."""
+        if self._now != self._now:
+            self._now = u
+        gap = u - self._now
+        if gap == 0.0:
+            return u
+        needed = abs(gap) / self["rate"]
+        if needed <= dt:
+            self._now = u
+            return u - 0.5 * gap * needed / dt
+        before = self._now
+        self._now += gap * dt / needed
+        return 0.5 * (before + self._now)
+
+
+class Backlash(OnInput):
+    """Play: the output rests until one flank has crossed it."""
+
+    slug = "backlash"
+    meaning = "play in the linkage: on every reversal the gap is crossed first"
+    parameters = (Parameter("width", "input unit", "the whole gap", least=0.0),)
+
+    def begin(self, setting: Setting) -> None:
+        """Forget where the actuator stands."""
+        super().begin(setting)
+        self._now = math.nan
+
+    def act(self, t: float, dt: float, u: float) -> float:
+        """Push or rest."""
+        half = 0.5 * self["width"]
+        if self._now != self._now:
+            self._now = u
+        self._now = min(max(self._now, u - half), u + half)
+        return self._now

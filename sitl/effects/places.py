@@ -1,0 +1,39 @@
+"""Where an effect sits: the input, degree of freedom or signals its place names, or the usual ones."""
+
+from __future__ import annotations
+
+from sitl.effects.effect import BadEffect, Effect, Setting
+
+__all__ = ["find_dof", "find_input", "find_signals"]
+
+_HORIZONTAL = ("surge", "sway", "yaw")
+
+
+def find_input(effect: Effect, setting: Setting) -> str:
+    """Return the input *effect* sits on; steering unless its place says otherwise."""
+    place = effect.place or setting.steering
+    place = setting.axis_names.get(place, place)
+    if place not in setting.inputs:
+        known = ", ".join([*setting.inputs, *setting.axis_names]) or "none"
+        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'; there are {known}")
+    return place
+
+
+def find_dof(effect: Effect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
+    """Return the degree of freedom *effect* sits on; yaw (or the first there is) unless its place says otherwise."""
+    there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.axes and dof in among]
+    if not there:
+        raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
+    place = effect.place or there[0]
+    if place not in there:
+        raise BadEffect(f"{effect.slug} cannot sit on '{place}' here; on {' or '.join(there)}")
+    return place
+
+
+def find_signals(effect: Effect, setting: Setting, default: str) -> tuple[str, ...]:
+    """Return the signals *effect* sits on, several joined by ``+``."""
+    names = tuple((effect.place or default).split("+"))
+    for name in names:
+        if name not in setting.signals:
+            raise BadEffect(f"{effect.slug}: '{name}' is not measured here; {', '.join(setting.signals)} are")
+    return names

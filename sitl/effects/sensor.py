@@ -1,0 +1,131 @@
+"""Sensors that do not tell the truth."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from random import Random
+
+from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
+from sitl.effects.places import find_signals
+from sitl.sensors import Reading
+
+__all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay", "Outliers", "Quantisation"]
+
+_MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
+
+
+class CompassDeviation(Effect):
+    """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
+
+    slug = "compass-deviation"
+    meaning = "iron aboard turns the compass needle (goes with sine and cosine of the heading)"
+    parameters = (
+        Parameter("B", "rad", default=0.0),
+        Parameter("C", "rad", default=0.0),
+        Parameter("A", "rad", "the lubber line's misalignment", 0.0),
+    )
+    on_vehicles = "psi"
+
+    def begin(self, setting: Setting) -> None:
+        """Make sure that there is a compass."""
+        find_signals(self, setting, "psi")
+
+    def alter_measurement(self, t: float, reading: Reading) -> None:
+        """Turn the needle."""
+        reading.psi += self["A"] + self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
+
+
+class GyroBias(Effect):
+    """A rate is off by a constant."""
+
+    slug = "gyro-bias"
+    meaning = "the gyro shows a rate at rest"
+    parameters = (Parameter("bias", "rad/s"),)
+    on_vehicles = "r (default), p, q"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the gyro."""
+        (self._name,) = find_signals(self, setting, "r")[:1]
+        if self._name not in ("p", "q", "r"):
+            raise BadEffect(f"gyro-bias: '{self._name}' is no rate of a gyro; r, p, q are")
+
+    def alter_measurement(self, t: float, reading: Reading) -> None:
+        """Add the bias."""
+        setattr(reading, self._name, getattr(reading, self._name) + self["bias"])
+
+
+class MeasurementDelay(Effect):
+    """A signal is reported late; several when the place joins them (``psi+r``), all when it is ``all``."""
+
+    slug = "measurement-delay"
+    meaning = "a signal is reported late"
+    parameters = (Parameter("delay", "s", least=0.0),)
+    on_vehicles = "a signal or several joined by + (all: psi+r+u+x+y+z+w, the default)"
+
+    def begin(self, setting: Setting) -> None:
+        """Forget what was seen."""
+        everything = "+".join(name for name in setting.signals if name in _MOTION)
+        self._names = tuple(everything.split("+")) if self.place in ("", "all") else find_signals(self, setting, "")
+        self._seen: deque[tuple[float, tuple[float, ...]]] = deque()
+        self._on_vehicle = setting.on_vehicle
+
+    def lateness(self) -> Mapping[str, float]:
+        """Return the delay of each."""
+        return dict.fromkeys(self._names, self["delay"])
+
+    def alter_measurement(self, t: float, reading: Reading) -> None:
+        """Put back what was seen then, between two samples in proportion; the tank reads its own past instead."""
+        if not self._on_vehicle:
+            return
+        seen, when = self._seen, t - self["delay"] + 1e-9
+        seen.append((t, tuple(getattr(reading, name) for name in self._names)))
+        while len(seen) > 1 and seen[1][0] <= when:
+            seen.popleft()
+        t0, old = seen[0]
+        t1, new = seen[1] if len(seen) > 1 else seen[0]
+        share = 0.0 if t1 <= t0 or when <= t0 else (when - t0) / (t1 - t0)
+        for name, before, after in zip(self._names, old, new, strict=True):
+            change = math.remainder(after - before, math.tau) if name == "psi" else after - before
+            setattr(reading, name, before + share * change)
+
+
+class Quantisation(Effect):
+    """Rounded to multiples of a step."""
+
+    slug = "quantisation"
+    meaning = "a signal comes in steps"
+    parameters = (Parameter("step", "signal unit", least=1e-12),)
+    on_vehicles = "a signal (default psi)"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the signal."""
+        self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
+
+    def alter_measurement(self, t: float, reading: Reading) -> None:
+        """Round."""
+        step = self["step"]
+        for name in self._names:
+            setattr(reading, name, round(getattr(reading, name) / step) * step)
+
+
+class Outliers(Effect):
+    """A share of samples is far off."""
+
+    slug = "outliers"
+    meaning = "some samples are far off"
+    parameters = (Parameter("share", "1", "of the samples", least=0.0), Parameter("size", "signal unit", "rms"))
+    on_vehicles = "a signal (default psi)"
+
+    def begin(self, setting: Setting) -> None:
+        """Find the signal and seed its accidents."""
+        self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
+        self._draw = Random(f"{setting.seed}/{self.slug}/{self.place}")
+
+    def alter_measurement(self, t: float, reading: Reading) -> None:
+        """Throw some samples off."""
+        for name in self._names:
+            struck, by = self._draw.random() < self["share"], self._draw.gauss(0.0, self["size"])
+            if struck:
+                setattr(reading, name, getattr(reading, name) + by)

@@ -1,0 +1,100 @@
+"""The effects there are: slug -> class. A new effect is one class and one line here."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+
+from sitl.effects.actuator import (
+    AdvanceSpeedLoss,
+    AsymmetricThrust,
+    DeadZone,
+    GainDrift,
+    QuadraticActuator,
+    RudderStall,
+    Saturation,
+    SpeedDependentSteering,
+)
+from sitl.effects.bookkeeping import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
+from sitl.effects.coupling import CoriolisCoupling, SwayYawCoupling
+from sitl.effects.effect import BadEffect, Effect
+from sitl.effects.environment import InputBias, SteadyCurrent, TetherPull, WaveDisturbance, WindMoment
+from sitl.effects.hydrodynamics import GroundEffect, LinearDrag, MassChange, NetBuoyancy, QuadraticDrag
+from sitl.effects.memory import ActuatorLag, Backlash, InputDelay, RateLimit
+from sitl.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, Outliers, Quantisation
+
+__all__ = ["EFFECTS", "make_effect", "parse_effect"]
+
+_CLASSES: tuple[type[Effect], ...] = (
+    TimeScale,
+    TimeOffset,
+    UnitError,
+    SignError,
+    ChannelSwap,
+    InputDelay,
+    Saturation,
+    RateLimit,
+    ActuatorLag,
+    Backlash,
+    DeadZone,
+    QuadraticActuator,
+    RudderStall,
+    AsymmetricThrust,
+    GainDrift,
+    SpeedDependentSteering,
+    AdvanceSpeedLoss,
+    LinearDrag,
+    QuadraticDrag,
+    CoriolisCoupling,
+    SwayYawCoupling,
+    MassChange,
+    NetBuoyancy,
+    GroundEffect,
+    InputBias,
+    SteadyCurrent,
+    WindMoment,
+    WaveDisturbance,
+    TetherPull,
+    CompassDeviation,
+    GyroBias,
+    MeasurementDelay,
+    Quantisation,
+    Outliers,
+)
+
+EFFECTS: Mapping[str, type[Effect]] = {kind.slug: kind for kind in _CLASSES}
+
+
+def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None = None) -> Effect:
+    """Return the effect called *slug* at *place* (empty: the usual one).
+
+    Raises
+    ------
+    BadEffect
+        There is no such effect or parameter (the message gives the nearest), or one is missing.
+    """
+    if slug not in EFFECTS:
+        near = difflib.get_close_matches(slug, EFFECTS, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else "see --list-effects"
+        raise BadEffect(f"no effect called '{slug}'; {hint}")
+    return EFFECTS[slug](place, **(values or {}))
+
+
+def parse_effect(text: str) -> Effect:
+    """Return the effect written as ``slug[@place][.parameter=value[,parameter=value ...]]``.
+
+    Raises
+    ------
+    BadEffect
+        It is written otherwise, or :func:`make_effect` does not know it.
+    """
+    head, _, tail = text.partition(".")
+    slug, _, place = head.partition("@")
+    values: dict[str, float] = {}
+    for pair in tail.split(",") if tail else ():
+        name, _, number = pair.partition("=")
+        try:
+            values[name.strip().removeprefix(f"{slug}.")] = float(number)
+        except ValueError as error:
+            raise BadEffect(f"--effect {text}: give SLUG.PARAMETER=NUMBER, '{pair}' is not") from error
+    return make_effect(slug.strip(), place.strip(), values)
