@@ -132,8 +132,8 @@ class _Ground:
                 other = self.cost(self.free - wanted * moved)
                 if other < cost:
                     cost, scale = other, wanted
-        if scale != 1.0 and _linear(entry):
-            own = own.with_values({n: v * scale for n, v in own.values.items() if n not in entry.fixed})
+        if scale != 1.0:
+            own = own.with_values({n: own.values[n] * scale for n in entry.grows_with if n in own.values})
         return Candidate(own, self.fitted, cost)
 
     def _learnt(self, own: Applied) -> Candidate | None:
@@ -162,17 +162,8 @@ class _Ground:
 def _two_sided(entry: Effect, own: Applied, ground: _Ground) -> bool:
     """Whether an effect may act either way."""
     bounds = entry.bounds(own.place, ground.problem.scene)
-    return all(bounds.get(n, (-np.inf, np.inf))[0] < 0.0 for n in own.values)
-
-
-def _linear(entry: Effect) -> bool:
-    """Whether twice the values have twice the effect, nearly."""
-    return (
-        not entry.overrides("drive")
-        and not entry.overrides("retime")
-        and not entry.fixed
-        and entry.slug != "wind-moment"
-    )
+    growing = [n for n in entry.grows_with if n in own.values]
+    return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < 0.0 for n in growing)
 
 
 def _of(fitted: Fitted, own: Applied) -> Applied:

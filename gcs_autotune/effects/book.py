@@ -24,12 +24,12 @@ from gcs_autotune.effects.outliers import Outliers
 from gcs_autotune.effects.quadratic_drag import QuadraticDrag
 from gcs_autotune.effects.quantisation import Quantisation
 from gcs_autotune.effects.sign_error import SignError
-from gcs_autotune.effects.steady_current import OVER_GROUND
+from gcs_autotune.effects.steady_current import SteadyCurrent
 from gcs_autotune.effects.sway_yaw_coupling import SwayYawCoupling
 from gcs_autotune.effects.tether_pull import TetherPull
 from gcs_autotune.effects.time_offset import TimeOffset
 from gcs_autotune.effects.time_scale import TimeScale
-from gcs_autotune.effects.unit_error import SLIPS
+from gcs_autotune.effects.unit_error import UnitError
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 from gcs_autotune.effects.wind_moment import WindMoment
 
@@ -40,7 +40,7 @@ BOOK: Mapping[str, Effect] = {
     for e in (
         TimeScale(),
         TimeOffset(),
-        SLIPS(),
+        UnitError(),
         SignError(),
         ChannelSwap(),
         DeadZone(),
@@ -52,7 +52,7 @@ BOOK: Mapping[str, Effect] = {
         NetBuoyancy(),
         GroundEffect(),
         InputBias(),
-        OVER_GROUND(),
+        SteadyCurrent(),
         WindMoment(),
         WaveDisturbance(),
         TetherPull(),

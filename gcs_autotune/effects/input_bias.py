@@ -19,6 +19,7 @@ class InputBias(Effect):
     family: ClassVar[Family] = "environment"
     meaning: ClassVar[str] = "a constant force or moment: trim, tether, list, an actuator off centre"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("bias", INPUT, "constant force, on the side of the input"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("bias",)
     shown_by: ClassVar[str] = "mean of the one-step residual; free run drifts to one side"
     mistaken_for: ClassVar[tuple[str, ...]] = ("asymmetric-thrust", "gyro-bias", "wind-moment", "steady-current")
     separated_by: ClassVar[str] = "a minute with no command at all, then the same manoeuvre on another heading"

@@ -20,7 +20,8 @@ DIRECTIONS = 6
 class WindMoment(Effect):
     """``N += strength sin(direction - psi)``: it turns the bow towards ``direction``, upwind or down.
 
-    Which of the two is the hull's affair. Needs a measured heading. ``direction`` counts from north over east; a fit may leave it outside [0, 2 pi).
+    Which of the two is the hull's affair. Needs a measured heading. ``direction`` counts from north over east; a fit
+    may leave it outside [0, 2 pi).
     """
 
     slug: ClassVar[str] = "wind-moment"
