@@ -120,7 +120,6 @@ class Proposal:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form (without the prediction's time series)."""
-        left = self.left
         return {
             "schema": 1,
             "axis": self.axis,
