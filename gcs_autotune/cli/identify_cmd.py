@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.errors import UsageError
 from gcs_autotune.trial import Trial
 
@@ -18,13 +19,7 @@ __all__ = ["COMMAND"]
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "runs",
-        nargs="*",
-        type=Path,
-        metavar="RUN",
-        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog) or a log on board (.bin)",
-    )
+    add_runs(parser)
     what = parser.add_argument_group("model")
     what.add_argument("--dof", metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof")
     what.add_argument(
@@ -66,15 +61,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--option", action="append", default=[], metavar="K=V", help="an option of the method; --method list shows them"
     )
-    read = parser.add_argument_group("reading")
-    read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
-    read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
-    read.add_argument(
-        "--columns",
-        metavar="OLD=NEW,...",
-        default="",
-        help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
-    )
+    add_reading(parser)
     check = parser.add_argument_group("check")
     check.add_argument(
         "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
@@ -104,23 +91,16 @@ def _run(args: argparse.Namespace) -> int:
 
     from gcs_autotune.identify import METHODS
     from gcs_autotune.identify.model_file import load_model, save_model
-    from gcs_autotune.logs import load_runs, parse_columns
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
         _list(METHODS)
         return 0
-    if not args.runs:
-        raise UsageError("name at least one run: a run directory, a log, or a CSV file like t[s],psi[rad],N[N m]")
-    how = {
-        "system": args.system_id,
-        "columns": parse_columns(args.columns) if args.columns else None,
-    }
-    runs = [trial for path in args.runs for trial in load_runs(path, pick=_stretches(args.pick), **how)]
+    runs = read_runs(args)
     if args.plan is not None:
         return _follow(args, runs)
-    unseen = [trial for path in args.validate for trial in load_runs(path, **how)]
+    unseen = read_others(args, args.validate)
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     settings = StudySettings(
         dof=args.dof,
@@ -151,13 +131,6 @@ def _run(args: argparse.Namespace) -> int:
     if page is not None:
         console.print(Text(f"\nPage: {page}"), soft_wrap=True)
     return 0
-
-
-def _stretches(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(piece) for piece in text.split(",") if piece.strip())
-    except ValueError:
-        raise UsageError(f"--pick {text}: give the numbers of stretches, e.g. --pick 2,3") from None
 
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial]) -> int:

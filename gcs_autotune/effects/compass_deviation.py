@@ -16,7 +16,8 @@ class CompassDeviation(Effect):
     """The compass shows ``psi + A + B sin(psi) + C cos(psi)``: iron and currents aboard.
 
     ``A``, a misaligned compass, is sought only where a track, ``x`` and ``y``, tells it from another choice of north.
-    At ``"psi+u+v"`` the velocities are a satellite receiver's, turned into the body by the same compass (as in :mod:`gcs_autotune.models.coupled.compass`).
+    At ``"psi+u+v"`` the velocities are a satellite receiver's, turned into the body by the same compass, as in
+    :mod:`gcs_autotune.models.coupled.compass`.
     """
 
     slug: ClassVar[str] = "compass-deviation"
@@ -27,6 +28,7 @@ class CompassDeviation(Effect):
         Quantity("C", "rad", "share that goes with its cosine"),
         Quantity("A", "rad", "constant share, a misaligned compass: only where a track is measured"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("B", "C")
     shown_by: ClassVar[str] = "heading residual against heading: one wave per turn, while the gyro fits"
     mistaken_for: ClassVar[tuple[str, ...]] = ("wind-moment", "steady-current", "tether-pull")
     separated_by: ClassVar[str] = "two slow full turns, one each way"

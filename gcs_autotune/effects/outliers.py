@@ -38,8 +38,8 @@ class Outliers(Effect):
         return tuple(scene.signals)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """Few and large; :meth:`learn` counts and sizes them."""
-        return ({"share": 0.02, "size": max(10.0 * scene.level.get(place, 0.0), 0.1 * scene.spread[place])},)
+        """None yet; :meth:`learn` counts and sizes them."""
+        return ({"share": 0.0, "size": 0.1 * scene.spread[place]},)
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """More than a third are no exceptions."""
@@ -57,16 +57,16 @@ class Outliers(Effect):
         return replace(own, constants={**own.constants, "level": found.level})
 
     def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
-        """Take the outliers out, at the price of their broad law and of picking them."""
+        """Weigh outliers by the size they may have, at the price of that size and of picking them."""
         if left.signal != own.place or own["share"] <= 0.0:
             return left.error, columns, 0.0
         law = Contamination(own["share"], own["size"], own.constants["level"])
         off = law.flags(stray(left.error))
-        variance = law.size**2 + law.level**2
-        broad = math.log(variance) + left.error[off] ** 2 / variance - 1.0 - 2.0 * math.log(law.share)
-        penalty = float(np.sum(broad)) - 2.0 * float(np.sum(~off)) * math.log1p(-law.share)
-        kept = np.where(off, np.nan, 1.0)
-        return left.error * kept, columns * kept[:, None], penalty
+        broader = 1.0 + (law.size / law.level) ** 2
+        weight = np.where(off, 1.0 / math.sqrt(broader), 1.0)
+        count = float(np.sum(off))
+        odds = count * math.log(law.share) + (len(off) - count) * math.log1p(-law.share)
+        return weight * left.error, weight[:, None] * columns, count * math.log(broader) - 2.0 * odds
 
     def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
         """Of a count, and of the rms of so many."""

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr
 
 from gcs_autotune.effects.effect import SIGNAL, Applied, Array, Curve, Effect, Family, Leftover, Quantity, Scene
-from gcs_autotune.effects.grid import TOLERANCE
+from gcs_autotune.effects.grid import TOLERANCE, grid_step
 
 __all__ = ["Quantisation"]
 
@@ -20,6 +20,9 @@ MATTERS = 0.15
 """Chosen: rounding counts from this share of the residual's mean square on; it is ``step^2 / 12`` (Widrow 1961)."""
 FINEST = 0.02
 """Noise before rounding, in steps, below which it is not resolved."""
+FEWEST = 20
+"""Samples of a run whose grid is looked for."""
+HEADINGS = ("psi", "phi", "theta")
 VISIBLE = 2.0 * math.log(2.0)
 """Evidence per sample that it lies on the grid: without one it lay half-way between at least as often."""
 
@@ -41,33 +44,28 @@ class Quantisation(Effect):
     fixed: ClassVar[tuple[str, ...]] = ("step",)
 
     def places(self, scene: Scene) -> tuple[str, ...]:
-        """Signals on a grid that is not lost in their noise."""
-        on_grid = {s: scene.quantum.get(s, 0.0) for s in scene.signals}
-        return tuple(s for s, q in on_grid.items() if q > 0.0 and q >= 0.5 * scene.level.get(s, 0.0))
+        """Every signal."""
+        return tuple(scene.signals)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """The grid that is seen."""
-        return ({"step": scene.quantum[place]},)
+        """None yet; :meth:`learn` looks at the readings."""
+        return ({"step": 0.0},)
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
-        """Nothing but what is seen (or none)."""
-        return {"step": (0.0, scene.quantum[place])}
-
-    def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
-        """The grid that is seen."""
-        return {"quantum": scene.quantum[place]}
+        """Steps as large as the signal leave nothing of it."""
+        return {"step": (0.0, 3.0 * scene.spread[place])}
 
     def learn(self, own: Applied, left: Sequence[Leftover]) -> Applied:
-        """Take the grid for the cause when it is a fair share of what is left, and size the noise before rounding."""
-        errors = [x.error[np.isfinite(x.error)] for x in left if x.signal == own.place]
-        error = np.concatenate(errors) if errors else np.zeros(0)
-        step = own.constants.get("quantum", own["step"])
-        if len(error) == 0 or step <= 0.0 or step**2 / 12.0 < MATTERS * float(np.mean(error**2)):
+        """Take the readings' grid for the cause when it is a fair share of what is left; size the noise before it."""
+        mine = [x for x in left if x.signal == own.place and len(x.error) >= FEWEST]
+        steps = [_step(x) for x in mine]
+        step = min(steps, default=0.0)
+        error = np.concatenate([x.error for x in mine]) if step > 0.0 else np.zeros(0)
+        if len(error) == 0 or step**2 / 12.0 < MATTERS * float(np.mean(error**2)):
             return own.with_values({"step": 0.0})
         level = _level(error, step)
         known = math.sqrt(float(np.mean(_noise(error, step, level)[0] ** 2)))
-        constants = {**own.constants, "quantum": step, "level": level, "known": known}
-        return replace(own.with_values({"step": step}), constants=constants)
+        return replace(own.with_values({"step": step}), constants={"level": level, "known": known})
 
     def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
         """Return the expected noise before rounding, at its own size.
@@ -95,6 +93,13 @@ class Quantisation(Effect):
         y = np.round(x / own["step"]) * own["step"] if own["step"] > 0.0 else x
         unit = scene.signals[own.place]
         return Curve(x, y, f"{own.place} true [{unit}]", f"{own.place} read [{unit}]", "Stairs of the reading", plain=x)
+
+
+def _step(x: Leftover) -> float:
+    """Return the grid of a run's readings; of a heading also as it was before it was made continuous."""
+    turn = 2.0 * math.pi
+    ways = (x.measured, np.mod(x.measured, turn), np.mod(x.measured + math.pi, turn) - math.pi)
+    return next((step for y in ways[: 3 if x.signal in HEADINGS else 1] if (step := grid_step(y)) > 0.0), 0.0)
 
 
 def _noise(error: Array, step: float, level: float) -> tuple[Array, Array]:

@@ -1,8 +1,9 @@
 """The compiled heart of :mod:`gcs_autotune.models.coupled`: right-hand side, its derivatives, and the sweep.
 
 ``M nu_dot + C(nu) nu = F(nu, eta, inputs)``, ``eta_dot = J(eta) nu + current``, with ``F`` a sum of products
-``theta_p * c * f_1 * f_2 * f_3``. ``M`` is linear in the parameters; ``C`` follows from it (Fossen 2011, (3.46) for
-the symmetric ``M``), so that ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu``.
+``theta_p * theta_s * c * f_1 * f_2 * f_3`` (``theta_s``: a second parameter, which few terms have). ``M`` is linear in
+the parameters; ``C`` follows from it (Fossen 2011, (3.46) for the symmetric ``M``), so that
+``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu``.
 
 The sweep is classical Runge-Kutta of order four, with steps that end at every input jump and output stamp and are
 short against the fastest rate; the sensitivities are carried through the same stages, so they are those of the
@@ -44,7 +45,10 @@ Index = NDArray[np.int64]
 
 NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, SIN_PSI, COS_PSI, NEAR, INPUT, INPUT_SIZE = 0, 6, 12, 18, 19, 20, 21, 22, 30, 60
 """Codes of factors: velocity j, its magnitude, position j (x y z phi theta psi), sines and cosine, nearness to the
-bottom ``exp(z / reach)``, input i, its magnitude."""
+bottom ``exp((z - bottom) / reach)``, input i, its magnitude."""
+
+STEEPEST = 50.0
+"""Exponent beyond which nearness grows no further: a simulation under the bottom is to run away, not to overflow."""
 
 REACH = 0.4
 """Longest step times the fastest rate. Chosen: a Runge-Kutta step then errs by REACH**5/120 = 9e-5 of its change."""
@@ -55,16 +59,17 @@ RUNAWAY = 1e6
 
 class Program(NamedTuple):
     """A form as arrays. ``active`` (k,) degrees of freedom; ``column`` (12,) place of eta and nu in the state, -1
-    if absent; ``rows``, ``pars``, ``coefs``, ``factors`` (T,), (T,), (T,), (T, 3) the terms (-1: no parameter, no
-    factor); ``inertia`` (E, 3) row, column, parameter of each entry of M and ``inertia_coefs`` (E,); parameter
-    indices of delay, lag, current and reach, -1 if absent; ``payload`` the input that multiplies the inertia, or -1;
-    ``m`` inputs.
+    if absent; ``rows``, ``pars``, ``scales``, ``coefs`` (T,), ``factors`` (T, 3) the terms (-1: no parameter, no second
+    one, no factor); ``inertia`` (E, 3) row, column, parameter of each entry of M and ``inertia_coefs`` (E,); parameter
+    indices of delay, lag, current, drift (a current that velocities do not show), reach and bottom, -1 if absent;
+    ``payload`` the input that multiplies the inertia and ``depth`` that which stands for z, or -1; ``m`` inputs.
     """
 
     active: Index
     column: Index
     rows: Index
     pars: Index
+    scales: Index
     coefs: Array
     factors: Index
     inertia: Index
@@ -73,8 +78,12 @@ class Program(NamedTuple):
     lag: int
     current_x: int
     current_y: int
+    drift_x: int
+    drift_y: int
     reach: int
+    bottom: int
     payload: int
+    depth: int
     coriolis: int
     spatial: int
     m: int
@@ -100,6 +109,10 @@ def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A:
     k = len(active)
     vx = theta[P.current_x] if P.current_x >= 0 else 0.0
     vy = theta[P.current_y] if P.current_y >= 0 else 0.0
+    if P.drift_x >= 0:
+        vx += theta[P.drift_x]
+    if P.drift_y >= 0:
+        vy += theta[P.drift_y]
     u, v, w, q, r = full[0], full[1], full[2], full[4], full[5]
     phi, tht, psi = full[9], full[10], full[11]
     cs, sn = np.cos(psi), np.sin(psi)
@@ -181,7 +194,7 @@ def _kinematics(P: Program, theta: Array, full: Array, deriv: bool, f: Array, A:
 
 @njit(cache=True)
 def _factor(
-    code: int, full: Array, place: Index, u: Array, lagged: Array, first: int, reach: float
+    code: int, full: Array, place: Index, u: Array, lagged: Array, first: int, reach: float, bottom: float
 ) -> tuple[float, float, int]:
     """Return value, derivative and state column (-1: none) of one factor; *first* lagged input's column, or -1."""
     if code < 6:
@@ -200,7 +213,7 @@ def _factor(
     if code == 21:
         return np.cos(full[11]), -np.sin(full[11]), place[11]
     if code == 22:
-        near = np.exp(min(full[8] / reach, 50.0))
+        near = np.exp(min((full[8] - bottom) / reach, STEEPEST))
         return near, near / reach, place[8]
     i = code - 60 if code >= 60 else code - 30
     x = u[i] if first < 0 else lagged[i]
@@ -288,6 +301,8 @@ def _evaluate(
     full, force, by_x, by_p = W.full, W.force, W.by_x, W.by_p
     for j in range(12):
         full[j] = x[place[j]] if place[j] >= 0 else 0.0
+    if P.depth >= 0 and place[8] < 0:
+        full[8] = u[P.depth]
     force[:] = 0.0
     if deriv:
         A[:, :] = 0.0
@@ -297,10 +312,11 @@ def _evaluate(
     _kinematics(P, theta, full, deriv, f, A)
     if deriv:
         for i in range(k):
-            if active[i] == 0 and P.current_x >= 0 and free[P.current_x] >= 0:
-                B[i, free[P.current_x]] = 1.0
-            if active[i] == 1 and P.current_y >= 0 and free[P.current_y] >= 0:
-                B[i, free[P.current_y]] = 1.0
+            if active[i] > 1:
+                continue
+            for par in (P.current_x, P.drift_x) if active[i] == 0 else (P.current_y, P.drift_y):
+                if par >= 0 and free[par] >= 0:
+                    B[i, free[par]] = 1.0
     _forces(P, theta, x[2 * k :], u, free, deriv, W)
     if P.coriolis == 1:
         _coriolis(place, M, deriv, W)
@@ -350,30 +366,41 @@ def _evaluate(
 @njit(cache=True)
 def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deriv: bool, W: Scratch) -> None:
     """Add all terms to ``W.force``, with *deriv* their derivatives to ``W.by_x`` and ``W.by_p``."""
-    rows, pars, coefs, factors, place = P.rows, P.pars, P.coefs, P.factors, P.column
+    rows, pars, scales, coefs, factors, place = P.rows, P.pars, P.scales, P.coefs, P.factors, P.column
     values, slopes, columns, full = W.values, W.slopes, W.columns, W.full
     force, by_x, by_p = W.force, W.by_x, W.by_p
     first = 2 * len(P.active) if P.lag >= 0 else -1
     reach = theta[P.reach] if P.reach >= 0 else 1.0
+    bottom = theta[P.bottom] if P.bottom >= 0 else 0.0
     for t in range(len(rows)):
-        row, par = rows[t], pars[t]
+        row, par, scale = rows[t], pars[t], scales[t]
         count = 0
         for s in range(3):
             values[s] = 1.0
             if factors[t, s] >= 0:
-                values[s], slopes[s], columns[s] = _factor(factors[t, s], full, place, u, lagged, first, reach)
+                values[s], slopes[s], columns[s] = _factor(factors[t, s], full, place, u, lagged, first, reach, bottom)
                 count = s + 1
         product = coefs[t] * values[0] * values[1] * values[2]
-        weight = theta[par] if par >= 0 else 1.0
+        first_weight = theta[par] if par >= 0 else 1.0
+        second_weight = theta[scale] if scale >= 0 else 1.0
+        weight = first_weight * second_weight
         force[row] += weight * product
         if not deriv:
             continue
         if par >= 0 and free[par] >= 0:
-            by_p[row, free[par]] += product
+            by_p[row, free[par]] += second_weight * product
+        if scale >= 0 and free[scale] >= 0:
+            by_p[row, free[scale]] += first_weight * product
         for s in range(count):
+            rest = values[1] * values[2] if s == 0 else values[0] * values[3 - s]
+            slope = weight * coefs[t] * slopes[s] * rest
             if columns[s] >= 0:
-                rest = values[1] * values[2] if s == 0 else values[0] * values[3 - s]
-                by_x[row, columns[s]] += weight * coefs[t] * slopes[s] * rest
+                by_x[row, columns[s]] += slope
+            if factors[t, s] == NEAR:
+                if P.bottom >= 0 and free[P.bottom] >= 0:
+                    by_p[row, free[P.bottom]] -= slope
+                if P.reach >= 0 and free[P.reach] >= 0:
+                    by_p[row, free[P.reach]] -= slope * (full[8] - bottom) / reach
     if P.payload >= 0:  # the same forces on u times the inertia
         share = 1.0 / u[P.payload]
         force *= share
@@ -561,7 +588,7 @@ def sweep(
 def imbalances(P: Program, theta: Array, M: Array, X: Array, nu_dot: Array, inputs: Array, out: Array) -> None:
     """Fill *out* (s, k) with ``F - C nu - M nu_dot`` at states ``X`` (s, n), rates (s, k) and inputs (s, m).
 
-    It is zero where the equations of motion hold, and linear in all parameters that are not delay, lag or current.
+    It is zero where the equations of motion hold, and linear in all parameters that are not called special.
     """
     k, n = len(P.active), X.shape[1]
     unit = np.eye(k)
