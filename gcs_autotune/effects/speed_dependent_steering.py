@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from gcs_autotune.effects.actuator import Actuator, Array, steers
 from gcs_autotune.effects.effect import Applied, Curve, Drive, Quantity, Scene
 from gcs_autotune.effects.held import redrawn
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel
 
 __all__ = ["SpeedDependentSteering"]
@@ -17,16 +20,21 @@ __all__ = ["SpeedDependentSteering"]
 VARIES = 0.1
 """Speeds must range over this share of their root mean square for their effect to be seen."""
 
-_SMOOTHER = np.array([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21.0
-"""Centre of the parabola through seven samples (Savitzky and Golay 1964): keeps a third of the noise's variance."""
+GAIN = "gain_"
+"""Constants ``gain_N`` and so on: what a simulated flow multiplies, the base model's forces per input."""
+
+WINDOWS = (5, 9, 15, 25, 41, 67, 111)
+"""Samples a parabola may be laid through to smooth the speed; which, every run says itself."""
 
 
 class SpeedDependentSteering(Actuator):
     """Commands act times ``(1 - share) + share (U/U_ref)^2``: rudder force goes with the square of the flow.
 
-    ``U`` is the measured surge speed ``u`` (the speed over ground where that is all there is), lightly smoothed;
-    ``U_ref`` its root mean square over the runs. The thesis (Miskovic 2010), (2.37): ``k_r1 U^2 delta`` from the boat's
-    way, and a rest, from the propeller's race, that does not depend on it.
+    ``U`` is the surge speed through the water: the simulated one where surge is simulated, as noise in a measured one
+    would come out as a weaker effect; else the measured ``u`` (or speed over ground), smoothed as its noise asks.
+    ``U_ref`` is the root mean square of the recorded one over the runs. The thesis (Miskovic 2010), (2.37):
+    ``k_r1 U^2 delta`` from the boat's way, and a rest, from the propeller's race, that does not depend on it. Where the
+    input's gain is fitted and surge simulated, ``share`` is one of the base model's gain.
     """
 
     slug: ClassVar[str] = "speed-dependent-steering"
@@ -63,20 +71,32 @@ class SpeedDependentSteering(Actuator):
         return {"share": (-0.2, 1.2)}
 
     def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
-        """The root mean square of the speed."""
+        """The root mean square of the recorded speed, and where surge is simulated what it multiplies."""
         name = _speed(scene.channels)
-        return {} if name is None else {"U_ref": scene.rms[name]}
+        if name is None:
+            return {}
+        return {"U_ref": scene.rms[name], **_gains(place, scene)}
+
+    def derivatives(self, own: Applied) -> Mapping[str, float]:
+        """``N_N`` and ``N_|u||u|N`` and so on, where surge is simulated."""
+        found = {}
+        for key, gain in own.constants.items():
+            if key.startswith(GAIN):
+                force = key.removeprefix(GAIN)
+                found[f"{force}_{own.place}"] = -own["share"] * gain
+                found[f"{force}_|u||u|{own.place}"] = own["share"] * gain / own["U_ref"] ** 2
+        return found
 
     def drive(self, own: Applied, drive: Drive) -> Drive:
-        """Scale the commands with the flow, held at its mean between stamps; without a speed recorded as they are."""
+        """Scale the commands with the measured flow, held at its mean between stamps, where surge is not simulated."""
         name = _speed(drive.measured)
-        if name is None:
+        if name is None or any(key.startswith(GAIN) for key in own.constants):
             return drive
-        stamps, flow = _flow(drive.measured[name], own["U_ref"])
+        stamps, flow = _smooth(drive.measured[name])
         if not len(stamps):
             return drive
         t = np.union1d(drive.t, stamps[stamps > drive.t[0]])
-        at = np.interp(t, stamps, flow)
+        at = np.interp(t, stamps, flow) / own["U_ref"]
         ahead = np.r_[at[1:], at[-1]]
         mean = (at * at + at * ahead + ahead * ahead) / 3.0
         u = drive.channels[own.place][np.searchsorted(drive.t, t, side="right") - 1]
@@ -98,12 +118,42 @@ def _speed(channels: Mapping[str, object] | frozenset[str]) -> str | None:
     return next((n for n in ("u", "U") if n in channels), None)
 
 
-def _flow(speed: Channel, reference: float) -> tuple[Array, Array]:
-    """Return stamps and smoothed speeds in shares of the reference (n,), without missing samples."""
+def _gains(place: str, scene: Scene) -> dict[str, float]:
+    """Return the gain of every force the input drives, none when surge is not simulated or a gain is not known."""
+    if "surge" not in scene.form.dofs:
+        return {}
+    driven = {DOFS[d].force for d in scene.form.dofs}
+    found = {}
+    for force, gain in scene.form.inputs[place]:
+        if force not in driven:
+            continue
+        if isinstance(gain, str):
+            name = gain.removeprefix("-")
+            if name not in scene.base or gain == f"-{force}_{place}":
+                return {}
+            found[GAIN + force] = -scene.base[name] if gain.startswith("-") else scene.base[name]
+        else:
+            found[GAIN + force] = gain
+    return found
+
+
+@lru_cache(maxsize=64)
+def _smooth(speed: Channel) -> tuple[Array, Array]:
+    """Return stamps and smoothed speeds (n,) of the samples there are, by moving parabolas (Savitzky and Golay 1964).
+
+    The window is that which foretells samples left out of it best: the noise would come out as speed that varies.
+    """
     good = np.isfinite(speed.values)
-    t, values = speed.t[good], speed.values[good] / reference
-    half = len(_SMOOTHER) // 2
-    if len(values) > 2 * len(_SMOOTHER):
-        values = values.copy()
-        values[half:-half] = np.convolve(values, _SMOOTHER, mode="valid")
-    return t, values
+    t, values = speed.t[good], speed.values[good]
+    best, least = values, np.inf
+    for window in WINDOWS:
+        if 3 * window > len(values):
+            break
+        smooth: Array = savgol_filter(values, window, 2)
+        own = float(savgol_coeffs(window, 2)[window // 2])
+        half = window // 2
+        left_out = (values - smooth)[half : len(values) - half] / (1.0 - own)
+        error = float(np.mean(left_out**2))
+        if error < least:
+            best, least = smooth, error
+    return t, best

@@ -425,6 +425,48 @@ def test_lost_thrust_has_an_axis_a_unit_and_a_picture() -> None:
     assert picture.y == pytest.approx(SWING * (1.0 - 0.3 * picture.x))
 
 
+@pytest.mark.parametrize("gain", [1.0, "k_N", "-k_N", "N_N"])
+def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: float | str) -> None:
+    known = {gain.lstrip("-"): 1.6} if isinstance(gain, str) else {}
+    form = Form(
+        "plain",
+        "",
+        ("surge", "yaw"),
+        ("X_udot", "X_u", "N_rdot", "N_r"),
+        known,
+        {"X": (("X", 1.0),), "N": (("N", gain),)},
+        coriolis=False,
+    )
+    k = {1.0: 1.0, "-k_N": -1.6}.get(gain, 1.6)
+    told = scene(form)
+    base = {"X_udot": -3.0, "X_u": -1.5, "N_rdot": -2.0, "N_r": -0.4, **known}
+    told = Scene(**{**{n: getattr(told, n) for n in Scene.__slots__}, "base": base})
+    entry = BOOK["speed-dependent-steering"]
+    own = Applied(entry.slug, "N", {"share": 0.7}, entry.constants("N", told))
+    push = 2.0 * np.sin(0.3 * STAMPS)
+    drive = drive_of(X=push)
+    assert entry.drive(own, drive) is drive
+    added = entry.derivatives(own)
+    values = {n: base.get(n, 0.0) + added.get(n, 0.0) for n in {**base, **added}}
+    extended = form.freeing(*(n for n in added if n not in form.parameters))
+    motion = CoupledModel(extended.freeing(*known), values).simulate(drive.t, drive.channels, STAMPS)
+
+    state, expected, steer = np.zeros(2), [0.0], commands()
+    for i in range(len(STAMPS) - 1):
+        state = solve_ivp(
+            lambda t, s, i=i: (
+                (push[i] - 1.5 * s[0]) / 3.0,
+                (k * steer[i] * (0.3 + 0.7 * (s[0] / own["U_ref"]) ** 2) - 0.4 * s[1]) / 2.0,
+            ),
+            (STAMPS[i], STAMPS[i + 1]),
+            state,
+            rtol=1e-9,
+            atol=1e-9,
+        ).y[:, -1]
+        expected.append(float(state[1]))
+    assert motion.values["r"] == pytest.approx(expected, abs=1e-5 * max(np.abs(expected)))
+
+
 # -- what the book says of them
 
 
