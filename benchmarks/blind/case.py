@@ -77,6 +77,8 @@ class Case:
     ratio: float
     noise: float
     manoeuvres: tuple[str, ...]
+    levels: Mapping[str, float]
+    """Standard deviation of the noise of every signal."""
 
     @property
     def slugs(self) -> tuple[str, ...]:
@@ -136,8 +138,9 @@ def _clean(rng: Rng, slug: str) -> Case | None:
     nothing = Hidden("", "", {}, craft, turns=bool(rng.random() < 0.5))
     voyage = _voyage(rng, [nothing])
     noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
-    files = _fly(voyage, [], _sizes(rng, craft, noise))
-    return _case(rng, voyage, [], files, 1.0, noise)
+    levels = _sizes(rng, craft, noise)
+    files = _fly(voyage, [], levels)
+    return _case(rng, voyage, [], files, 1.0, noise, levels)
 
 
 def _double(rng: Rng, slug: str) -> Case | None:
@@ -159,8 +162,9 @@ def _double(rng: Rng, slug: str) -> Case | None:
     noise = min(matters) / np.sqrt(log_uniform(rng, LEAST_DOUBLE, MOST_DOUBLE) ** 2 - 1.0)
     if not LEAST_NOISE <= noise <= MOST_NOISE or min(alone) / noise < np.sqrt(LEAST_DOUBLE**2 - 1.0):
         return None
-    files = _fly(voyage, pair, {n: noise * s for n, s in sizes.items()})
-    return _case(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise)
+    levels = {n: noise * s for n, s in sizes.items()}
+    files = _fly(voyage, pair, levels)
+    return _case(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise, levels)
 
 
 def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: bool) -> Case | None:
@@ -173,9 +177,10 @@ def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: boo
         noise = _misfit(voyage, _fly(voyage, hidden), sizes) / np.sqrt(wanted**2 - 1.0)
         if not LEAST_NOISE <= noise <= MOST_NOISE:
             return None
-    files = _fly(voyage, hidden, {n: noise * s for n, s in sizes.items()})
+    levels = {n: noise * s for n, s in sizes.items()}
+    files = _fly(voyage, hidden, levels)
     ratio = _misfit(voyage, files, sizes) / noise
-    return _case(rng, voyage, hidden, files, ratio, noise) if ratio >= LEAST_RATIO else None
+    return _case(rng, voyage, hidden, files, ratio, noise, levels) if ratio >= LEAST_RATIO else None
 
 
 # -- flying
@@ -249,7 +254,13 @@ def _misfit(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float]) 
 
 
 def _case(
-    rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], files: Sequence[File], ratio: float, noise: float
+    rng: Rng,
+    voyage: _Voyage,
+    hidden: Sequence[Hidden],
+    files: Sequence[File],
+    ratio: float,
+    noise: float,
+    levels: Mapping[str, float],
 ) -> Case:
     wraps = bool(rng.random() < 0.3) and not any(
         (h.place == "yaw" and h.slug == "tether-pull") or (h.place == "psi" and h.slug != "compass-deviation")
@@ -260,7 +271,7 @@ def _case(
     return Case(
         kind="",
         index=0,
-        truth={h.slug: (h.place, _counted(h, files[:-1])) for h in hidden},
+        truth={h.slug: (_told(h), _counted(h, files[:-1])) for h in hidden},
         craft=voyage.craft,
         runs=tuple(trials[:-1]),
         unseen=tuple(trials[-1:] if keeps else ()),
@@ -268,6 +279,7 @@ def _case(
         ratio=ratio,
         noise=noise,
         manoeuvres=voyage.names,
+        levels=levels,
     )
 
 
@@ -278,6 +290,11 @@ def _trial(name: str, file: File, wraps: bool) -> Trial:
             shown = np.remainder(values + np.pi, 2.0 * np.pi) - np.pi if wraps and column == "psi" else values
             channels[column] = Channel(column, UNITS[column], file["t"], shown)
     return Trial(name, channels)
+
+
+def _told(hidden: Hidden) -> str:
+    """Return the place, with the run when only one has it."""
+    return hidden.place if hidden.in_runs is None else f"{hidden.place}@run{hidden.in_runs[0] + 1}"
 
 
 def _counted(hidden: Hidden, files: Sequence[File]) -> dict[str, float]:

@@ -17,7 +17,7 @@ from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["NEAR", "Outcome", "judge", "play"]
+__all__ = ["NEAR", "Outcome", "form_of", "judge", "play"]
 
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
@@ -108,19 +108,19 @@ def judge(case: Case, seed: int, slug: str, drawing: float) -> Outcome:
         verdict="error",
         drawing=drawing,
     )
-    begun = time.perf_counter()
+    begun = time.process_time()
     try:
-        found = diagnose(list(case.runs), unseen=list(case.unseen), form=_form(case))
+        found = diagnose(list(case.runs), unseen=list(case.unseen), form=form_of(case))
     except AutotuneError as error:
         told = f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001  a crash of the diagnosis is a wrong answer, and the suite goes on
         told = traceback.format_exc()
     else:
-        return Outcome(**{**asdict(known), **_answer(found, case), "seconds": time.perf_counter() - begun})
-    return Outcome(**{**asdict(known), "error": told, "seconds": time.perf_counter() - begun})
+        return Outcome(**{**asdict(known), **_answer(found, case), "seconds": time.process_time() - begun})
+    return Outcome(**{**asdict(known), "error": told, "seconds": time.process_time() - begun})
 
 
-def _form(case: Case) -> Form | None:
+def form_of(case: Case) -> Form | None:
     """Return the base model's form when the plain one is not meant: without any drag."""
     if case.plain != "none":
         return None

@@ -154,7 +154,7 @@ def _parameters(played: Sequence[Outcome]) -> list[str]:
 
 
 def _seconds(played: Sequence[Outcome]) -> list[str]:
-    lines = ["", "seconds per diagnosis (median, 95 %, most)"]
+    lines = ["", "processor seconds per diagnosis (median, 95 %, most)"]
     for craft in sorted({o.craft for o in played}):
         s = np.array([o.seconds for o in played if o.craft == craft])
         lines.append(f"  {craft:8} {np.median(s):6.1f} {np.quantile(s, 0.95):6.1f} {s.max():6.1f}   of {len(s)}")

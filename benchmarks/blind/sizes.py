@@ -40,7 +40,7 @@ def _time_offset(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _unit_error(rng: Rng, craft: Craft) -> Hidden:
-    place = str(rng.choice(craft.signals))
+    place = str(rng.choice([s for s in craft.signals if s != "v" or craft.kind != "boat"]))  # a boat does not sway
     slips = _SLIPS if place in ("r", "psi") else _SPEED_SLIPS
     return Hidden("unit-error", place, {"factor": float(rng.choice(slips))}, craft)
 

@@ -40,6 +40,18 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="identify by a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
     )
     what.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
+    what.add_argument(
+        "--effects",
+        metavar="A,B",
+        default="",
+        help="effects to fit with the model, slug or slug@place: dead-zone@N (see diagnose --list-effects)",
+    )
+    what.add_argument(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="a model file (identify --save, diagnose): its structure, effects and values are where the fit begins",
+    )
     how = parser.add_argument_group("method")
     how.add_argument(
         "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
@@ -68,6 +80,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
     )
+    out.add_argument("--save", type=Path, metavar="FILE", help="write the model as a model file (sitl, tune, --start)")
     out.add_argument("--no-page", action="store_true", help="write no page")
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
 
@@ -77,6 +90,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.text import Text
 
     from gcs_autotune.identify import METHODS
+    from gcs_autotune.identify.model_file import load_model, save_model
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
@@ -97,11 +111,15 @@ def _run(args: argparse.Namespace) -> int:
         loss="soft_l1" if args.robust else "linear",
         options=_options(args.option),
         known=_numbers("--known", args.known),
+        effects=tuple(e.strip() for e in args.effects.split(",") if e.strip()),
+        begin=None if args.start is None else load_model(args.start).model,
         check=not args.no_check,
         choose=args.choose,
         plan_next=args.plan_next,
     )
     found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
+    if args.save is not None:
+        save_model(found.fit, args.save)
     page = _page(args)
     if page is not None:
         page.write_text(render_study(found), encoding="utf-8")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.effects.extended import ExtendedModel
-from gcs_autotune.errors import BadFile
+from gcs_autotune.errors import BadFile, UnknownName
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
 
@@ -41,7 +41,7 @@ def model_from(data: Mapping[str, Any], origin: str) -> ExtendedModel:
     Raises
     ------
     BadFile
-        There is none, or something of it is missing.
+        There is none, or something of it is missing. UnknownName: an effect that is not in the book.
     """
     inside = next((data[key] for key in _WRAPPED if isinstance(data.get(key), Mapping)), data)
     kind = inside.get("model")
@@ -50,8 +50,10 @@ def model_from(data: Mapping[str, Any], origin: str) -> ExtendedModel:
             return ExtendedModel(as_coupled(SingleDof.from_dict(inside)))
         if kind in ("coupled", "extended"):
             return ExtendedModel.from_dict(inside)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadFile(f"{origin}: not a whole model file: {error!r}") from error
+    except UnknownName:
+        raise
+    except (BadFile, KeyError, TypeError, ValueError) as error:
+        raise BadFile(f"{origin}: not a whole model: {error!r}") from error
     raise BadFile(f"{origin}: no model in it; give the model.json of diagnose or tune, or what identify --json prints")
 
 

@@ -1,8 +1,10 @@
-"""A narrow-band disturbance in white noise: a damped oscillator driven by white noise, seen through a Kalman filter.
+"""A narrow-band force on a craft, in white noise: a damped oscillator, the craft's own lag, and a Kalman filter.
 
-``x'' + 2 zeta omega x' + omega^2 x = w``, the second-order shaping filter of waves (Fossen 2011, ch. 8), sampled
-exactly; a signal shows ``x`` and white noise, ``rho`` their ratio of variances. The prediction errors of the filter
-are white when the law is right, and the determinant of the whole is the product of their variances (Harvey 1989, 3.4).
+The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen 2011, (8.118)), the velocity
+answers it with the craft's time constant, the position is its integral. With ``x`` the oscillator's position and ``z``
+what a lag makes of it, ``T z' = x - z``, a measured position shows ``z`` and a velocity ``x - z``, each with white
+noise; all sampled exactly. The prediction errors of the filter are white when the law is right, and the determinant of
+the whole is the product of their variances (Harvey 1989, 3.4).
 """
 
 from __future__ import annotations
@@ -23,13 +25,27 @@ Record = tuple[Array, Array]
 """Stamps (n,) [s] and what is left over (n,) of one signal of one run."""
 
 
+SETTLED = 20
+"""Samples before the filter's gain may be taken for the one it keeps (stamps being even)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Oscillator:
-    """``omega`` [rad/s], damping ratio ``zeta`` < 1, and ``rho`` variance of the oscillation per that of the noise."""
+    """The law of one signal: ``omega`` [rad/s], damping ratio ``zeta`` < 1, ``lag`` [s] of the craft.
+
+    ``rho``: variance of the oscillation per that of the noise; ``rate``: a velocity is measured, not a position.
+    """
 
     omega: float
     zeta: float
+    lag: float
+    rate: bool
     rho: float
+
+    @property
+    def share(self) -> float:
+        """Variance of the position's ``z`` per that of ``x``; the velocity's is one less this."""
+        return _lagged(self.omega, self.zeta, self.lag)[0]
 
 
 def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
@@ -43,6 +59,8 @@ def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
         np.ascontiguousarray(columns, dtype=np.float64),
         law.omega,
         law.zeta,
+        law.lag,
+        law.rate,
         law.rho,
     )
     deviation = np.sqrt(S)
@@ -82,41 +100,85 @@ def _transition(omega: float, zeta: float, dt: float) -> tuple[float, float, flo
 
 
 @njit(cache=True)
-def _innovations(t: Array, Y: Array, omega: float, zeta: float, rho: float) -> tuple[Array, Array]:
+def _lagged(omega: float, zeta: float, lag: float) -> tuple[float, float]:
+    """Return the stationary covariances of z with x and with x'/omega, both of unit variance."""
+    # s (I/T - O') = (1/T, 0), O = [[0, omega], [-omega, -2 zeta omega]]
+    a, d = 1.0 / lag, 1.0 / lag + 2.0 * zeta * omega
+    det = a * d + omega * omega
+    return a * d / det, -a * omega / det
+
+
+@njit(cache=True)
+def _step(omega: float, zeta: float, lag: float, dt: float, F: Array) -> None:
+    """Fill *F* (3, 3), the transition of (x, x'/omega, z) over *dt*."""
+    f00, f01, f10, f11 = _transition(omega, zeta, dt)
+    e = np.exp(-dt / lag)
+    # z less X (x, x'/omega) decays by itself, with X (O + I/T) = (1/T, 0)
+    a, d = 1.0 / lag, 1.0 / lag - 2.0 * zeta * omega
+    det = a * d + omega * omega
+    X0, X1 = a * d / det, -a * omega / det
+    F[0, 0], F[0, 1], F[0, 2] = f00, f01, 0.0
+    F[1, 0], F[1, 1], F[1, 2] = f10, f11, 0.0
+    F[2, 0], F[2, 1], F[2, 2] = X0 * f00 + X1 * f10 - e * X0, X0 * f01 + X1 * f11 - e * X1, e
+
+
+@njit(cache=True)
+def _innovations(
+    t: Array, Y: Array, omega: float, zeta: float, lag: float, rate: bool, rho: float
+) -> tuple[Array, Array]:
     n, k = Y.shape
     E, S = np.empty((n, k)), np.empty(n)
-    x = np.zeros((2, k))
-    p00, p01, p11 = rho, 0.0, rho
-    last, f00, f01, f10, f11 = -1.0, 1.0, 0.0, 0.0, 1.0
+    s0, s1 = _lagged(omega, zeta, lag)
+    scale = rho / (1.0 - s0 if rate else s0)
+    stationary = scale * np.array([[1.0, 0.0, s0], [0.0, 1.0, s1], [s0, s1, s0]])
+    P, x, g = stationary.copy(), np.zeros((3, k)), np.zeros(3)
+    F, Q, A = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3))
+    first, third = (1.0, -1.0) if rate else (0.0, 1.0)
+    last, s, settled = -1.0, 0.0, False
     for i in range(n):
         if i > 0:
             dt = t[i] - t[i - 1]
             if abs(dt - last) > 1e-9:
-                f00, f01, f10, f11 = _transition(omega, zeta, dt)
-                last = dt
-            q00 = rho * (1.0 - f00 * f00 - f01 * f01)
-            q01 = -rho * (f00 * f10 + f01 * f11)
-            q11 = rho * (1.0 - f10 * f10 - f11 * f11)
-            a00, a01 = f00 * p00 + f01 * p01, f00 * p01 + f01 * p11
-            a10, a11 = f10 * p00 + f11 * p01, f10 * p01 + f11 * p11
-            p00 = a00 * f00 + a01 * f01 + q00
-            p01 = a00 * f10 + a01 * f11 + q01
-            p11 = a10 * f10 + a11 * f11 + q11
+                _step(omega, zeta, lag, dt, F)
+                last, settled = dt, False
+                for a in range(3):
+                    for b in range(3):
+                        total = 0.0
+                        for c in range(3):
+                            total += F[a, c] * stationary[c, b]
+                        A[a, b] = total
+                for a in range(3):
+                    for b in range(3):
+                        Q[a, b] = stationary[a, b]
+                        for c in range(3):
+                            Q[a, b] -= A[a, c] * F[b, c]
+            if not settled:
+                for a in range(3):
+                    for b in range(3):
+                        A[a, b] = F[a, 0] * P[0, b] + F[a, 1] * P[1, b] + F[a, 2] * P[2, b]
+                for a in range(3):
+                    for b in range(3):
+                        P[a, b] = Q[a, b] + A[a, 0] * F[b, 0] + A[a, 1] * F[b, 1] + A[a, 2] * F[b, 2]
             for j in range(k):
-                x0, x1 = x[0, j], x[1, j]
-                x[0, j] = f00 * x0 + f01 * x1
-                x[1, j] = f10 * x0 + f11 * x1
-        s = p00 + 1.0
+                x0, x1, x2 = x[0, j], x[1, j], x[2, j]
+                x[0, j] = F[0, 0] * x0 + F[0, 1] * x1
+                x[1, j] = F[1, 0] * x0 + F[1, 1] * x1
+                x[2, j] = F[2, 0] * x0 + F[2, 1] * x1 + F[2, 2] * x2
+        if not settled:
+            before = s
+            for a in range(3):
+                g[a] = first * P[a, 0] + third * P[a, 2]
+            s = max(first * g[0] + third * g[2], 0.0) + 1.0
+            for a in range(3):
+                for b in range(3):
+                    P[a, b] -= g[a] * g[b] / s
+            settled = i > SETTLED and abs(s - before) < 1e-12 * s
         S[i] = s
-        g0, g1 = p00 / s, p01 / s
         for j in range(k):
-            e = Y[i, j] - x[0, j]
+            e = Y[i, j] - first * x[0, j] - third * x[2, j]
             E[i, j] = e
-            x[0, j] += g0 * e
-            x[1, j] += g1 * e
-        p11 -= g1 * p01
-        p01 -= g0 * p01
-        p00 -= g0 * p00
+            for a in range(3):
+                x[a, j] += g[a] / s * e
     return E, S
 
 
@@ -126,7 +188,7 @@ def _driven(t: Array, push: Array, omega: float, zeta: float) -> Array:
     for i in range(1, len(t)):
         dt = t[i] - t[i - 1]
         f00, f01, f10, f11 = _transition(omega, zeta, dt)
-        # Held push: equilibrium at push, approached along the free motion.
+        # A held push: it swings about where the push would hold it.
         x0, x1 = out[i - 1, 0] - push[i - 1], out[i - 1, 1]
         out[i, 0] = push[i - 1] + f00 * x0 + f01 * x1
         out[i, 1] = f10 * x0 + f11 * x1

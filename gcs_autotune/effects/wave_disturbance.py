@@ -53,30 +53,34 @@ class WaveDisturbance(Effect):
         return {**amplitude, "frequency": (0.0, math.pi / scene.interval), "bandwidth": (0.0, NARROW)}
 
     def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
-        """Inertia and drag of the base model, on the side of the input."""
-        return _gains(place, scene) or {}
+        """Inertia and time constant of the base model, on the side of the input."""
+        return _gains(place, scene) or {"lag": scene.pace}
 
     def learn(self, own: Applied, left: Sequence[Leftover]) -> Applied:
         """Find the band, if there is one."""
-        dof = DOFS[own.place]
-        band = band_of([x for x in left if x.signal in (dof.position, dof.velocity)])
-        kept = {n: v for n, v in own.constants.items() if n in ("inertia", "drag")}
+        dof, lag = DOFS[own.place], own.constants["lag"]
+        mine = [x for x in left if x.signal in (dof.position, dof.velocity)]
+        band = band_of(mine, velocity=dof.velocity, lag=lag)
+        kept = {n: v for n, v in own.constants.items() if n in ("inertia", "lag")}
         if band is None:
-            silent = {"amplitude": 0.0} if kept else {}
+            silent = {"amplitude": 0.0} if "inertia" in kept else {}
             return replace(own.with_values(silent), constants=kept)
         found = {"frequency": band.omega, "bandwidth": band.zeta}
-        if kept:
+        if "inertia" in kept:
             found["amplitude"] = _force(band, own)
-        ratios = {f"ratio {s}": rho for s, rho in band.rho.items()}
+        ratios = {f"ratio {s}": law.rho for s, law in band.laws.items()}
+        # The lag as it was used: a time constant far from the period makes no difference and is not taken at its word.
+        used = {"filter": next(iter(band.laws.values())).lag}
         errors = {f"std {n}": e for n, e in zip(("frequency", "bandwidth", "ratio"), band.std, strict=True)}
-        return replace(own.with_values(found), constants={**kept, **ratios, **errors})
+        return replace(own.with_values(found), constants={**kept, **used, **ratios, **errors})
 
     def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
         """Return one-step prediction errors, at the size they have once the filter is settled."""
         rho = own.constants.get(f"ratio {left.signal}", 0.0)
         if rho <= 0.0 or len(left.error) == 0:
             return left.error, columns, 0.0
-        law = Oscillator(own["frequency"], own["bandwidth"], rho)
+        rate = left.signal == DOFS[own.place].velocity
+        law = Oscillator(own["frequency"], own["bandwidth"], own.constants["filter"], rate, rho)
         white, deviation = whitened(law, left.t, np.column_stack([left.error, columns]))
         settled = deviation[-1]
         white *= settled
@@ -123,12 +127,16 @@ def _gains(place: str, scene: Scene) -> dict[str, float] | None:
             if force == dof.force and isinstance(g, str) and dof.force not in form.inputs:
                 gain = known.get(g.lstrip("-"), 1.0)
     drag = -known.get(f"{dof.force}_{dof.velocity}", 0.0)
-    return {"inertia": inertia / gain, "drag": drag / gain}
+    return {"inertia": inertia / gain, "lag": inertia / drag if inertia * drag > 0.0 else 1e6}
 
 
 def _force(band: Band, own: Applied) -> float:
     """Return the rms of the force [input] behind the motion."""
     dof = DOFS[own.place]
-    rms = band.rms
-    speed = rms[dof.velocity] if dof.velocity in rms else band.omega * rms[dof.position]
-    return speed * math.hypot(band.omega * own.constants["inertia"], own.constants["drag"])
+    signal = dof.velocity if dof.velocity in band.rms else dof.position
+    law = band.laws[signal]
+    if law.rate:
+        speed = band.rms[signal] / math.sqrt(1.0 - law.share)
+    else:
+        speed = band.rms[signal] / math.sqrt(law.share) / law.lag
+    return abs(own.constants["inertia"]) * band.omega * speed

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 NARROW, BROAD = 0.25, 0.7
 """Damping ratio a band has at most, and that of a law without a peak to hold it against."""
+FEWEST = 40
+"""Samples of a run that is looked at."""
 PERIODS = 5.0
 """A band's period goes at least so often into the longest run."""
 FASTEST = 0.7
@@ -36,67 +38,86 @@ OWN = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """A band: frequency [rad/s], damping ratio, and per signal the oscillation's variance ratio and rms [signal].
+    """A band: frequency [rad/s], damping ratio, and per signal the law and the oscillation's rms [signal].
 
     ``std`` are standard errors of log frequency, log damping ratio and log variance ratio (the first signal's).
     """
 
     omega: float
     zeta: float
-    rho: Mapping[str, float]
+    laws: Mapping[str, Oscillator]
     rms: Mapping[str, float]
     std: tuple[float, float, float]
 
 
-def band_of(left: Sequence[Leftover]) -> Band | None:
-    """Return the narrow band that *left* (all of one degree of freedom's signals) shows, or None."""
+@dataclass(frozen=True, slots=True)
+class _Kin:
+    """One signal's records, whether it is a velocity, and the craft's lag [s]."""
+
+    records: Sequence[Record]
+    rate: bool
+    lag: float
+
+    def law(self, omega: float, zeta: float, rho: float) -> Oscillator:
+        """Return the law, the lag where it makes a difference."""
+        return Oscillator(omega, zeta, min(max(self.lag, 0.02 / omega), 50.0 / omega), self.rate, rho)
+
+    def cost(self, log_omega: float, log_zeta: float, log_rho: float) -> float:
+        return cost(self.law(math.exp(log_omega), math.exp(log_zeta), math.exp(log_rho)), self.records)
+
+
+def band_of(left: Sequence[Leftover], *, velocity: str, lag: float) -> Band | None:
+    """Return the narrow band that *left* (of one degree of freedom's position and *velocity*) shows, or None.
+
+    lag : time constant of the craft [s].
+    """
     groups: dict[str, list[Leftover]] = {}
     for x in left:
-        if len(x.error) >= 40:
+        if len(x.error) >= FEWEST and float(np.ptp(x.error)) > 0.0:
             groups.setdefault(x.signal, []).append(x)
-    records = {s: [(x.t, x.error - np.mean(x.error)) for x in own] for s, own in groups.items()}
-    records = {s: own for s, own in records.items() if max(float(np.ptp(e)) for _, e in own) > 0.0}
-    if not records:
+    kin = {s: _Kin([(x.t, x.error - np.mean(x.error)) for x in own], s == velocity, lag) for s, own in groups.items()}
+    if not kin:
         return None
-    longest = max(float(t[-1] - t[0]) for own in records.values() for t, _ in own)
-    interval = float(np.median(np.concatenate([np.diff(t) for own in records.values() for t, _ in own])))
+    every = [t for own in kin.values() for t, _ in own.records]
+    longest, interval = (
+        max(float(t[-1] - t[0]) for t in every),
+        float(np.median(np.concatenate([*map(np.diff, every)]))),
+    )
     low, high = 2.0 * math.pi * PERIODS / longest, FASTEST * math.pi / interval
     if low >= 0.5 * high:
         return None
-    p, value = _fitted(records, low, high)
+    p, value = _fitted(kin, low, high)
     omega, zeta = math.exp(p[0]), math.exp(p[1])
-    if zeta > NARROW or not 1.03 * low < omega < 0.97 * high:
+    if zeta > NARROW or not 1.03 * low < omega < 0.97 * high or _broad(kin, low) - value < BETTER:
         return None
-    if _broad(records, low) - value < BETTER:
-        return None
-    laws = {s: Oscillator(omega, zeta, math.exp(r)) for s, r in zip(records, p[2:], strict=True)}
+    laws = {s: own.law(omega, zeta, math.exp(r)) for (s, own), r in zip(kin.items(), p[2:], strict=True)}
     before = after = 0.0
     for s, law in laws.items():
-        before += cost(None, records[s]) - cost(law, records[s])
-        after += _own_gain(law, records[s], groups[s])
+        before += cost(None, kin[s].records) - cost(law, kin[s].records)
+        after += _own_gain(law, kin[s].records, groups[s])
     if after < OWN * before:
         return None
-    rms = {s: math.sqrt(law.rho * _noise(law, records[s])) for s, law in laws.items()}
-    return Band(omega, zeta, {s: law.rho for s, law in laws.items()}, rms, _errors(records, p))
+    rms = {s: math.sqrt(law.rho * _noise(law, kin[s].records)) for s, law in laws.items()}
+    return Band(omega, zeta, laws, rms, _errors(kin, p))
 
 
-def _total(p: Array, records: Mapping[str, Sequence[Record]]) -> float:
-    omega, zeta = math.exp(p[0]), math.exp(p[1])
-    return sum(cost(Oscillator(omega, zeta, math.exp(r)), own) for r, own in zip(p[2:], records.values(), strict=True))
+def _total(p: Array, kin: Mapping[str, _Kin]) -> float:
+    return sum(own.cost(p[0], p[1], r) for r, own in zip(p[2:], kin.values(), strict=True))
 
 
-def _fitted(records: Mapping[str, Sequence[Record]], low: float, high: float) -> tuple[Array, float]:
+def _fitted(kin: Mapping[str, _Kin], low: float, high: float) -> tuple[Array, float]:
     """Return log omega, log zeta and log rho per signal, and the cost there, from the highest peaks of the spectrum."""
-    span = [(math.log(low), math.log(high)), (math.log(5e-4), math.log(0.35)), *([(-6.0, 16.0)] * len(records))]
+    span = [(math.log(low), math.log(high)), (math.log(5e-4), math.log(0.35)), *([(-6.0, 16.0)] * len(kin))]
+    floor, ceiling = np.array([a for a, _ in span]), np.array([b for _, b in span])
 
     def bounded(p: Array) -> float:
-        inside = np.clip(p, [a for a, _ in span], [b for _, b in span])
-        return _total(inside, records) + 1e3 * float(np.sum((p - inside) ** 2))
+        inside = np.clip(p, floor, ceiling)
+        return _total(inside, kin) + 1e3 * float(np.sum((p - inside) ** 2))
 
     best: tuple[Array, float] | None = None
-    for omega in _peaks(records, low, high):
-        start = np.array([math.log(omega), math.log(0.04), *([1.0] * len(records))])
-        steps = np.diag([0.05, 0.7, *([1.0] * len(records))])
+    for omega in _peaks(kin, low, high):
+        start = np.array([math.log(omega), math.log(0.04), *([1.0] * len(kin))])
+        steps = np.diag([0.05, 0.7, *([1.0] * len(kin))])
         found = minimize(
             bounded,
             start,
@@ -104,18 +125,18 @@ def _fitted(records: Mapping[str, Sequence[Record]], low: float, high: float) ->
             options={"initial_simplex": np.vstack([start, start + steps]), "xatol": 1e-3, "fatol": 0.02, "maxfev": 250},
         )
         if best is None or float(found.fun) < best[1]:
-            best = np.clip(found.x, [a for a, _ in span], [b for _, b in span]), float(found.fun)
+            best = np.clip(found.x, floor, ceiling), float(found.fun)
     assert best is not None
     return best
 
 
-def _peaks(records: Mapping[str, Sequence[Record]], low: float, high: float) -> list[float]:
+def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
     """Return the frequencies [rad/s] of the highest peaks, of the plain spectrum and of one not led by drift."""
     grid = np.exp(np.linspace(math.log(low), math.log(high), 400))
     power = np.zeros(len(grid))
-    for own in records.values():
-        every = sum(float(e @ e) for _, e in own)
-        for t, e in own:
+    for own in kin.values():
+        every = sum(float(e @ e) for _, e in own.records)
+        for t, e in own.records:
             step = (t[-1] - t[0]) / (len(t) - 1)
             even = np.interp(t[0] + step * np.arange(len(t)), t, e) * np.hanning(len(t))
             spectrum = np.abs(np.fft.rfft(even, 4 * len(t))) ** 2
@@ -124,11 +145,11 @@ def _peaks(records: Mapping[str, Sequence[Record]], low: float, high: float) -> 
     return first if abs(first[1] / first[0] - 1.0) > 0.05 else first[:1]
 
 
-def _broad(records: Mapping[str, Sequence[Record]], low: float) -> float:
+def _broad(kin: Mapping[str, _Kin], low: float) -> float:
     """Return the cost of red noise in white noise: an oscillator too damped to have a peak."""
     total = 0.0
-    for own in records.values():
-        found = [cost(None, own)]
+    for own in kin.values():
+        found = [cost(None, own.records)]
         for omega in (low, 8.0 * low):
             start = np.array([math.log(omega), 1.0])
             ended = minimize(
@@ -139,11 +160,10 @@ def _broad(records: Mapping[str, Sequence[Record]], low: float) -> float:
     return total
 
 
-def _red(own: Sequence[Record], low: float) -> Callable[[Array], float]:
+def _red(own: _Kin, low: float) -> Callable[[Array], float]:
     def of(p: Array) -> float:
         inside = np.clip(p, [math.log(0.02 * low), -6.0], [math.log(100.0 * low), 16.0])
-        law = Oscillator(math.exp(inside[0]), BROAD, math.exp(inside[1]))
-        return cost(law, own) + 1e3 * float(np.sum((p - inside) ** 2))
+        return own.cost(inside[0], math.log(BROAD), inside[1]) + 1e3 * float(np.sum((p - inside) ** 2))
 
     return of
 
@@ -158,9 +178,7 @@ def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover
         b.append(E[:, 0])
     theta = np.linalg.lstsq(np.concatenate(A), np.concatenate(b), rcond=1e-10)[0]
     rest = [(t, error - X @ theta) for (t, error), X in zip(records, features, strict=True)]
-    found = minimize_scalar(
-        lambda r: cost(Oscillator(law.omega, law.zeta, math.exp(r)), rest), bounds=(-6.0, 16.0), method="bounded"
-    )
+    found = minimize_scalar(lambda r: cost(replace(law, rho=math.exp(r)), rest), bounds=(-6.0, 16.0), method="bounded")
     return cost(None, rest) - float(found.fun)
 
 
@@ -180,7 +198,7 @@ def _noise(law: Oscillator, records: Sequence[Record]) -> float:
     return float(np.mean(E**2))
 
 
-def _errors(records: Mapping[str, Sequence[Record]], p: Array) -> tuple[float, float, float]:
+def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float, float]:
     """Return standard errors of log omega, log zeta and the first log rho, from the curvature of the likelihood."""
     k, h = len(p), np.full(len(p), 0.05)
     h[0] = min(0.02, 0.3 * math.exp(p[1]))
@@ -193,7 +211,7 @@ def _errors(records: Mapping[str, Sequence[Record]], p: Array) -> tuple[float, f
                     at = p.copy()
                     at[i] += a * h[i]
                     at[j] += b * h[j]
-                    f[a, b] = _total(at, records)
+                    f[a, b] = _total(at, kin)
             H[i, j] = H[j, i] = (f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4.0 * h[i] * h[j])
     variances = np.diag(np.linalg.pinv(0.5 * H))
     found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances[:3]]

@@ -33,9 +33,9 @@ def draw_curve(curve: Curve) -> Figure:
     else:
         figure, (axes,) = new_axes((2.2,))
     if plain is not None:
-        axes.plot(x, plain, color=BEFORE, lw=1.2, ls="--", label="plain simulation")
+        axes.plot(x, plain, color=BEFORE, lw=1.2, ls="--", label="simulation")
     elif not curve.polar:
-        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="plain simulation: none")
+        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: none")
     axes.plot(x, y, color=AFTER, lw=2.0, label="found")
     if curve.polar:
         axes.axhline(0.0, color=INK, lw=0.8)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.result import Gain, Portrait
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
+from gcs_autotune.report.diagnosis_names import signal_words
 from gcs_autotune.report.diagnosis_views import View, bin_means
-from gcs_autotune.report.diagnosis_wording import signal_words
 from gcs_autotune.report.numbers import pretty_unit, to_people
 from gcs_autotune.report.series import finite, thin
 from gcs_autotune.sname import SIGNALS
@@ -45,14 +45,14 @@ def scaled(values: Array, unit: str) -> tuple[Array, str]:
 
 
 def draw_flight(before: Trace, after: Trace | None = None) -> Figure:
-    """Measured motion with the plain simulation, and with the extended one if given; below, what each leaves over."""
+    """Measured motion with the simulation, and with the extended one if given; below, what each leaves over."""
     figure, (top, bottom) = new_axes((1.7, 0.9))
     start = float(before.t[0]) if len(before.t) else 0.0
     measured, unit = scaled(before.measured, before.unit)
     dots = finite(before.t - start, measured)
     every = -(-len(dots) // MOST_DOTS) or 1
     top.plot(dots.t[::every], dots.y[::every], ".", ms=4.0, color=INK, label="measured")
-    for trace, colour, label in ((before, BEFORE, "plain simulation"), (after, AFTER, "extended simulation")):
+    for trace, colour, label in ((before, BEFORE, "simulation"), (after, AFTER, "extended simulation")):
         if trace is None:
             continue
         for axes, y in ((top, trace.fitted), (bottom, trace.measured - trace.fitted)):
@@ -66,39 +66,49 @@ def draw_flight(before: Trace, after: Trace | None = None) -> Figure:
     return figure
 
 
-def draw_view(view: View) -> Figure:
-    """The residual as the view has it."""
+def draw_view(view: View, after: Portrait | None = None) -> Figure:
+    """The residual as the view has it; *after*: the same signal's with what was found, for comparison."""
     if view.kind == "against":
-        return draw_against(view.portrait, view.name)
+        return draw_against(view.portrait, view.name, after)
     figure, (axes,) = new_axes((2.0,))
     if view.kind == "spectrum":
         _spectrum(axes, view.portrait)
     else:
-        lag, rho = view.portrait.cross[view.name]
-        _correlation(axes, lag, rho, view.portrait.limit)
+        _correlation(axes, *view.portrait.cross[view.name], view.portrait.limit)
+        if after is not None and view.name in after.cross:
+            axes.plot(*after.cross[view.name], color=AFTER, lw=1.2, label="with what was found")
         axes.set_xlabel(f"the residual lags {view.name} by [s]")
     legend(axes)
     return figure
 
 
-def draw_against(portrait: Portrait, name: str) -> Figure:
-    """The residual of a signal against a channel: a cloud, and its mean in bins."""
+def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -> Figure:
+    """The residual of a signal against a channel: a cloud, and its mean in bins; *after*: the extended model's mean."""
     figure, (axes,) = new_axes((2.2,))
-    x, residual, unit = portrait.against[name]
-    keep = np.isfinite(x) & np.isfinite(residual)
-    x = x[keep] % (2.0 * np.pi) if name == "psi" else x[keep]
-    (x, x_unit), (y, y_unit) = scaled(x, unit), scaled(residual[keep], portrait.unit)
+    x, y = _cloud(portrait, name)
+    x_unit, y_unit = scaled(x, portrait.against[name][2])[1], scaled(y, portrait.unit)[1]
     every = -(-len(x) // MOST_POINTS) or 1
     axes.plot(x[::every], y[::every], ".", ms=2.4, color=FAINT, alpha=0.6, label="residual")
     centre, mean, error, _ = bin_means(x, y)
     axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="its mean")
     axes.axhline(0.0, color=INK, lw=0.8)
+    if after is not None and name in after.against and len(_cloud(after, name)[0]):
+        centre, mean, _, _ = bin_means(*_cloud(after, name))
+        axes.plot(centre, mean, "o-", ms=2.6, lw=1.4, color=AFTER, label="its mean with what was found")
     if name == "psi":
         _compass(axes)
     axes.set_xlabel({"time": "time [s]", "psi": "heading"}.get(name, f"{_channel(name)} [{x_unit}]"))
     axes.set_ylabel(f"residual of {signal_words(portrait.signal)} [{y_unit}]")
     legend(axes)
     return figure
+
+
+def _cloud(portrait: Portrait, name: str) -> tuple[Array, Array]:
+    """Return channel and residual (n,) as people read them, headings as they stand on a compass."""
+    x, residual, unit = portrait.against[name]
+    keep = np.isfinite(x) & np.isfinite(residual)
+    x = x[keep] % (2.0 * np.pi) if name == "psi" else x[keep]
+    return scaled(x, unit)[0], scaled(residual[keep], portrait.unit)[0]
 
 
 def _channel(name: str) -> str:
@@ -174,6 +184,6 @@ def draw_gains(gains: Sequence[Gain]) -> Figure | None:
     axes.set_xlim(0.0, right)
     axes.set_ylim(len(known) - 0.4, -0.6)
     axes.set_yticks(range(len(known)), [signal_words(g.signal) for g in known])
-    axes.set_xlabel("error left over on unseen data [% of the plain simulation's, the orange line]")
+    axes.set_xlabel("error left over on unseen data [% of the simulation's, the orange line]")
     axes.grid(axis="y", visible=False)
     return figure

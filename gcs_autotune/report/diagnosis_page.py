@@ -16,8 +16,9 @@ from gcs_autotune.report import diagnosis_tables, diagnosis_wording
 from gcs_autotune.report.canvas import pens, to_svg
 from gcs_autotune.report.diagnosis_curves import draw_curve
 from gcs_autotune.report.diagnosis_figures import draw_flight, draw_gains, draw_left, draw_view
+from gcs_autotune.report.diagnosis_names import effect_words, signal_words
 from gcs_autotune.report.diagnosis_views import View, telling_view, views_of
-from gcs_autotune.report.diagnosis_wording import cause_title, effect_words, signal_words
+from gcs_autotune.report.diagnosis_wording import cause_title
 from gcs_autotune.report.figures import Picture
 from gcs_autotune.report.numbers import format_moment, format_quantity, format_share
 from gcs_autotune.report.page import render_page
@@ -114,7 +115,7 @@ def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
             tiles.append((format_share(gain.ratio), "of the error is left", interval and f"95 %: {interval}"))
     else:
         error, unit, signal = diagnosis_wording.base_error(told)
-        tiles.append((format_quantity(error, unit, 3), "error of the plain simulation", signal_words(signal)))
+        tiles.append((format_quantity(error, unit, 3), "error of the simulation", signal_words(signal)))
         noise = told.noise.get(signal, math.nan)
         tiles.append((format_quantity(noise, unit, 3), "noise", f"of {signal_words(signal)}, measured"))
     tiles.append((str(told.tried), "candidates tried", f"in {told.seconds:.1f} s"))
@@ -141,10 +142,16 @@ def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
         yield from worst[: MOST_RUNS if k == 0 else 1]
 
 
+def _ordered(told: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
+    """Return the signal the verdict is about first."""
+    first = "" if told.gain is None else told.gain.signal
+    return tuple(sorted(portraits, key=lambda p: p.signal != first))
+
+
 def _before(told: Diagnosis) -> Iterator[Picture]:
-    for i, trace in enumerate(_shown(told.before), start=1):
+    for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
         caption = (
-            f"'{trace.run}', {signal_words(trace.signal)}: measured, and the plain simulation driven by the same "
+            f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
             f"commands. Below, what it gets wrong: {format_quantity(_misfit(trace), trace.unit, 3)} RMS."
         )
         if told.causes and i > 1:
@@ -161,17 +168,17 @@ def _after(told: Diagnosis) -> Iterator[Picture]:
         lambda: draw_gains(told.gains),
     )
     extended = {(t.run, t.signal): t for p in told.after for t in p.traces}
-    for i, trace in enumerate(_shown(told.before), start=1):
+    for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
         other = extended.get((trace.run, trace.signal))
         if other is None:
             continue
         old, new = (format_quantity(_misfit(t), t.unit, 3) for t in (trace, other))
-        caption = f"'{trace.run}', {signal_words(trace.signal)}: plain {old} RMS, extended {new} RMS."
+        caption = f"'{trace.run}', {signal_words(trace.signal)}: {old} RMS before, {new} RMS after."
         yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: draw_flight(a, b))  # type: ignore[misc]
 
 
 def _views(told: Diagnosis) -> Iterator[Picture]:
-    """Yield per cause the view of the plain simulation's residual that shows it; without causes the strongest."""
+    """Yield per cause the view of the simulation's residual that shows it; without causes the strongest."""
     if told.verdict == "no-effect":
         return
     views: list[tuple[View, str]] = []
@@ -183,11 +190,13 @@ def _views(told: Diagnosis) -> Iterator[Picture]:
         every = sorted((v for p in told.before for v in views_of(p)), key=lambda v: v.share, reverse=True)
         views = [(v, "") for v in every[:MOST_RUNS] if v.share > _SURE]
     for i, (view, slug) in enumerate(views, start=1):
-        yield from _picture(f"view-{i}", _view_caption(view, slug), lambda view=view: draw_view(view))  # type: ignore[misc]
+        after = next((p for p in told.after if p.signal == view.portrait.signal), None) if slug else None
+        caption = _view_caption(view, slug)
+        yield from _picture(f"view-{i}", caption, lambda view=view, after=after: draw_view(view, after))  # type: ignore[misc]
 
 
 def _view_caption(view: View, cause: str) -> str:
-    what = f"What the plain simulation gets wrong of the {signal_words(view.portrait.signal)}, "
+    what = f"What the simulation gets wrong of the {signal_words(view.portrait.signal)}, "
     share = format_share(view.share)
     if view.kind == "spectrum":
         how = f"by frequency: {share} of it sits about one frequency, beyond what an even spread would give."
@@ -216,7 +225,7 @@ def _curve(cause: Cause, i: int) -> Picture | None:
 
 
 def _left(told: Diagnosis) -> Iterator[Picture]:
-    for i, portrait in enumerate((told.after or told.before)[:MOST_RUNS], start=1):
+    for i, portrait in enumerate(_ordered(told, told.after or told.before)[:MOST_RUNS], start=1):
         caption = (
             f"What is left of the {signal_words(portrait.signal)}: how much neighbouring residuals agree "
             "(noise: inside the grey band), and at which frequencies they sit (noise: evenly spread)."

@@ -7,13 +7,8 @@ from collections.abc import Iterable
 
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked
 from gcs_autotune.effects.book import BOOK
-from gcs_autotune.report.diagnosis_wording import (
-    effect_words,
-    interval_words,
-    place_words,
-    signal_words,
-    value_words,
-)
+from gcs_autotune.report.diagnosis_names import effect_words, place_words, signal_words, value_words
+from gcs_autotune.report.diagnosis_wording import interval_words
 from gcs_autotune.report.numbers import UNKNOWN, format_number, format_quantity, format_share
 from gcs_autotune.report.tables import Table
 
@@ -43,12 +38,12 @@ def gains_table(gains: Iterable[Gain]) -> Table:
     return Table(("error of (RMS)", "before", "after", "after / before", "95 % interval"), "lrrrr", rows)
 
 
-def ranking_table(ranking: Iterable[Ranked]) -> Table:
-    """Candidates, best first."""
+def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
+    """Candidates, best first; *brief* for 80 columns."""
     rows = tuple(
         (
             r.cause,
-            place_words(r.place),
+            r.place if brief else place_words(r.place),
             format_share(r.gain) if math.isfinite(r.gain) else UNKNOWN,
             format_p(r.p_value),
             format_number(r.evidence, 3),
@@ -69,6 +64,6 @@ def steps_of(told: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
     told_steps = []
     for step in sorted({r.step for r in told.ranking}):
         earlier = ", ".join(effect_words(c.applied.slug) for c in told.causes[: step - 1])
-        heading = f"Tried beside {earlier}" if earlier else "Tried against the plain simulation"
+        heading = f"Tried beside {earlier}" if earlier else "Tried against the simulation"
         told_steps.append((heading, tuple(r for r in told.ranking if r.step == step)))
     return tuple(told_steps)

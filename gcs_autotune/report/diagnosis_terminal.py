@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.effects.effect import INPUT, SIGNAL, Effect, Family
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
-from gcs_autotune.report.diagnosis_wording import effect_words
+from gcs_autotune.report.diagnosis_names import effect_words
 from gcs_autotune.report.numbers import pretty_unit
 from gcs_autotune.report.tables import Table
 from gcs_autotune.report.terminal import STYLES, bullet, doubts_shown, grid, paragraph, title
@@ -44,7 +44,7 @@ def diagnosis_summary(told: Diagnosis) -> Group:
     if told.causes and told.gains:
         parts += [title("On data it has not seen"), grid(diagnosis_tables.gains_table(told.gains))]
     for heading, ranked in diagnosis_tables.steps_of(told):
-        parts += [title(heading), grid(diagnosis_tables.ranking_table(ranked[:MOST_RANKED]))]
+        parts += [title(heading), grid(diagnosis_tables.ranking_table(ranked[:MOST_RANKED], brief=True))]
     if told.indistinguishable:
         parts.append(title("What these runs cannot tell"))
         parts.extend(bullet(s) for s in diagnosis_wording.cannot_tell(told))

@@ -9,19 +9,16 @@ from pathlib import PurePath
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Signature, Value
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Signature
 from gcs_autotune.effects.book import BOOK
+from gcs_autotune.report.diagnosis_names import effect_words, named, signal_words, value_words
 from gcs_autotune.report.numbers import (
-    UNKNOWN,
     format_number,
     format_quantity,
     format_share,
-    format_value,
-    pretty_unit,
-    to_people,
 )
 from gcs_autotune.report.wording import Headline, Tone, sentence
-from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "base_error",
@@ -29,14 +26,10 @@ __all__ = [
     "cause_remarks",
     "cause_title",
     "commands",
-    "effect_words",
     "gain_sentence",
     "interval_words",
     "left_sentence",
-    "place_words",
     "rests_on",
-    "signal_words",
-    "value_words",
     "verdict_headline",
 ]
 
@@ -47,44 +40,6 @@ _TONES: Mapping[str, Tone] = {
     "no-effect": "good",
 }
 """Verdict -> tone: good is what can be relied on, whether it is pleasant or not."""
-
-
-def effect_words(slug: str) -> str:
-    """Return a slug as people say it: ``dead-zone`` is ``dead zone``."""
-    return slug.replace("-", " ")
-
-
-def signal_words(signal: str) -> str:
-    """Return what a channel is called: ``psi`` is ``heading``; unknown ones keep their name."""
-    return SIGNALS[signal][1].split(",")[0] if signal in SIGNALS else signal
-
-
-def place_words(place: str) -> str:
-    """Return where an effect sits: ``N`` is ``yaw moment (N)``, ``yaw`` stays, ``t`` is the file's clock."""
-    return " and ".join(_place(part) for part in place.split("+"))
-
-
-def _place(part: str) -> str:
-    if part == "t":
-        return "the file's clock"
-    return f"{signal_words(part)} ({part})" if part in SIGNALS else part
-
-
-def named(cause: Cause) -> str:
-    """Return an effect with its place: ``dead zone on yaw moment (N)``, ``input bias in yaw``."""
-    place = cause.applied.place
-    preposition = "in" if place.split("+")[0] in DOFS else "on"
-    return f"{effect_words(cause.applied.slug)} {preposition} {place_words(place)}"
-
-
-def value_words(value: Value) -> str:
-    """Return a number with its standard error, in degrees where people use them."""
-    unit, factor = to_people(value.unit)
-    number = format_value(factor * value.value, factor * value.std)
-    shown = pretty_unit(unit)
-    if not shown or number == UNKNOWN:
-        return number
-    return f"{number}{shown}" if shown.startswith("°") else f"{number} {shown}"
 
 
 def verdict_headline(told: Diagnosis) -> Headline:
@@ -133,7 +88,7 @@ def _nothing(told: Diagnosis) -> str:
     if not math.isfinite(error):
         return said + "."
     return (
-        f"{said}: the plain simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}, "
+        f"{said}: the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}, "
         "and what remains cannot be told from measurement noise."
     )
 
@@ -144,7 +99,7 @@ def _unexplained(told: Diagnosis) -> str:
     if math.isfinite(error):
         noise = told.noise.get(signal, math.nan)
         times = f", {format_number(error / noise, 2)} times the noise" if noise > 0.0 else ""
-        said += f": the plain simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}{times}"
+        said += f": the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}{times}"
     return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
 
 

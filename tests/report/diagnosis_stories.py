@@ -26,12 +26,14 @@ def commands(seed, n=600):
 
 
 def turn(tau, drag=DRAG):
-    """Rate and heading of INERTIA r' + drag r = tau."""
-    r = np.zeros(len(tau))
+    """Rate and heading of INERTIA r' + drag r = tau, exact between samples."""
+    r, psi = np.zeros(len(tau)), np.zeros(len(tau))
     decay = math.exp(-DT * drag / INERTIA)
     for k in range(len(tau) - 1):
-        r[k + 1] = tau[k] / drag + (r[k] - tau[k] / drag) * decay
-    return r, np.cumsum(r) * DT
+        steady = tau[k] / drag
+        r[k + 1] = steady + (r[k] - steady) * decay
+        psi[k + 1] = psi[k] + steady * DT + (r[k] - steady) * (1.0 - decay) * INERTIA / drag
+    return r, psi
 
 
 def correlation(x, y, lags):
