@@ -49,7 +49,7 @@ class WindMoment(Effect):
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """Strength is positive, the direction says the rest."""
-        return {"strength": (0.0, inf), "direction": (-1.25 * pi, 1.25 * pi)}
+        return {"strength": (0.0, inf), "direction": (-3.0 * pi, 3.0 * pi)}
 
     def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
         """Which sign turns to starboard."""
