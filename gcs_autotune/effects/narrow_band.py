@@ -25,6 +25,8 @@ Record = tuple[Array, Array]
 """Stamps (n,) [s] and what is left over (n,) of one signal of one run."""
 
 
+DEAF = 0.03
+"""Chosen: least damping ratio of what a craft's own motion may ring up."""
 SETTLED = 20
 """Samples before the filter's gain may be taken for the one it keeps (stamps being even)."""
 
@@ -85,8 +87,12 @@ def cost(law: Oscillator | None, records: Sequence[Record]) -> float:
 
 
 def driven(law: Oscillator, t: Array, push: Array) -> tuple[Array, Array]:
-    """Return how the oscillator, at rest first, answers to *push* (n,): position and velocity over omega, (n,) each."""
-    found = _driven(np.ascontiguousarray(t), np.ascontiguousarray(push), law.omega, law.zeta)
+    """Return how the oscillator answers to *push* (n,): position and velocity over omega, (n,) each.
+
+    It begins where the first push holds it, and is damped by :data:`DEAF` at least: what rings for ever
+    explains any tone.
+    """
+    found = _driven(np.ascontiguousarray(t), np.ascontiguousarray(push), law.omega, max(law.zeta, DEAF))
     return found[:, 0], found[:, 1]
 
 
@@ -185,6 +191,7 @@ def _innovations(
 @njit(cache=True)
 def _driven(t: Array, push: Array, omega: float, zeta: float) -> Array:
     out = np.zeros((len(t), 2))
+    out[0, 0] = push[0]
     for i in range(1, len(t)):
         dt = t[i] - t[i - 1]
         f00, f01, f10, f11 = _transition(omega, zeta, dt)

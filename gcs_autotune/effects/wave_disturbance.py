@@ -71,7 +71,7 @@ class WaveDisturbance(Effect):
         ratios = {f"ratio {s}": law.rho for s, law in band.laws.items()}
         # The lag as it was used: a time constant far from the period makes no difference and is not taken at its word.
         used = {"filter": next(iter(band.laws.values())).lag}
-        errors = {f"std {n}": e for n, e in zip(("frequency", "bandwidth", "ratio"), band.std, strict=True)}
+        errors = {f"std {n}": e for n, e in zip(("frequency", "bandwidth", "amplitude"), band.std, strict=True)}
         return replace(own.with_values(found), constants={**kept, **used, **ratios, **errors})
 
     def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
@@ -87,13 +87,13 @@ class WaveDisturbance(Effect):
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
     def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
-        """From the curvature of the likelihood; the amplitude's also from the motion's few independent swings."""
+        """From the curvature of the likelihood; the amplitude's from how few independent swings there were."""
         if "std frequency" not in own.constants:
             return {}
-        relative = {n: own.constants[f"std {n}"] for n in ("frequency", "bandwidth", "ratio")}
-        found = {n: own[n] * relative[n] for n in ("frequency", "bandwidth")}
+        found = {n: own[n] * own.constants[f"std {n}"] for n in ("frequency", "bandwidth")}
         if "amplitude" in own.values:
-            found["amplitude"] = own["amplitude"] * math.hypot(0.5 * relative["ratio"], relative["frequency"])
+            relative = math.hypot(own.constants["std amplitude"], own.constants["std frequency"])
+            found["amplitude"] = own["amplitude"] * relative
         return found
 
     def curve(self, own: Applied, scene: Scene) -> Curve | None:

@@ -40,7 +40,7 @@ OWN = 0.5
 class Band:
     """A band: frequency [rad/s], damping ratio, and per signal the law and the oscillation's rms [signal].
 
-    ``std`` are standard errors of log frequency, log damping ratio and log variance ratio (the first signal's).
+    ``std``: standard errors of the logarithms of frequency, damping ratio and rms.
     """
 
     omega: float
@@ -97,8 +97,11 @@ def band_of(left: Sequence[Leftover], *, velocity: str, lag: float) -> Band | No
         after += _own_gain(law, kin[s].records, groups[s])
     if after < OWN * before:
         return None
-    rms = {s: math.sqrt(law.rho * _noise(law, kin[s].records)) for s, law in laws.items()}
-    return Band(omega, zeta, laws, rms, _errors(kin, p))
+    # What is seen beyond the noise; the law's own variance is little known when the band is so narrow.
+    rms = {s: _swing(law, kin[s].records) for s, law in laws.items()}
+    seconds = max(sum(float(t[-1] - t[0]) for t, _ in own.records) for own in kin.values())
+    few = 0.5 / math.sqrt(max(seconds * zeta * omega, 1.0))
+    return Band(omega, zeta, laws, rms, (*_errors(kin, p), few))
 
 
 def _total(p: Array, kin: Mapping[str, _Kin]) -> float:
@@ -192,14 +195,15 @@ def _with_motion(law: Oscillator, x: Leftover) -> Array:
     return np.column_stack([np.ones(len(motion)), *(c / s for c, s in zip(columns, sizes, strict=True))])
 
 
-def _noise(law: Oscillator, records: Sequence[Record]) -> float:
-    """Return the variance of the white noise."""
-    E = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
-    return float(np.mean(E**2))
+def _swing(law: Oscillator, records: Sequence[Record]) -> float:
+    """Return the rms of the oscillation: what there is, less the white noise."""
+    white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
+    every = np.concatenate([e for _, e in records])
+    return math.sqrt(max(float(np.mean(every**2) - np.mean(white**2)), 0.0))
 
 
-def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float, float]:
-    """Return standard errors of log omega, log zeta and the first log rho, from the curvature of the likelihood."""
+def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float]:
+    """Return standard errors of log omega and log zeta, from the curvature of the likelihood."""
     k, h = len(p), np.full(len(p), 0.05)
     h[0] = min(0.02, 0.3 * math.exp(p[1]))
     H = np.empty((k, k))
@@ -214,5 +218,5 @@ def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float, float]:
                     f[a, b] = _total(at, kin)
             H[i, j] = H[j, i] = (f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4.0 * h[i] * h[j])
     variances = np.diag(np.linalg.pinv(0.5 * H))
-    found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances[:3]]
-    return found[0], found[1], found[2]
+    found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances[:2]]
+    return found[0], found[1]
