@@ -14,14 +14,14 @@ from gcs_autotune.diagnose.follows import follows, held_share, on_grid
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.axis.record import INPUTS
 from gcs_autotune.sname import DOFS, Dof
-from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.trial import Trial
 
 __all__ = ["check_clock", "check_heading", "check_roles"]
 
 Array = NDArray[np.float64]
 
 SLOW, FAST = 5.0, 5e-4
-"""Chosen [s]: samples farther apart, or closer, are no telemetry of a marine craft unless another column confirms it."""
+"""Chosen [s]: samples farther apart, or closer, are no telemetry of a marine craft unless another column says so."""
 
 CONFIRMED = 3.0
 """Factor within which a position's change must agree with its rate to confirm the clock."""
@@ -36,8 +36,8 @@ SAME = 0.1
 """Relative difference up to which a jump is a full turn."""
 
 LEADS, ALONE, HELD = 0.9, 0.25, 0.5
-"""The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when it
-is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
+"""The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when
+it is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
 
 
 def check_clock(run: Trial) -> None:
@@ -96,8 +96,8 @@ def check_heading(run: Trial) -> None:
     if torn:
         raise BadFile(
             f"the heading of run '{run.name}' jumps {len(torn)} time(s), by {math.degrees(float(np.median(torn))):.0f} "
-            "deg, which is no full turn at once: it was wrapped wrongly, or averaged across north; log psi as the vehicle "
-            "sends it, from 0 to 360 deg or from -180 to 180 deg"
+            "deg, which is no full turn at once: it was wrapped wrongly, or averaged across north; log psi as the "
+            "vehicle sends it, from 0 to 360 deg or from -180 to 180 deg"
         )
 
 
