@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,8 +164,8 @@ def _told(
         indistinguishable=alike,
         gain=_headline(gains),
         gains=gains,
-        base_model=base.model,
-        extended_model=final.model,
+        base_model=replace(base.model, swing=problem.scene.swing),
+        extended_model=replace(final.model, swing=problem.scene.swing),
         next_manoeuvre=_next(order, alike, verdict),
         left=left,
         gave_away=gave_away,

@@ -14,7 +14,7 @@ from gcs_autotune.diagnose.follows import follows, held_share, on_grid
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.axis.record import INPUTS
 from gcs_autotune.sname import DOFS, Dof
-from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.trial import Trial
 
 __all__ = ["check_clock", "check_heading", "check_roles"]
 

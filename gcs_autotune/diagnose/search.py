@@ -127,7 +127,7 @@ class Search:
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
         fitted = [self._finished(own, f) for own, f in rough[:RUNNERS]]
         judged = [self._judged(own, f, present, len(choices)) for own, f in fitted]
-        judged.sort(key=lambda j: -j.evidence)
+        judged = _ordered(judged)
         return Found(tuple(judged), self._winner(judged, len(choices), present))
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Applied, Fitted]]:
@@ -248,6 +248,15 @@ def _ratio(before: HeldOut, after: HeldOut) -> float:
     old, new = rms_of(before.rests), rms_of(after.rests)
     logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
     return math.exp(float(np.mean(logs))) if logs else 1.0
+
+
+def _ordered(judged: Sequence[Judged]) -> list[Judged]:
+    """Return candidates by evidence; of those that cannot be told from the best, the more usual cause first."""
+    ranked = sorted(judged, key=lambda j: -j.evidence)
+    alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
+    slugs = {j.own.slug for j in alike}
+    alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
+    return [*alike, *ranked[len(alike) :]]
 
 
 def _learnt(fitted: Fitted) -> int:
