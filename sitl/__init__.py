@@ -12,18 +12,21 @@ from collections.abc import Mapping, Sequence
 from sitl.catalogue import VEHICLES, UnknownVehicle, load_vehicle
 from sitl.effects import EFFECTS, BadEffect, Effect, make_effect
 from sitl.mavlink import Server
+from sitl.modelfile import BadModel, FlownModel, read_model
 from sitl.vehicle import Vehicle
 
 __all__ = [
     "EFFECTS",
     "VEHICLES",
     "BadEffect",
+    "BadModel",
     "Effect",
     "Server",
     "UnknownVehicle",
     "load_vehicle",
     "make_effect",
     "open_vehicle",
+    "read_model",
 ]
 
 
@@ -33,6 +36,7 @@ def open_vehicle(
     seed: int = 0,
     parameters: Mapping[str, float] | None = None,
     effects: Sequence[Effect] = (),
+    model: FlownModel | None = None,
 ) -> Server:
     """Return the vehicle called *name*, at rest and just booted, behind its MAVLink server.
 
@@ -41,6 +45,7 @@ def open_vehicle(
     seed : of the sensors' noise; the same seed and the same bytes at the same times give the same bytes back.
     parameters : autopilot parameters set before boot.
     effects : hidden effects, in order.
+    model : hull dynamics to fly instead of the vehicle's own (:func:`sitl.modelfile.read_model`).
 
     Raises
     ------
@@ -50,5 +55,7 @@ def open_vehicle(
         The firmware has no such parameter.
     BadEffect
         The vehicle has no place for an effect.
+    BadModel
+        The vehicle cannot fly the model.
     """
-    return Server(Vehicle(load_vehicle(name), seed=seed, parameters=parameters, effects=effects))
+    return Server(Vehicle(load_vehicle(name), seed=seed, parameters=parameters, effects=effects, model=model))

@@ -16,6 +16,7 @@ from sitl.eeprom import keep_parameters, read_parameters
 from sitl.effects import EFFECTS, parse_effect
 from sitl.listen import AddressError, CannotListen, open_link, serve_free_running
 from sitl.lockstep import serve_lockstep
+from sitl.modelfile import read_model
 
 __all__ = ["main"]
 
@@ -62,6 +63,12 @@ def _make_parser() -> argparse.ArgumentParser:
         help="hide an effect, e.g. dead-zone.width=0.05, backlash@throttle.width=0.1; inputs are shares of full, all "
         "else SI; repeatable",
     )
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="fly hull dynamics and effects from a model file (as 'gcs-autotune diagnose' writes it)",
+    )
     parser.add_argument("--list-effects", action="store_true", help="show the effects there are and their parameters")
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
     return parser
@@ -92,7 +99,8 @@ def _open(args: argparse.Namespace) -> Server:
     presets.update(_read_presets(args.param))
     try:
         effects = [parse_effect(text) for text in args.effect]
-        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets, effects=effects)
+        model = read_model(args.model) if args.model else None
+        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets, effects=effects, model=model)
     except KeyError as error:
         raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
     if args.eeprom:

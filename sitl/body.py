@@ -76,6 +76,8 @@ class Body:
     what its speed sensor measures. It does not sway: ``v`` stays 0, and ``Y_rdot`` has nothing to couple.
     """
 
+    sways = False
+
     def __init__(self, surge: AxisDynamics, heave: AxisDynamics, yaw: AxisDynamics, world: World) -> None:
         self.surge = surge
         self.heave = heave

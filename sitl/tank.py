@@ -1,23 +1,21 @@
 """A towing tank: a bare hull in open loop, with hidden effects, and the file its crew would write down.
 
-The hull is uncoupled, ``alpha nudot + (beta + beta2 |nu|) nu = force`` per degree of freedom (SNAME, z down), with the
-kinematics of the horizontal plane (Fossen 2011, equations 2.40 and 6.112). Steps of Heun's rule, short against every
-time constant there is, end on the stamps of the file.
+Steps (:mod:`sitl.afloat`) are short against every time constant there is and end on the stamps of the file.
 """
 
 from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl.afloat import SIGNALS, Afloat, Hull
 from sitl.body import AxisDynamics, Loads
 from sitl.effects import Effect, Setting
-from sitl.sensors import Reading
+from sitl.logbook import find_lateness, measure
 
 __all__ = ["INPUTS", "SIGNALS", "Command", "Hull", "tow"]
 
@@ -27,92 +25,12 @@ Command = Array | Sequence[float] | Sequence[tuple[float, float]]
 
 INPUTS: Mapping[str, str] = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw", "delta": "yaw"}
 """Input channel -> degree of freedom it drives."""
-SIGNALS = ("x", "y", "z", "psi", "u", "v", "w", "r")
-"""What can be measured, SI and radians; the heading is continuous."""
 
 _STEPS_PER_TIME_CONSTANT = 32
 """Heun's error per time constant goes with its inverse square: about 2e-4."""
 _STEPS_PER_SAMPLE = 4
 _STEPS_PER_RADIAN = 16
 """Per radian of waves, or time constant of an effect."""
-
-
-@dataclass(frozen=True, slots=True)
-class Hull:
-    """A plain hull: per degree of freedom inertia (> 0), linear and quadratic drag (0 where not given), SI.
-
-    ``gain`` [N m/rad]: moment per rudder angle ``delta``; ``bottom`` [m]: depth of the tank.
-    """
-
-    dofs: tuple[str, ...]
-    inertia: Mapping[str, float]
-    linear: Mapping[str, float]
-    quadratic: Mapping[str, float] = field(default_factory=dict)
-    gain: float = 1.0
-    bottom: float = 10.0
-
-    def axis(self, dof: str) -> AxisDynamics:
-        """Return a degree of freedom's inertia and drag; infinitely heavy when the hull does not have it."""
-        if dof not in self.dofs:
-            return AxisDynamics(math.inf, 0.0, 0.0)
-        return AxisDynamics(self.inertia[dof], self.linear.get(dof, 0.0), self.quadratic.get(dof, 0.0))
-
-
-class _Afloat:
-    """The hull in the water: its state, drag and inertia, as effects see and change them."""
-
-    def __init__(self, hull: Hull) -> None:
-        self.x = self.y = self.z = self.psi = self.u = self.v = self.w = self.r = 0.0
-        self.V_x = self.V_y = self.Y_rdot = 0.0
-        self.over_ground = True
-        self.surge, self.sway, self.heave, self.yaw = (hull.axis(dof) for dof in ("surge", "sway", "heave", "yaw"))
-        self.loads = Loads()
-        self.asked = Loads()
-        """What the actuators do; ``loads``: with all else."""
-        self.pushes: list[Callable[[float, Loads], None]] = []
-        self._plain = [
-            (axis, axis.alpha, axis.beta, axis.beta2) for axis in (self.surge, self.sway, self.heave, self.yaw)
-        ]
-
-    def restore(self) -> None:
-        """Make inertia and drag the plain ones again."""
-        for axis, alpha, beta, beta2 in self._plain:
-            axis.alpha, axis.beta, axis.beta2 = alpha, beta, beta2
-
-    def take(self, state: Sequence[float]) -> None:
-        """Be in that state, in the order of :data:`SIGNALS`."""
-        self.x, self.y, self.z, self.psi, self.u, self.v, self.w, self.r = state
-
-    def slope(self, t: float, state: Sequence[float]) -> tuple[float, ...]:
-        """Return the time derivative of *state*."""
-        _, _, _, psi, u, v, w, r = state
-        loads = self.asked
-        if self.pushes:
-            self.take(state)
-            asked, loads = loads, self.loads
-            loads.X, loads.Y, loads.Z, loads.N = asked.X, asked.Y, asked.Z, asked.N
-            for push in self.pushes:
-                push(t, loads)
-        surge, sway, heave, yaw = self.surge, self.sway, self.heave, self.yaw
-        udot = (loads.X - (surge.beta + surge.beta2 * abs(u)) * u) / surge.alpha
-        wdot = (loads.Z - (heave.beta + heave.beta2 * abs(w)) * w) / heave.alpha
-        Y = loads.Y - (sway.beta + sway.beta2 * abs(v)) * v
-        N = loads.N - (yaw.beta + yaw.beta2 * abs(r)) * r
-        if self.Y_rdot:
-            shared = self.Y_rdot
-            det = sway.alpha * yaw.alpha - shared * shared
-            vdot, rdot = (yaw.alpha * Y + shared * N) / det, (sway.alpha * N + shared * Y) / det
-        else:
-            vdot, rdot = Y / sway.alpha, N / yaw.alpha
-        c, s = math.cos(psi), math.sin(psi)
-        return c * u - s * v + self.V_x, s * u + c * v + self.V_y, w, r, udot, vdot, wdot, rdot
-
-    def step(self, t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
-        """Return the state after *dt* [s]: Heun's rule."""
-        first = self.slope(t, state)
-        second = self.slope(t + dt, [s + dt * a for s, a in zip(state, first, strict=True)])
-        half = 0.5 * dt
-        return tuple([s + half * (a + b) for s, a, b in zip(state, first, second, strict=True)])
 
 
 def tow(
@@ -152,18 +70,18 @@ def tow(
     _check(hull, commands, measured, duration, interval, stamps_jitter)
     stamps = _stamps(duration, interval, stamps_jitter, seed)
     held = {name: _held(command, stamps) for name, command in commands.items()}
-    afloat = _Afloat(hull)
+    afloat = Afloat(hull)
     setting = _setting(hull, afloat, held, measured, seed, initial or {})
     for effect in effects:
         effect.begin(setting)
-    late = _lateness(effects, measured)
+    late = find_lateness(effects, measured)
     begun = -max([0.0, *late.values()])
     last = float(stamps[-1])
     ended = last - min([0.0, *late.values()])
     state = tuple(float((initial or {}).get(name, 0.0)) for name in SIGNALS)
     knots = np.concatenate([[begun][: begun < 0.0], stamps, [ended][: ended > last]])
     t, truth = _sail(hull, afloat, effects, _shortest(hull, setting, effects), held, stamps, knots, state)
-    columns = {"t": stamps, **held, **_measure(afloat, effects, t, truth, stamps, measured, late, noise or {}, seed)}
+    columns = {"t": stamps, **held, **measure(afloat, effects, t, truth, stamps, measured, late, noise or {}, seed)}
     for effect in effects:
         effect.alter_file(columns)
     return columns
@@ -206,7 +124,7 @@ def _held(command: Command, stamps: Array) -> Array:
 
 def _setting(
     hull: Hull,
-    afloat: _Afloat,
+    afloat: Afloat,
     held: Mapping[str, Array],
     measured: tuple[str, ...],
     seed: int,
@@ -240,15 +158,6 @@ def _steady(axis: AxisDynamics, force: float) -> float:
     return force / axis.beta if axis.beta > 0.0 else 0.0
 
 
-def _lateness(effects: Sequence[Effect], measured: tuple[str, ...]) -> dict[str, float]:
-    late = dict.fromkeys(measured, 0.0)
-    for effect in effects:
-        for name, delay in effect.lateness().items():
-            for each in measured if name == "*" else (name,):
-                late[each] += delay
-    return late
-
-
 def _shortest(hull: Hull, setting: Setting, effects: Sequence[Effect]) -> float:
     """Return the longest step [s] that is short against hull and effects."""
     longest = math.inf
@@ -262,7 +171,7 @@ def _shortest(hull: Hull, setting: Setting, effects: Sequence[Effect]) -> float:
 
 def _sail(
     hull: Hull,
-    afloat: _Afloat,
+    afloat: Afloat,
     effects: Sequence[Effect],
     longest: float,
     held: Mapping[str, Array],
@@ -274,6 +183,7 @@ def _sail(
     afloat.pushes = [e.alter_force for e in effects if e.overrides("alter_force")]
     drives = [e.alter_input for e in effects if e.overrides("alter_input")]
     changes = [e.alter_parameters for e in effects if e.overrides("alter_parameters")]
+    step = afloat.stepper(hull, state)
     inputs = dict.fromkeys(held, 0.0)
     rows = {name: values.tolist() for name, values in held.items()}
     row = np.maximum(np.searchsorted(stamps, knots + 1e-12, side="right") - 1, 0).tolist()
@@ -300,7 +210,7 @@ def _sail(
                 for drive in drives:
                     drive(t, dt, inputs)
                 _ask(hull, afloat.asked, inputs)
-            state = afloat.step(t, dt, state)
+            state = step(t, dt, state)
             times.append(t + dt)
             states.append(state)
     return np.array(times), np.array(states)
@@ -310,43 +220,3 @@ def _ask(hull: Hull, asked: Loads, inputs: Mapping[str, float]) -> None:
     get = inputs.get
     asked.X, asked.Y, asked.Z = get("X", 0.0), get("Y", 0.0), get("Z", 0.0)
     asked.N = get("N", 0.0) + hull.gain * get("delta", 0.0)
-
-
-def _measure(
-    afloat: _Afloat,
-    effects: Sequence[Effect],
-    t: Array,
-    truth: Array,
-    stamps: Array,
-    measured: tuple[str, ...],
-    late: Mapping[str, float],
-    noise: Mapping[str, float],
-    seed: int,
-) -> dict[str, Array]:
-    """Return what the sensors report at the file's stamps."""
-    psi = truth[:, SIGNALS.index("psi")]
-    if afloat.over_ground:
-        truth[:, 4] += afloat.V_x * np.cos(psi) + afloat.V_y * np.sin(psi)
-        truth[:, 5] += afloat.V_y * np.cos(psi) - afloat.V_x * np.sin(psi)
-    reported = {}
-    for name in measured:
-        values = np.interp(stamps - late[name], t, truth[:, SIGNALS.index(name)])
-        level = noise.get(name, 0.0)
-        if level > 0.0:
-            values += np.random.default_rng([seed, zlib.crc32(name.encode())]).normal(0.0, level, len(values))
-        reported[name] = values
-    alters = [e.alter_measurement for e in effects if e.overrides("alter_measurement")]
-    if alters:
-        _alter(alters, stamps, reported)
-    return reported
-
-
-def _alter(alters: Sequence[Callable[[float, Reading], None]], stamps: Array, reported: dict[str, Array]) -> None:
-    reading = Reading()
-    for i, t in enumerate(stamps.tolist()):
-        for name, values in reported.items():
-            setattr(reading, name, float(values[i]))
-        for alter in alters:
-            alter(t, reading)
-        for name, values in reported.items():
-            values[i] = getattr(reading, name)

@@ -11,6 +11,8 @@ from sitl.body import Loads
 from sitl.catalogue import VehicleData
 from sitl.effects import Effect
 from sitl.effects.aboard import describe_vehicle
+from sitl.modelfile import FlownModel
+from sitl.replaced import fit_model
 from sitl.sensors import Reading, Sensors
 
 __all__ = ["TICKS_PER_SECOND", "Vehicle"]
@@ -30,6 +32,7 @@ class Vehicle:
     seed : of all sensor noise.
     parameters : autopilot parameters set before boot, over those of the data file. ``KeyError`` when unknown.
     effects : hidden effects, in order.
+    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
     """
 
     def __init__(
@@ -39,15 +42,18 @@ class Vehicle:
         seed: int = 0,
         parameters: Mapping[str, float] | None = None,
         effects: Sequence[Effect] = (),
+        model: FlownModel | None = None,
     ) -> None:
         self.data = data
-        self.effects = tuple(effects)
+        self.effects = (*(model.effects if model else ()), *effects)
         self._make_autopilot, definitions = FIRMWARE[data.firmware]
         self.parameters = ParameterStore(definitions)
         for name, value in {**data.parameters, **(parameters or {})}.items():
             self.parameters.preset(name, value)
         self.body = data.make_body()
         self.actuators = data.make_actuators()
+        if model is not None:
+            self.body, self.actuators = fit_model(model, self.body, self.actuators)
         self.battery = Battery()
         self.tick = 0
         self._boot_tick = 0

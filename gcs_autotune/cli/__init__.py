@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from gcs_autotune import __version__
 from gcs_autotune.cli import (
+    diagnose_cmd,
     experiment_cmd,
     figures_cmd,
     identify_cmd,
@@ -27,6 +28,7 @@ COMMANDS: Mapping[str, Command] = {
     for c in (
         tune_cmd.COMMAND,
         identify_cmd.COMMAND,
+        diagnose_cmd.COMMAND,
         figures_cmd.COMMAND,
         experiment_cmd.COMMAND,
         thrusters_cmd.COMMAND,

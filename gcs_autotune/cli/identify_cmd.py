@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.errors import UsageError
 from gcs_autotune.trial import Trial
 
@@ -18,13 +19,7 @@ __all__ = ["COMMAND"]
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "runs",
-        nargs="*",
-        type=Path,
-        metavar="RUN",
-        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog) or a log on board (.bin)",
-    )
+    add_runs(parser)
     what = parser.add_argument_group("model")
     what.add_argument("--dof", metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof")
     what.add_argument(
@@ -45,6 +40,18 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="identify by a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
     )
     what.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
+    what.add_argument(
+        "--effects",
+        metavar="A,B",
+        default="",
+        help="effects to fit with the model, slug or slug@place: dead-zone@N (see diagnose --list-effects)",
+    )
+    what.add_argument(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="a model file (identify --save, diagnose): its structure, effects and values are where the fit begins",
+    )
     how = parser.add_argument_group("method")
     how.add_argument(
         "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
@@ -54,15 +61,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--option", action="append", default=[], metavar="K=V", help="an option of the method; --method list shows them"
     )
-    read = parser.add_argument_group("reading")
-    read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
-    read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
-    read.add_argument(
-        "--columns",
-        metavar="OLD=NEW,...",
-        default="",
-        help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
-    )
+    add_reading(parser)
     check = parser.add_argument_group("check")
     check.add_argument(
         "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
@@ -81,6 +80,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
     )
+    out.add_argument("--save", type=Path, metavar="FILE", help="write the model as a model file (sitl, tune, --start)")
     out.add_argument("--no-page", action="store_true", help="write no page")
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
 
@@ -90,23 +90,17 @@ def _run(args: argparse.Namespace) -> int:
     from rich.text import Text
 
     from gcs_autotune.identify import METHODS
-    from gcs_autotune.logs import load_runs, parse_columns
+    from gcs_autotune.identify.model_file import load_model, save_model
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
         _list(METHODS)
         return 0
-    if not args.runs:
-        raise UsageError("name at least one run: a run directory, a log, or a CSV file like t[s],psi[rad],N[N m]")
-    how = {
-        "system": args.system_id,
-        "columns": parse_columns(args.columns) if args.columns else None,
-    }
-    runs = [trial for path in args.runs for trial in load_runs(path, pick=_stretches(args.pick), **how)]
+    runs = read_runs(args)
     if args.plan is not None:
         return _follow(args, runs)
-    unseen = [trial for path in args.validate for trial in load_runs(path, **how)]
+    unseen = read_others(args, args.validate)
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     settings = StudySettings(
         dof=args.dof,
@@ -117,11 +111,15 @@ def _run(args: argparse.Namespace) -> int:
         loss="soft_l1" if args.robust else "linear",
         options=_options(args.option),
         known=_numbers("--known", args.known),
+        effects=tuple(e.strip() for e in args.effects.split(",") if e.strip()),
+        begin=None if args.start is None else load_model(args.start).model,
         check=not args.no_check,
         choose=args.choose,
         plan_next=args.plan_next,
     )
     found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
+    if args.save is not None:
+        save_model(found.fit, args.save)
     page = _page(args)
     if page is not None:
         page.write_text(render_study(found), encoding="utf-8")
@@ -133,13 +131,6 @@ def _run(args: argparse.Namespace) -> int:
     if page is not None:
         console.print(Text(f"\nPage: {page}"), soft_wrap=True)
     return 0
-
-
-def _stretches(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(piece) for piece in text.split(",") if piece.strip())
-    except ValueError:
-        raise UsageError(f"--pick {text}: give the numbers of stretches, e.g. --pick 2,3") from None
 
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial]) -> int:

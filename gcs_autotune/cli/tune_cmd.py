@@ -7,6 +7,8 @@ import json
 import math
 import sys
 from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.command import (
     Command,
@@ -19,6 +21,9 @@ from gcs_autotune.cli.command import (
     run_directory,
 )
 from gcs_autotune.cli.console import ConsoleOperator
+
+if TYPE_CHECKING:
+    from gcs_autotune.identify.model_file import ModelFile
 
 __all__ = ["COMMAND"]
 
@@ -39,7 +44,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     step.add_argument("--step-duration", type=float, metavar="S", help="time given to each step (default 30 s)")
     add_experiment(parser)
     design = parser.add_argument_group("design")
-    design.add_argument("--model", default="bessel", help="model function: bessel or butterworth (default bessel)")
+    design.add_argument(
+        "--model", type=Path, metavar="FILE", help="design from this model (identify --save, diagnose): no experiments"
+    )
+    design.add_argument(
+        "--full-scale", type=float, metavar="X", help="its input at full output, in its unit (N m, N, rad), if not 1"
+    )
+    design.add_argument("--function", default="bessel", help="model function: bessel or butterworth (default bessel)")
     design.add_argument("--settling-time", type=float, metavar="S", help="wanted settling time")
     design.add_argument("--omega-0", type=float, metavar="RAD_S", help="wanted characteristic frequency")
     add_envelope(parser)
@@ -68,7 +79,9 @@ def _run(args: argparse.Namespace) -> int:
         relay_hysteresis=inside(args.relay_hysteresis),
         throttle=args.throttle,
         speed=args.speed,
-        model=args.model,
+        model=args.function,
+        given=_given(args),
+        full_scale=args.full_scale,
         settling_time=args.settling_time,
         omega_0=args.omega_0,
         structure=args.structure,
@@ -85,6 +98,21 @@ def _run(args: argparse.Namespace) -> int:
     else:
         show_tune(Console(), story)
     return RESTORED if story.ending == "restored" else 0
+
+
+def _given(args: argparse.Namespace) -> ModelFile | None:
+    """Read the model to design from."""
+    from gcs_autotune.design import MODEL_FUNCTIONS
+    from gcs_autotune.errors import UsageError
+    from gcs_autotune.identify.model_file import load_model
+
+    if args.model is None:
+        if args.full_scale is not None:
+            raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
+        return None
+    if str(args.model) in MODEL_FUNCTIONS:
+        raise UsageError(f"--model is a model file; for the model function write --function {args.model}")
+    return load_model(args.model)
 
 
 COMMAND = Command(

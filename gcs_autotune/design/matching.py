@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.model_function import settling_time, wanted_step
-from gcs_autotune.design.open_loop import margins_of, open_loop, worst
+from gcs_autotune.design.open_loop import constant, margins_of, open_loop, slow, worst
 from gcs_autotune.design.plant import Region
 from gcs_autotune.design.result import Margins, ModelFunction
 from gcs_autotune.design.spec import Spec
@@ -76,6 +77,7 @@ class Problem:
     step: float
     delay: float
     present_overshoot: float = 0.0
+    actuator: Actuator = PERFECT
 
     @property
     def model(self) -> SingleDof:
@@ -101,11 +103,13 @@ class Problem:
 
     def margins(self, settings: Settings, wanted: ModelFunction, models: Sequence[SingleDof]) -> list[Margins]:
         """Return the margins of each of *models*, the worse of at rest and moving as *wanted* moves."""
-        controller = self.law.controller(settings, self.speed)
+        controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         found = []
         for m in models:
-            drags = linearisations(m, wanted, self.step)
-            loops = (open_loop(controller, m.alpha, d, m.delay + self.delay) for d in drags)
+            drags, gains = linearisations(m, wanted, self.step), self.actuator.slopes()
+            loops = (
+                open_loop(constant(g) * controller, m.alpha, d, m.delay + self.delay) for d in drags for g in gains
+            )
             found.append(worst([margins_of(loop) for loop in loops]))
         return found
 
@@ -214,7 +218,9 @@ class _Residuals:
         settings = problem.with_gains(x)
         parts = [RELUCTANCE * (x - anchor), self._shortfalls(settings)]
         for scenario, t, wanted, weight in zip(self._scenarios, self._times, self._wanted, self._weights, strict=True):
-            motion = problem.law.simulate(problem.model, settings, scenario, problem.speed, problem.delay)
+            motion = problem.law.simulate(
+                problem.model, settings, scenario, problem.speed, problem.delay, problem.actuator
+            )
             share = np.interp(t, motion.t, motion.position) / scenario.step
             error = np.nan_to_num(share - wanted, nan=WORST_RESIDUAL)
             parts.append(weight * np.clip(error, -WORST_RESIDUAL, WORST_RESIDUAL))

@@ -7,16 +7,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gcs_autotune.design.hunting import LONG, Hunting
 from gcs_autotune.design.matching import Problem, peak_demand
 from gcs_autotune.design.model_function import settling_time
 from gcs_autotune.design.selection import Candidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
+from gcs_autotune.sname import DOFS
 
-__all__ = ["notes_on"]
+__all__ = ["notes_on", "said"]
 
 LONG_DELAY = 0.05
 """A delay [s] beyond which it matters where it lies."""
+TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
+"""Errors [rad or m] not worth a word."""
 POOR_MATCH = 0.08
 """Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
 ROUNDING = 1e-6
@@ -32,6 +36,24 @@ def notes_on(
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)
     yield from _on_the_wish(problem, shown, is_polished and changed)
+
+
+def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
+    """Yield what is left going on after a small step, with the present gains and with those proposed."""
+    if max(h.amplitude for h in (before, after)) == 0.0 and max(abs(h.offset) for h in (before, after)) < TINY[dof]:
+        return
+    yield f"left alone after a small step: {_left(before, dof)} with the present gains, {_left(after, dof)} with these"
+
+
+def _left(h: Hunting, dof: str) -> str:
+    def size(x: float) -> str:
+        return f"{math.degrees(x):.2g} deg" if DOFS[dof].angular else f"{x:.2g} m"
+
+    if h.swings:
+        return f"it hunts {size(h.amplitude)} either way every {h.period:.0f} s"
+    if h.amplitude > 0.0:
+        return f"it is still creeping after {LONG:.0f} s, {size(abs(h.offset) + h.amplitude)} off"
+    return f"it stands {size(abs(h.offset))} off" if abs(h.offset) > TINY[dof] else "it comes to rest"
 
 
 def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:

@@ -24,6 +24,7 @@ __all__ = [
     "margins_of",
     "open_loop",
     "second_order",
+    "slow",
     "worst",
 ]
 
@@ -112,6 +113,11 @@ def integrator(gain: float = 1.0) -> Rational:
 def first_order(cutoff: float) -> Rational:
     """Return a low-pass of *cutoff* [Hz]; zero means none, as in ArduPilot's filter parameters."""
     return constant(1.0) if cutoff <= 0.0 else Rational(np.array([1.0]), np.array([1.0 / (math.tau * cutoff), 1.0]))
+
+
+def slow(time_constant: float) -> Rational:
+    """Return a first-order lag of *time_constant* [s]; none when it is zero."""
+    return first_order(1.0 / (math.tau * time_constant)) if time_constant > 0.0 else constant(1.0)
 
 
 def second_order(cutoff: float) -> Rational:

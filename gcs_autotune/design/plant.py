@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.models import SingleDof
 
-__all__ = ["Region", "in_fractions", "sample_region"]
+__all__ = ["Region", "heavier", "in_fractions", "sample_region"]
 
 PROBABILITY = 0.95
 RANDOM_SAMPLES = 12
@@ -78,6 +78,14 @@ def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
     radius = math.sqrt(float(chi2.ppf(PROBABILITY, k)))
     points = np.array(_numbers(model)) + radius * directions @ axes.T
     return Region(model, covariance, tuple(_rebuild(model, _physical(model, p)) for p in points))
+
+
+def heavier(region: Region, factor: float) -> Region:
+    """Return the region with the model, and every sample, also *factor* times as heavy: a payload taken on."""
+    if factor <= 1.0:
+        return region
+    more = tuple(replace(m, alpha=factor * m.alpha) for m in (region.model, *region.samples))
+    return replace(region, samples=(*region.samples, *more))
 
 
 def _numbers(model: SingleDof) -> tuple[float, float, float, float, float]:

@@ -50,7 +50,7 @@ def _there_and_back(problem: Problem, step: float, duration: float) -> tuple[Sce
 
 def _fly(problem: Problem, model: SingleDof, settings: Settings, scenario: Scenario) -> tuple[Array, Array, Array]:
     """Return t (n,) from the step on, position and output, at the rate that is kept."""
-    motion = problem.law.simulate(model, settings, scenario, problem.spec.speed, problem.delay)
+    motion = problem.law.simulate(model, settings, scenario, problem.spec.speed, problem.delay, problem.actuator)
     period = problem.law.loop_period(settings)
     every = max(round(1.0 / (RATE * period)), 1)
     kept = slice(round(scenario.lead / period), None, every)

@@ -3,35 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import LAWS, Law
 from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
-from gcs_autotune.design.notes import notes_on
-from gcs_autotune.design.plant import Region, in_fractions, sample_region
+from gcs_autotune.design.notes import notes_on, said
+from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
 from gcs_autotune.design.polishing import polish
 from gcs_autotune.design.prediction import predict
+from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.result import Change, Proposal
 from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
+from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import ParameterMissing, UsageError
 from gcs_autotune.firmware import Axis, Gain
 from gcs_autotune.models import SingleDof
 from gcs_autotune.registry import lookup
 
-__all__ = ["design"]
+__all__ = ["design", "design_from"]
 
 LOOP_PERIODS = 1.5
 """Delay of a digital loop: one period to compute, half a period because the output is held."""
 LEAST_SPAN = 5.0
 """Predicted steps are at least this long [s]."""
+SMALL = 1.0 / 3.0
+"""Share of the wanted step after which the loop is left alone: the usual correction is smaller than a step."""
 SAME = 1e-3
 """Gains closer than this (relative) count as unchanged."""
 
@@ -42,12 +48,15 @@ def design(
     axis: Axis,
     present: Mapping[str, float],
     spec: Spec | None = None,
+    reduction: Reduction | None = None,
 ) -> Proposal:
     """Return new gains for *axis*, with what they promise and what the present ones do.
 
     covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
     present : the vehicle's parameters; every gain of the axis, and as much of ``axis.context`` as is known (the
     firmware's defaults stand in for the rest). Nothing is changed.
+    reduction : where *fit_model* came from when it has effects (:func:`design_from` fills it in): its actuator stands
+    in the loop.
 
     Raises
     ------
@@ -65,7 +74,11 @@ def design(
     _check(fit_model, axis, present, spec)
     model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
     model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
-    problem = _problem(law, axis, sample_region(model, covariance), present, spec)
+    region, actuator = sample_region(model, covariance), PERFECT
+    if reduction is not None:
+        actuator = reduction.actuator.in_fractions(1.0 if spec.full_scale is None else spec.full_scale)
+        region = heavier(region, reduction.heavier)
+    problem = _problem(law, axis, region, present, spec, actuator)
     chosen = choose(problem)
     span = _span(spec, chosen)
     after = judge(problem, chosen.wanted, chosen.settings, span)
@@ -77,6 +90,8 @@ def design(
     keep = spec.is_automatic and not verdict.better and is_tolerable(before)
     changes = () if keep else _changes(law, axis, before, after, is_polished)
     shown = after if changes else before
+    remarks = () if reduction is None else reduction.remarks
+    left = _left(problem, (before, shown)) if not actuator.is_perfect else ()
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
         axis=axis.name,
@@ -88,8 +103,47 @@ def design(
         bound=stability_bound(model, chosen.wanted, uncertainty_of(model, covariance), velocity),
         before=before.prediction,
         after=shown.prediction,
-        notes=tuple(notes_on(problem, axis, before, shown, bool(changes), is_polished)),
+        notes=(
+            *(r.sentence for r in remarks),
+            *(said(*left, axis.dof) if left else ()),
+            *notes_on(problem, axis, before, shown, bool(changes), is_polished),
+        ),
+        remarks=remarks,
+        left=left,
     )
+
+
+def design_from(
+    source: ExtendedModel,
+    axis: Axis,
+    present: Mapping[str, float],
+    spec: Spec | None = None,
+    *,
+    inputs: Mapping[str, str] | None = None,
+    names: Sequence[str] = (),
+    covariance: NDArray[np.float64] | None = None,
+) -> Proposal:
+    """Return new gains for *axis* from a model with effects, as :func:`design` does from a plain one.
+
+    Delays, lag, drag and whatever bends or holds up the actuator stand in the loop that is simulated and, as far as
+    they are linear, in the margins; ``remarks`` say what became of each effect and what else can be done about it.
+
+    inputs : unit per input of the model (SI when missing). names, covariance : (p, p) of its fitted numbers.
+
+    Raises
+    ------
+    AutotuneError
+        As :func:`design`; UsageError when the model does not move on this axis.
+    """
+    spec = spec or Spec()
+    r = reduce(source, axis.dof, inputs or {}, law=axis.law, speed=spec.speed, names=names, covariance=covariance)
+    return design(r.model, r.covariance, axis, present, replace(spec, quantum=max(spec.quantum, r.quantum)), r)
+
+
+def _left(problem: Problem, pair: tuple[Candidate, Candidate]) -> tuple[Hunting, Hunting]:
+    """Return what dead zone and play leave behind with the present gains and with those shown, after a small step."""
+    first, second = (hunting_of(problem, c.settings, SMALL * problem.step) for c in pair)
+    return first, second
 
 
 def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spec) -> None:
@@ -106,11 +160,13 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
         raise UsageError(f"the {axis.name} axis steers with a rudder: give the speed at which it was identified")
 
 
-def _problem(law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec) -> Problem:
+def _problem(
+    law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec, actuator: Actuator
+) -> Problem:
     by_name = {g.parameter: g for g in axis.gains}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step
-    problem = Problem(law, [by_name[n] for n in law.tuned], region, dict(present), spec, step, delay)
+    problem = Problem(law, [by_name[n] for n in law.tuned], region, dict(present), spec, step, delay, actuator=actuator)
     return replace(problem, present_overshoot=_present_overshoot(problem))
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from gcs_autotune.design.hunting import Hunting
+    from gcs_autotune.design.treatments import Remark
 
 __all__ = ["Change", "Margins", "ModelFunction", "Prediction", "Proposal", "StepMetrics"]
 
@@ -86,7 +91,8 @@ class Proposal:
     """New gains for one axis, not yet written anywhere.
 
     ``margins`` at the identified parameters, ``worst_margins`` over the 95 % region of the parameters;
-    ``bound`` is thesis (8.22)-(8.27) evaluated: (left side, right side), stable when left < right.
+    ``bound`` is thesis (8.22)-(8.27) evaluated: (left side, right side), stable when left < right. Of a model with
+    effects: ``remarks`` on each, ``left`` what goes on after a small step with the old gains and with the new.
     """
 
     axis: str
@@ -99,6 +105,8 @@ class Proposal:
     before: Prediction
     after: Prediction
     notes: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
+    left: tuple[Hunting, ...] = ()
 
     @property
     def new(self) -> Mapping[str, float]:
@@ -133,7 +141,17 @@ class Proposal:
             "bound": list(self.bound),
             "predicted": {"before": _plain(self.before.metrics), "after": _plain(self.after.metrics)},
             "notes": list(self.notes),
+            **({"effects": [_plain(r) for r in self.remarks]} if self.remarks else {}),
+            **(
+                {"left_alone": dict(zip(("before", "after"), map(_finite, self.left), strict=True))}
+                if self.left
+                else {}
+            ),
         }
+
+
+def _finite(thing: Hunting) -> dict[str, float | None]:
+    return {n: v if math.isfinite(v) else None for n, v in _plain(thing).items()}
 
 
 def _plain(thing: Any) -> dict[str, Any]:

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
+from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import ALIKE, Judged, Search, begin_search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
 from gcs_autotune.diagnose.whiteness import correlation_of
+from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
@@ -86,19 +88,24 @@ def diagnose(
     if not together:
         raise UsageError("no run was given to diagnose")
     slugs = list(BOOK) if effects is None else [lookup(BOOK, e, "effect").slug for e in effects]
-    more: list[Doubt] = []
+    early: list[Doubt] = []
     if simulations:
         if model is not None:
             raise UsageError("give either a model or a simulation's output, not both")
-        model, more = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
+        model, early = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
+    together, doubts = taken_in(together)
+    others, more = taken_in(unseen) if unseen else ([], [])
+    together, repeats = without_repeats(together, others)
+    check_alive(together)
     base_form = _form(together, dof, form, model)
-    stretches, doubts = stretches_of(together, base_form, use)
-    held = stretches_of(unseen, base_form, use)[0] if unseen else []
+    check_worth(together, base_form, use)
+    stretches, notes = stretches_of(together, base_form, use)
+    held = stretches_of(others, base_form, use)[0] if others else []
+    doubts += [*more, *repeats, *notes]
     search, words = _search(base_form, stretches, held, model, slugs, progress)
     search.run()
-    return _told(
-        search, words, [*more, *doubts, *parameters_off(search)], together, unseen, time.perf_counter() - begun
-    )
+    doubts = [*early, *doubts, *parameters_off(search)]
+    return _told(search, words, doubts, together, others, time.perf_counter() - begun)
 
 
 def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, model: ExtendedModel | None) -> Form:

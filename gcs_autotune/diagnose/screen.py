@@ -6,14 +6,14 @@ after everything the model could adapt (its own parameters, initial states) has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Effect
+from gcs_autotune.effects.effect import Applied, Effect, Observed
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
@@ -89,6 +89,7 @@ class _Ground:
         self.residual = fitted.residual
         self.free = self._rest(self.residual)
         self.slices = self._slices()
+        self.truths: dict[int, Observed | None] = {}
 
     def _slices(self) -> list[tuple[str, slice]]:
         found, at = [], 0
@@ -132,8 +133,8 @@ class _Ground:
                 other = self.cost(self.free - wanted * moved)
                 if other < cost:
                     cost, scale = other, wanted
-        if scale != 1.0 and _linear(entry):
-            own = own.with_values({n: v * scale for n, v in own.values.items() if n not in entry.fixed})
+        if scale != 1.0:
+            own = own.with_values({n: own.values[n] * scale for n in entry.grows_with if n in own.values})
         return Candidate(own, self.fitted, cost)
 
     def _learnt(self, own: Applied) -> Candidate | None:
@@ -146,33 +147,38 @@ class _Ground:
         rows = []
         at = 0
         for i, stretch in enumerate(self.problem.stretches):
-            found = simulator.run(self.fitted.theta, effects, self.fitted.initial[i], stretch.passage)
+            found = self._predicted(simulator, effects, own, i)
             if found is None:
                 return None
             for name in stretch.record.signals:
                 rest = self.fitted.rests[at]
                 at += 1
-                shift = found[name][0] - rest.predicted
+                shift = found[name] - rest.predicted
                 good = np.isfinite(rest.judged)
                 rows.append((rest.judged - shift)[good] / self.fitted.levels[name])
         joined = np.concatenate(rows)
         return joined if np.all(np.isfinite(joined)) else None
 
+    def _predicted(
+        self, simulator: ExtendedSimulator, effects: tuple[Applied, ...], own: Applied, i: int
+    ) -> Mapping[str, Array] | None:
+        """Return the signals of a stretch with *own* among the effects; what only sensors do needs no simulation."""
+        passage, initial = self.problem.stretches[i].passage, self.fitted.initial[i]
+        if any(BOOK[own.slug].overrides(hook) for hook in ("retime", "drive", "inputs", "derivatives")):
+            found = simulator.run(self.fitted.theta, effects, initial, passage)
+            return None if found is None else {n: y for n, (y, _) in found.items()}
+        if i not in self.truths:
+            alone = ExtendedSimulator(self.problem.form, self.fitted.effects)
+            self.truths[i] = alone.truth(self.fitted.theta, self.fitted.effects, initial, passage)
+        truth = self.truths[i]
+        return None if truth is None else simulator.seen(effects, truth, passage)
+
 
 def _two_sided(entry: Effect, own: Applied, ground: _Ground) -> bool:
     """Whether an effect may act either way."""
     bounds = entry.bounds(own.place, ground.problem.scene)
-    return all(bounds.get(n, (-np.inf, np.inf))[0] < 0.0 for n in own.values)
-
-
-def _linear(entry: Effect) -> bool:
-    """Whether twice the values have twice the effect, nearly."""
-    return (
-        not entry.overrides("drive")
-        and not entry.overrides("retime")
-        and not entry.fixed
-        and entry.slug != "wind-moment"
-    )
+    growing = [n for n in entry.grows_with if n in own.values]
+    return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < 0.0 for n in growing)
 
 
 def _of(fitted: Fitted, own: Applied) -> Applied:

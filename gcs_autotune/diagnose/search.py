@@ -42,6 +42,9 @@ SIGNIFICANCE = 0.005
 MATERIAL = 0.02
 """Share by which a cause must lower the held-out error to be worth a name."""
 
+ASTRAY = 0.05
+"""Whiteness below which bookkeeping errors are also looked for from fits to one signal alone."""
+
 ALIKE = 6.0
 """Difference of twice the log-likelihood (less the cost of parameters) within which two causes cannot be told apart:
 odds of twenty to one."""
@@ -117,7 +120,8 @@ class Search:
         choices = [c for c in choices if not _contradicts(present.effects, c[0])]
         self.tried = max(self.tried, len(choices))
         self._say(stage + ": screening", 0, len(choices))
-        fits = [present, *(self._others() if not present.effects else ())]
+        astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
+        fits = [present, *(self._others() if astray else ())]
         listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))

@@ -28,6 +28,7 @@ class CompassDeviation(Effect):
         Quantity("C", "rad", "share that goes with its cosine"),
         Quantity("A", "rad", "constant share, a misaligned compass: only where a track is measured"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("B", "C")
     shown_by: ClassVar[str] = "heading residual against heading: one wave per turn, while the gyro fits"
     mistaken_for: ClassVar[tuple[str, ...]] = ("wind-moment", "steady-current", "tether-pull")
     separated_by: ClassVar[str] = "two slow full turns, one each way"

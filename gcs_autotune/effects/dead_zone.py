@@ -7,25 +7,25 @@ from typing import ClassVar
 
 import numpy as np
 
-from gcs_autotune.effects.effect import INPUT, Applied, Curve, Drive, Effect, Family, Quantity, Scene
+from gcs_autotune.effects.actuator import Array, Characteristic
+from gcs_autotune.effects.effect import INPUT, Applied, Quantity, Scene
 
 __all__ = ["DeadZone"]
 
 
-class DeadZone(Effect):
+class DeadZone(Characteristic):
     """The actuator answers to what exceeds ``width`` only: ``sign(u) max(|u| - width, 0)``."""
 
     slug: ClassVar[str] = "dead-zone"
-    family: ClassVar[Family] = "actuator"
+    title: ClassVar[str] = "Dead zone"
     meaning: ClassVar[str] = "commands smaller than a threshold do nothing, larger ones lose that much"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("width", INPUT, "half-width of the dead zone"),)
     shown_by: ClassVar[str] = "residual against command: a kink either side of zero"
     mistaken_for: ClassVar[tuple[str, ...]] = ("backlash", "quadratic-actuator", "linear-drag")
-    separated_by: ClassVar[str] = "steps of several sizes, from one small enough to do nothing to full command"
-
-    def places(self, scene: Scene) -> tuple[str, ...]:
-        """Every input."""
-        return tuple(scene.inputs)
+    separated_by: ClassVar[str] = (
+        "steps from rest of several sizes, both ways, from one small enough to do nothing to full command, each held "
+        "until the speed is steady and begun from zero command, so that play takes no part"
+    )
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
         """Shares of the largest command."""
@@ -35,14 +35,6 @@ class DeadZone(Effect):
         """Less than the largest command."""
         return {"width": (0.0, 0.95 * scene.swing[place])}
 
-    def drive(self, own: Applied, drive: Drive) -> Drive:
+    def acting(self, own: Applied, u: Array) -> Array:
         """Take the width off every command."""
-        u = drive.channels[own.place]
-        return drive.with_channel(own.place, np.sign(u) * np.maximum(np.abs(u) - own["width"], 0.0))
-
-    def curve(self, own: Applied, scene: Scene) -> Curve:
-        """Effective over nominal command."""
-        u = np.linspace(-scene.swing[own.place], scene.swing[own.place], 201)
-        y = np.sign(u) * np.maximum(np.abs(u) - own["width"], 0.0)
-        unit = scene.inputs[own.place]
-        return Curve(u, y, f"{own.place} commanded [{unit}]", f"{own.place} acting [{unit}]", "Dead zone", plain=u)
+        return np.sign(u) * np.maximum(np.abs(u) - own["width"], 0.0)

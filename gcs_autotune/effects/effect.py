@@ -214,6 +214,8 @@ class Effect:
     separated_by: ClassVar[str]
     fixed: ClassVar[tuple[str, ...]] = ()
     """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
+    grows_with: ClassVar[tuple[str, ...]] = ()
+    """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
 
     # -- where it may sit, and where a search for it begins
 

@@ -220,6 +220,16 @@ class ExtendedSimulator:
             for n, at in passage.at.items()
         }
 
+    def truth(self, theta: Array, effects: Sequence[Applied], x_0: Array, passage: Passage) -> Observed | None:
+        """Return all true signals at all stamps: what :meth:`seen` can show through other sensors."""
+        moved = self._move(theta, effects, x_0, passage, False, everything=True)
+        return None if moved is None else moved[0]
+
+    def seen(self, effects: Sequence[Applied], truth: Observed, passage: Passage) -> dict[str, Array]:
+        """Return every signal at its own stamps as the sensors of *effects* show that truth."""
+        seen = self._observe(effects, truth)
+        return {n: seen.signals[n][at] for n, at in passage.at.items()}
+
     def extended_theta(self, theta: Array, effects: Sequence[Applied]) -> Array:
         """Return the parameters (e,) of the form with the effects' derivatives added."""
         values = dict(zip(self.base.parameters, theta.tolist(), strict=True))
@@ -229,7 +239,14 @@ class ExtendedSimulator:
         return np.array([values[n] for n in self.form.parameters])
 
     def _move(
-        self, theta: Array, effects: Sequence[Applied], x_0: Array, passage: Passage, sensitivities: bool
+        self,
+        theta: Array,
+        effects: Sequence[Applied],
+        x_0: Array,
+        passage: Passage,
+        sensitivities: bool,
+        *,
+        everything: bool = False,
     ) -> tuple[Observed, dict[str, Array]] | None:
         """Return the true signals at all stamps, and their sensitivities (s, q) to what the kernel knows."""
         t_in, stamps, start = passage.t_in, passage.stamps, passage.start
@@ -250,13 +267,13 @@ class ExtendedSimulator:
         X, S = found
         extended = self.extended_theta(theta, effects)
         signals, by = {}, {}
-        for name in self._wanted(passage):
+        for name in self._wanted(passage, everything):
             signals[name], by[name] = self._simulator.outputs(extended, X, S, name)
         return Observed(passage.stamps, signals, start, passage.run), by
 
-    def _wanted(self, passage: Passage) -> list[str]:
+    def _wanted(self, passage: Passage, everything: bool) -> list[str]:
         """Return the signals to compute: those measured, and all others when a sensor may mix them."""
-        if any(entry.overrides("observe") for entry in self.entries):
+        if everything or any(entry.overrides("observe") for entry in self.entries):
             return [n for n in self.states if not n.startswith("lagged")]
         return list(passage.at)
 

@@ -17,6 +17,7 @@ class GyroBias(Effect):
     family: ClassVar[Family] = "sensor"
     meaning: ClassVar[str] = "the gyro reads a constant rate too much"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("bias", SIGNAL, "what a resting gyro reads"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("bias",)
     shown_by: ClassVar[str] = "mean of the rate's residual, while the heading's slope fits"
     mistaken_for: ClassVar[tuple[str, ...]] = ("input-bias", "asymmetric-thrust", "compass-deviation")
     separated_by: ClassVar[str] = "a minute moored or aground with the recorder running: only the gyro still turns"

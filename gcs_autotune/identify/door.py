@@ -7,12 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_axis import axis_form
 from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.extended.by_output_error import ExtendedCase, fit_with_effects
+from gcs_autotune.identify.extended.wish import wish_of
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.limits.information import with_bounds
 from gcs_autotune.identify.method import Method
@@ -36,6 +40,8 @@ def fit(
     delay: Literal["auto"] | float = "auto",
     use: Sequence[str] | None = None,
     loss: Literal["linear", "soft_l1"] = "linear",
+    effects: Sequence[str] = (),
+    start: ExtendedModel | None = None,
     **options: Any,
 ) -> Fit:
     """Identify a model from one or more recorded runs.
@@ -49,6 +55,9 @@ def fit(
     delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
     use : names of the signals to fit; chosen when None.
     loss : ``soft_l1`` bears with outliers.
+    effects : effects of the book to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
+        *structure* the base is then the plain one: uncoupled, linear drag, what the runs show.
+    start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`).
     options : what *method* alone understands, see ``METHODS[method].options``.
 
     Returns
@@ -63,6 +72,9 @@ def fit(
     UsageError
         Arguments that contradict the runs or each other.
     """
+    if effects or start is not None:
+        _plain_wish(method, loss, options, structure if start is not None else None)
+        return fit_with_effects(_case(_all_as_they_are(runs), structure, dof, delay, use, effects, start))
     form = form_of(structure, dof)
     if form is not None:
         return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
@@ -81,6 +93,46 @@ def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None
     if dof is not None and dof not in DOFS:
         return lookup({**FORMS, **dict.fromkeys(DOFS)}, dof, "degree of freedom")
     return None
+
+
+def _plain_wish(method: str, loss: str, options: dict[str, Any], structure: object) -> None:
+    """Refuse what a fit with effects cannot do."""
+    if method != "output-error":
+        raise UsageError(f"effects and start values are for the method output-error, not for '{method}'")
+    if loss != "linear":
+        raise UsageError("with effects, outliers are one of them: add the effect 'outliers' instead of --robust")
+    if options:
+        raise UsageError(f"a fit with effects has no option {', '.join(options)}")
+    if structure is not None:
+        raise UsageError("the structure comes from the model to start at: leave --structure out")
+
+
+def _case(
+    runs: tuple[Trial, ...],
+    structure: str | Form | Path | None,
+    dof: str | None,
+    delay: Literal["auto"] | float,
+    use: Sequence[str] | None,
+    effects: Sequence[str],
+    start: ExtendedModel | None,
+) -> ExtendedCase:
+    form = None if start is not None else form_of(structure, dof)
+    if form is None and structure is not None:
+        drag: Structure = lookup({str(n): n for n in FREE}, str(structure), "drag structure")
+        axis = _common_axis(runs, dof)
+        record = prepare(runs[0], axis)[0]
+        form = axis_form(axis, record.input_name, drag, normalised=record.input_unit == "1")
+    if form is not None:
+        form = form.driven_by({name for run in runs for name in run.channels})
+    return ExtendedCase(
+        runs=runs,
+        form=form,
+        wishes=tuple(wish_of(e) for e in effects),
+        start=start,
+        dof=dof,
+        delay=None if delay == "auto" else _seconds(delay),
+        use=None if use is None else tuple(use),
+    )
 
 
 def _fit_coupled(
@@ -166,10 +218,14 @@ def _with_doubts(fit: _Kind, doubts: Sequence[Doubt]) -> _Kind:
 
 
 def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
+    return take_in(_all_as_they_are(runs))
+
+
+def _all_as_they_are(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     if not together:
         raise NotInformative("no run was given to identify from")
-    return take_in(together)
+    return together
 
 
 def _method(name: str, loss: str, options: dict[str, Any]) -> Method:

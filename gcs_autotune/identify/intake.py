@@ -19,7 +19,7 @@ from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.unit_check import check_units
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["prepared_runs", "take_in"]
+__all__ = ["parts_of", "prepared_runs", "take_in"]
 
 Record = TypeVar("Record")
 
@@ -32,7 +32,7 @@ def take_in(runs: Sequence[Trial]) -> tuple[Trial, ...]:
     BadFile
         Two columns of a run contradict each other by the factor of a wrong unit.
     """
-    return tuple(_noted(part, check_units(part)) for run in runs for part in _split(run))
+    return tuple(_noted(part, check_units(part)) for run in runs for part in parts_of(run))
 
 
 def prepared_runs(
@@ -72,8 +72,14 @@ def _noted(trial: Trial, doubts: Sequence[Doubt]) -> Trial:
     return replace(trial, meta={**trial.meta, "notes": notes})
 
 
-def _split(trial: Trial) -> list[Trial]:
-    """Cut every channel at its jumps; all must jump equally often, or the run is returned whole."""
+def parts_of(trial: Trial) -> list[Trial]:
+    """Cut *trial* where its clock jumps back; whole when it never does.
+
+    Raises
+    ------
+    BadFile
+        Not every channel jumps equally often.
+    """
     cuts = {name: jumps_back(c.t) for name, c in trial.channels.items() if len(c) >= JUMP_SAMPLES}
     counts = {len(c) for c in cuts.values()}
     if not cuts or counts == {0}:

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.axis import validation as axis
 from gcs_autotune.identify.axis.validation import ResidualStatistics, residual_statistics
 from gcs_autotune.identify.coupled import free_run as coupled
+from gcs_autotune.identify.extended import free_run as extended
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel
@@ -57,6 +59,8 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
         traces = [trace for run in together for trace in axis.free_runs(model, run)]
     elif isinstance(model, CoupledModel):
         traces = [trace for run in together for trace in coupled.free_runs(model, run)]
+    elif isinstance(model, ExtendedModel):
+        traces = [trace for run in together for trace in extended.free_runs(model, run)]
     else:
         raise UsageError(f"a {type(model).__name__} cannot be validated on runs")
     return Validation(tuple(traces), tuple(residual_statistics(t) for t in traces))

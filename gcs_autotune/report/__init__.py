@@ -2,15 +2,18 @@
 
 ``story`` is what there is to tell; ``tables``, ``figures`` and ``wording`` turn it into rows, pictures and
 sentences; ``html`` and ``terminal`` put those on a page or a screen; ``study`` and what begins with it tell of an
-identification by itself; ``live`` shows a running manoeuvre;
-``run_directory`` writes everything down.
+identification by itself, what begins with ``diagnosis`` of what a simulation gets wrong; ``live`` shows a running
+manoeuvre, ``stages`` a long calculation; ``run_directory`` writes everything down.
 """
 
 from __future__ import annotations
 
+from gcs_autotune.report.diagnosis_page import render_diagnosis
+from gcs_autotune.report.diagnosis_terminal import diagnosis_summary, effects_list, effects_to_dict
 from gcs_autotune.report.live import TerminalWatcher
 from gcs_autotune.report.run_directory import summarise, write_story
 from gcs_autotune.report.ship_sheet import sheets_summary
+from gcs_autotune.report.stages import StageBar
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.study import Outcome, RunRow, Study, study_to_dict
 from gcs_autotune.report.study_page import render_study
@@ -22,10 +25,15 @@ __all__ = [
     "Outcome",
     "RunRow",
     "SilentWatcher",
+    "StageBar",
     "Study",
     "TerminalWatcher",
     "TuneStory",
+    "diagnosis_summary",
+    "effects_list",
+    "effects_to_dict",
     "fit_summary",
+    "render_diagnosis",
     "render_study",
     "sheets_summary",
     "show_tune",

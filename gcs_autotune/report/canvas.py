@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["AFTER", "BAND", "BEFORE", "FAINT", "INK", "WANTED", "legend", "new_axes", "pens", "to_svg"]
+__all__ = ["AFTER", "BAND", "BEFORE", "FAINT", "INK", "WANTED", "legend", "new_axes", "new_row", "pens", "to_svg"]
 
 BEFORE = "#d55e00"
 AFTER = "#0072b2"
@@ -84,6 +84,21 @@ def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure,
         for axes in stack[:-1]:
             axes.tick_params(labelbottom=False)
     return figure, stack
+
+
+def new_row(count: int, height: float, *, polar_first: bool = False) -> tuple[Figure, list[Axes]]:
+    """Return a figure with *count* axes of one *height* [in] side by side, the first a compass rose if asked."""
+    from matplotlib.figure import Figure
+
+    top, bottom, left, gap = 0.28, 0.48, 0.13, 0.16
+    total = height + top + bottom
+    figure = Figure(figsize=(WIDTH, total))
+    width = (0.98 - left - gap * (count - 1)) / count
+    row: list[Axes] = []
+    for k in range(count):
+        box = (left + k * (width + gap), bottom / total, width, height / total)
+        row.append(figure.add_axes(box, projection="polar" if polar_first and k == 0 else None))
+    return figure, row
 
 
 def legend(axes: Axes, columns: int = 5) -> None:

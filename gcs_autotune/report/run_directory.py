@@ -48,6 +48,8 @@ def _documents(story: TuneStory) -> Mapping[str, Any]:
     if story.fit is not None:
         documents["model.json"] = story.fit.model.to_dict()
         documents["fit.json"] = story.fit.to_dict()
+    if story.given is not None:
+        documents["model.json"] = story.given
     if story.proposal is not None:
         documents["gains.json"] = story.proposal.to_dict()
     if story.parameters_before:
@@ -76,7 +78,7 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "stable": None
         if proposal is None
         else {"model": proposal.margins.stable, "worst": proposal.worst_margins.stable},
-        "model": None if fit is None else fit.model.to_dict(),
+        "model": story.given if fit is None else fit.model.to_dict(),
         "std": None if fit is None else {name: p.std for name, p in fit.parameters.items()},
         "doubts": [*story.doubts, *(d.slug for d in (fit.doubts if fit else ()))],
         "differences": {name: list(pair) for name, pair in story.differences.items()},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from gcs_autotune.design.result import Proposal, StepMetrics
 from gcs_autotune.identify.result import AxisFit
@@ -30,6 +31,7 @@ class TuneStory:
     parameters_before, parameters_after : as read from the vehicle; empty when not read.
     events : (vehicle time [s] or NaN, what happened).
     ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
+    given : data of the model the gains were designed from, when it came from a file and not from a fit.
     doubts : sentences about the tune as a whole (the fit carries its own).
     directory : the run directory as the user named it; ``files`` in it (found by looking when empty).
     restore_file : the file in it that puts the old parameters back.
@@ -45,6 +47,7 @@ class TuneStory:
     relays: tuple[Trial, ...] = ()
     step_after: Trial | None = None
     fit: AxisFit | None = None
+    given: Mapping[str, Any] | None = None
     proposal: Proposal | None = None
     metrics_before: StepMetrics | None = None
     metrics_after: StepMetrics | None = None

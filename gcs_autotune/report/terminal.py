@@ -33,6 +33,8 @@ from gcs_autotune.report.wording import (
 )
 
 __all__ = [
+    "STYLES",
+    "bullet",
     "doubts_shown",
     "fit_summary",
     "gains_summary",
@@ -44,7 +46,8 @@ __all__ = [
     "tune_summary",
 ]
 
-_STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
+STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
+"""Tone of a verdict -> how a terminal shows it."""
 
 
 def render_text(thing: RenderableType, width: int = 80) -> str:
@@ -83,11 +86,11 @@ def gains_summary(proposal: Proposal) -> Group:
 def tune_summary(story: TuneStory) -> Group:
     """Return how a tune ended: the verdict, the measured step, the gains, the doubts."""
     verdict = headline(story)
-    parts: list[RenderableType] = [title(verdict.text, _STYLES[verdict.tone])]
+    parts: list[RenderableType] = [title(verdict.text, STYLES[verdict.tone])]
     parts.extend(paragraph(s) for s in verdict.sentences)
     if story.metrics_before is not None:
         parts.append(grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
-    parts.extend(_bullet(reason) for reason in story.verdict_reasons)
+    parts.extend(bullet(reason) for reason in story.verdict_reasons)
     if story.proposal is not None:
         parts.append(grid(tables.gains_table(story.proposal)))
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
@@ -110,10 +113,11 @@ def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
     found = list(texts)
     if not found:
         return [paragraph("The fit raises no doubts.")]
-    return [title("What to doubt", "bold yellow"), *(_bullet(text) for text in found)]
+    return [title("What to doubt", "bold yellow"), *(bullet(text) for text in found)]
 
 
-def _bullet(text: str) -> RichTable:
+def bullet(text: str) -> RichTable:
+    """Return one line of a list."""
     line = RichTable.grid(padding=(0, 1))
     line.add_row(Text(" -"), Text(text))
     return line

@@ -32,6 +32,7 @@ __all__ = [
     "model_sentences",
     "parameters_sentence",
     "safety",
+    "sentence",
     "structure_words",
     "undo_command",
     "undo_sentence",
@@ -71,7 +72,7 @@ def headline(story: TuneStory) -> Headline:
     """Return the verdict of a whole tune in words: what changed, how much better, is it safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
     says_enough = story.ending in ("kept", "restored", "dry-run", "declined")
-    sentences = [] if says_enough else [_sentence(story.reason)]
+    sentences = [] if says_enough else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
     elif story.proposal is not None:
@@ -172,7 +173,7 @@ def structure_words(structure: str) -> str:
 
 def doubt_sentence(doubt: Doubt) -> str:
     """Return a doubt with its cure."""
-    return f"{_sentence(doubt.cause)} Cure: {_sentence(doubt.cure)}"
+    return f"{sentence(doubt.cause)} Cure: {sentence(doubt.cure)}"
 
 
 def decision_sentence(decision: Decision) -> str:
@@ -227,7 +228,8 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Return *text* with a capital at its beginning and a stop at its end."""
     text = text.strip()
     if not text:
         return ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs_autotune.identify import Structure
+from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope
 
@@ -39,7 +40,8 @@ class TuneSettings:
 
     ``step`` [rad or m], ``step_duration`` [s] each way, ``relay_output`` fraction of full output,
     ``relay_hysteresis`` [rad or m], ``throttle`` fraction and ``speed`` [m/s] for boats, ``model`` the model
-    function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz].
+    function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz]. ``given``: a model
+    to design from, instead of experiments; ``full_scale`` its input at full output, when that is in newtons or rad.
     """
 
     axis: str
@@ -56,6 +58,8 @@ class TuneSettings:
     omega_0: float | None = None
     structure: Structure | None = None
     delay: float | None = None
+    given: ModelFile | None = None
+    full_scale: float | None = None
     dry_run: bool = False
     control_rate: float = 10.0
     envelope: Envelope = field(default_factory=Envelope)

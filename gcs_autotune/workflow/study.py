@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
 from gcs_autotune.identify.door import form_of
@@ -42,8 +43,8 @@ ALL = "all"
 class StudySettings:
     """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`.
 
-    ``check`` on data left out; ``choose``: drop the terms of a coupled form these runs do not justify; ``plan_next``:
-    propose manoeuvres of so many seconds.
+    ``effects`` to fit with the model, ``begin`` a model to begin at; ``check`` on data left out; ``choose``: drop the
+    terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds.
     """
 
     dof: str | None = None
@@ -54,6 +55,8 @@ class StudySettings:
     loss: Literal["linear", "soft_l1"] = "linear"
     options: Mapping[str, Any] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
+    begin: ExtendedModel | None = None
     check: bool = True
     choose: bool = False
     plan_next: float | None = None
@@ -102,6 +105,8 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
     """Return the structure asked for, with the constants that are known."""
     if not settings.known:
         return settings.structure
+    if settings.begin is not None:
+        raise UsageError("what is known comes from the model to start at: leave --known out")
     form = form_of(settings.structure, settings.dof)
     if form is None:
         raise UsageError(
@@ -114,6 +119,8 @@ def _methods(settings: StudySettings) -> list[str]:
     """Return the method asked for, or all that fit this kind of model."""
     if settings.method != ALL:
         return [settings.method]
+    if settings.effects or settings.begin is not None:
+        raise UsageError("effects and start values are for the method output-error: leave --method all out")
     coupled = form_of(settings.structure, settings.dof) is not None
     return [m.name for m in METHODS.values() if (m.coupled if coupled else m.axis) is not None]
 
@@ -133,6 +140,8 @@ def _outcome(
             delay=settings.delay,
             use=settings.use,
             loss=settings.loss,
+            effects=settings.effects,
+            start=settings.begin,
             **options,
         )
 
@@ -174,13 +183,22 @@ def _folds(
     if len(runs) == 1:
         run = runs[0]
         cut = run.end - HELD_BACK * run.duration
-        yield (lambda: identify([run.between(run.start, cut)]).model), [run.between(cut, run.end)]
+        held_back = run.between(cut, run.end)
+        if isinstance(found.model, ExtendedModel):
+            held_back = _with_what_went_before(held_back, run, found.model)
+        yield (lambda: identify([run.between(run.start, cut)]).model), [held_back]
         return
     folds = min(len(runs), MOST_FOLDS)
     for k in range(folds):
         rest = [r for i, r in enumerate(runs) if i % folds != k]
         held = [r for i, r in enumerate(runs) if i % folds == k]
         yield partial(_model_of, identify, rest), held
+
+
+def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Trial:
+    """Return *rest* with the commands of the whole run: play, lag and drift do not begin anew where it was cut."""
+    commands = {n: run[n] for n in model.base.form.inputs if n in run}
+    return replace(rest, channels={**rest.channels, **commands})
 
 
 def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -84,7 +85,12 @@ class Tale:
 
     def relay_speed(self) -> float:
         """Return the mean speed over ground [m/s] during the relay experiments; 0 when unknown."""
-        speeds = [float(np.mean(t["U"].values)) for t in self._relays() if "U" in t and len(t["U"])]
+        return self.speed_of(self._relays())
+
+    @staticmethod
+    def speed_of(trials: Sequence[Trial]) -> float:
+        """Return the mean speed over ground [m/s] of *trials*; 0 when unknown."""
+        speeds = [float(np.mean(t["U"].values)) for t in trials if "U" in t and len(t["U"])]
         return float(np.mean(speeds)) if speeds else 0.0
 
     def story(self) -> TuneStory:
@@ -102,6 +108,7 @@ class Tale:
             relays=tuple(self._relays()),
             step_after=self._trial("step-after"),
             fit=self.fit,
+            given=None if s.given is None else s.given.model.to_dict(),
             proposal=self.proposal,
             metrics_before=self.metrics_before,
             metrics_after=self.metrics_after,

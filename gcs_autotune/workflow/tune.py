@@ -1,7 +1,8 @@
 """``tune``: from the link to proved gains, and back to where it started on every other ending.
 
 Order: connect, say what will happen, read and save the present parameters, fly the step as it is, swing the
-relay twice, identify, design, ask, write, read back, fly the same step, keep or give back, report.
+relay twice and identify (unless a model is given), design, ask, write, read back, fly the same step, keep or give
+back, report.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import replace
 from typing import Literal
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import Proposal, Spec, design, is_better
+from gcs_autotune.design import Proposal, Spec, design, design_from, is_better
 from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
@@ -30,6 +31,7 @@ from gcs_autotune.workflow.experiments import (
     step_for,
     turn_for,
 )
+from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
@@ -74,6 +76,8 @@ class _Tuner:
         self._craft = craft
         self._axis = axis_of(craft.firmware, settings.axis)
         self._sequencer = Sequencer(craft, settings.envelope, tale, self._keep)
+        self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
+        self._noise = 0.0
 
     def run(self) -> None:
         """Everything between coming aboard and leaving."""
@@ -110,9 +114,14 @@ class _Tuner:
         before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
         grain = resolution(before.trial)
         tale.metrics_before = measure(before.trial, resolution=grain)
-        fit = self._identify(throttle)
-        tale.metrics_before = measure(before.trial, fit.noise_std, grain)
-        proposal = self._design(fit, present, grain)
+        if self._given is None:
+            fit = self._identify(throttle)
+            self._noise = fit.noise_std
+            proposal = self._design(fit, present, grain)
+        else:
+            self._noise = self._given.noise_std
+            proposal = self._design_from_file(self._given, before.trial, present, grain)
+        tale.metrics_before = measure(before.trial, self._noise, grain)
         if proposal.changes:
             tale.say(_promise(proposal))
         if not proposal.changes:
@@ -140,21 +149,48 @@ class _Tuner:
         )
         return tale.fit
 
-    def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float) -> Proposal:
-        s, tale = self._settings, self._tale
-        tale.say("designing")
-        speed = tale.relay_speed()
-        spec = Spec(
+    def _design_from_file(self, given: Given, flown: Trial, present: Mapping[str, float], grain: float) -> Proposal:
+        tale, file = self._tale, given.file
+        share = think(self._craft, lambda: explained(given, flown))
+        if not math.isnan(share):
+            strange = "" if share >= STRANGE else ": is it a model of this craft, at this speed, with this full scale?"
+            tale.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
+        tale.say(f"designing from the model '{file.name}'")
+        spec = replace(self._spec(tale.speed_of([flown]), grain), full_scale=given.full_scale)
+        tale.proposal = think(
+            self._craft,
+            lambda: design_from(
+                file.model,
+                self._axis,
+                present,
+                spec,
+                inputs=file.inputs,
+                names=file.names,
+                covariance=file.covariance,
+            ),
+        )
+        for remark in tale.proposal.remarks:
+            tale.say(remark.sentence)
+        return tale.proposal
+
+    def _spec(self, speed: float, grain: float) -> Spec:
+        s, d = self._settings, DEFAULTS[self._axis.dof]
+        return Spec(
             kind=s.model,
             omega_0=s.omega_0,
             settling_time=s.settling_time,
-            step=abs(s.step) if s.step is not None else DEFAULTS[self._axis.dof].step,
+            step=abs(s.step) if s.step is not None else d.step,
             speed=speed if self._axis.needs_speed and speed > 0.0 else None,
-            step_duration=s.step_duration or DEFAULTS[self._axis.dof].step_duration,
-            noise_std=fit.noise_std,
+            step_duration=s.step_duration or d.step_duration,
+            noise_std=self._noise,
             quantum=grain,
             noise_bandwidth=0.5 * s.control_rate,
         )
+
+    def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float) -> Proposal:
+        tale = self._tale
+        tale.say("designing")
+        spec = self._spec(tale.relay_speed(), grain)
         tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec))
         return tale.proposal
 
@@ -166,8 +202,8 @@ class _Tuner:
             tale.say("written and read back")
             self._come_about(throttle)
             after = self._fly(step_for(self._settings, self._axis, speed, "step-after"), "step with new gains")
-            assert tale.fit is not None and tale.metrics_before is not None
-            tale.metrics_after = measure(after.trial, tale.fit.noise_std, grain)
+            assert tale.metrics_before is not None
+            tale.metrics_after = measure(after.trial, self._noise, grain)
             verdict = is_better(tale.metrics_before, tale.metrics_after)
             tale.verdict = (verdict.better, verdict.reasons)
             if verdict.better:
@@ -232,11 +268,12 @@ class _Tuner:
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
         gains = ", ".join(g.parameter for g in axis.gains)
+        swings = f" and oscillations about the present {axis.name}" if self._given is None else ""
         self._tale.announce(
             (
                 "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-                f"move: {shown} steps in {axis.name} and oscillations about the present {axis.name}{under_way}",
+                f"move: {shown} steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
                 if s.dry_run
                 else f"write some of {gains}, after asking again; the old values come back unless the new prove better",

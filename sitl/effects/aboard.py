@@ -14,7 +14,7 @@ __all__ = ["describe_vehicle"]
 
 _CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z"}
 _NAMES = {
-    "N": ("steering", "yaw", "delta"),
+    "N": ("steering", "rudder", "yaw", "delta"),
     "X": ("throttle", "surge"),
     "Z": ("vertical", "heave"),
 }
@@ -24,10 +24,10 @@ def describe_vehicle(vehicle: Vehicle, seed: str) -> Setting:
     """Return what effects may know of *vehicle* at power-up."""
     body, full = vehicle.body, vehicle.actuators.full
     inputs = {_CHANNELS[dof]: dof for dof in full}
-    signals = ("psi", "r", "phi", "theta", "p", "q", "u", "x", "y")
+    signals = ("psi", "r", "phi", "theta", "p", "q", "u", *["v"][: body.sways], "x", "y")
     return Setting(
         motion=body,
-        axes={dof: getattr(body, dof) for dof in full},
+        axes={dof: getattr(body, dof) for dof in (*full, *["sway"][: body.sways])},
         inputs=inputs,
         swing=dict.fromkeys(inputs, 1.0),
         gain=full,
@@ -43,6 +43,8 @@ def describe_vehicle(vehicle: Vehicle, seed: str) -> Setting:
 def _full_speed(vehicle: Vehicle) -> float:
     """Return the speed ahead [m/s] that full throttle holds."""
     axis, force = vehicle.body.surge, vehicle.actuators.full["surge"]
+    if axis.beta2 <= 0.0 >= axis.beta:
+        return 0.0
     if axis.beta2 > 0.0:
         return (math.sqrt(axis.beta**2 + 4.0 * axis.beta2 * force) - axis.beta) / (2.0 * axis.beta2)
     return force / axis.beta

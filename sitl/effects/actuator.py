@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import MutableMapping
 
-from sitl.effects.effect import Effect, Parameter, Setting
+from sitl.body import Loads
+from sitl.effects.effect import FORCE_OF, Effect, Parameter, Setting
 from sitl.effects.places import find_input
 
 __all__ = [
@@ -166,10 +167,17 @@ class AdvanceSpeedLoss(OnInput):
     def begin(self, setting: Setting) -> None:
         """Find the speed along the thruster."""
         super().begin(setting)
-        self._motion = setting.motion
-        self._speed = _SPEED_OF[setting.inputs[self.channel]]
+        dof = setting.inputs[self.channel]
+        self._motion, self._speed, self._name = setting.motion, _SPEED_OF[dof], FORCE_OF[dof]
+        self._loss = self["loss"] * setting.gain.get(dof, 1.0)
+        self._working = 0.0
 
     def act(self, t: float, dt: float, u: float) -> float:
+        """Note how hard the thruster works."""
+        self._working = abs(u)
+        return u
+
+    def alter_force(self, t: float, loads: Loads) -> None:
         """Take the loss off."""
         nu: float = getattr(self._motion, self._speed)
-        return u - self["loss"] * abs(u) * nu
+        setattr(loads, self._name, getattr(loads, self._name) - self._loss * self._working * nu)

@@ -13,7 +13,7 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 class CoriolisCoupling(Effect):
     """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
 
-    on_vehicles = "no: these do not sway"
+    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
     slug = "coriolis-coupling"
     meaning = "turning while moving pushes sideways (rigid body and added mass)"
     parameters = (
@@ -40,7 +40,7 @@ class CoriolisCoupling(Effect):
 class SwayYawCoupling(Effect):
     """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
 
-    on_vehicles = "no: these do not sway"
+    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
     slug = "sway-yaw-coupling"
     meaning = "sway turns and turning makes sway (off-diagonal mass and damping, centre of gravity off the middle)"
     parameters = (

@@ -106,14 +106,14 @@ class NetBuoyancy(Effect):
 
 
 class GroundEffect(Effect):
-    """More drag close to the bottom: times ``1 + strength exp(-(z_bottom - z)/length)``."""
+    """More drag close to the bottom: times ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"
     parameters = (
         Parameter("strength", "1", "drag at the bottom over drag far from it, less one"),
         Parameter("length", "m", "height over which it fades", least=1e-3),
-        Parameter("z_bottom", "m", "depth of the bottom; 0: the water's", 0.0),
+        Parameter("bottom", "m", "depth of the bottom; 0: the water's", 0.0),
     )
     on_vehicles = "heave (default), yaw, surge (ROVs)"
 
@@ -123,7 +123,7 @@ class GroundEffect(Effect):
             raise BadEffect("ground-effect needs a craft that dives")
         self._motion = setting.motion
         self._axis = setting.axes[find_dof(self, setting) if self.place else "heave"]
-        self._bottom = self["z_bottom"] or setting.bottom
+        self._bottom = self["bottom"] or setting.bottom
 
     def alter_parameters(self, t: float, body: Motion) -> None:
         """Scale the drag with the height above the bottom."""

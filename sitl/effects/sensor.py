@@ -17,11 +17,15 @@ _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
 
 
 class CompassDeviation(Effect):
-    """Semicircular deviation: the iron aboard turns the needle by ``B sin psi + C cos psi``."""
+    """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
     meaning = "iron aboard turns the compass needle (goes with sine and cosine of the heading)"
-    parameters = (Parameter("B", "rad", default=0.0), Parameter("C", "rad", default=0.0))
+    parameters = (
+        Parameter("B", "rad", default=0.0),
+        Parameter("C", "rad", default=0.0),
+        Parameter("A", "rad", "the lubber line's misalignment", 0.0),
+    )
     on_vehicles = "psi"
 
     def begin(self, setting: Setting) -> None:
@@ -30,7 +34,7 @@ class CompassDeviation(Effect):
 
     def alter_measurement(self, t: float, reading: Reading) -> None:
         """Turn the needle."""
-        reading.psi += self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
+        reading.psi += self["A"] + self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
 
 
 class GyroBias(Effect):

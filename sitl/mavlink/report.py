@@ -42,7 +42,7 @@ class _Field:
 
 _BOOT = _Field("time_boot_ms", 1e3, whole=True)
 _DEGREE = math.degrees(1.0)
-_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME[1]))
+_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME[0]))
 
 _FIELDS: Mapping[str, Mapping[str, _Field]] = {
     "ATTITUDE": {

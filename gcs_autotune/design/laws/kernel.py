@@ -15,11 +15,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.models import SingleDof
 
 __all__ = [
     "STANDING_MOST",
+    "actuate",
     "advance",
     "clip",
     "compiled",
@@ -88,7 +90,32 @@ smoothing = compiled(_smoothing)
 advance = compiled(_advance)
 
 
-def plant_vector(model: SingleDof, scenario: Scenario, dt: float, delay: float) -> NDArray[np.float64]:
+def _actuate(output: float, actuator: NDArray[np.float64], memory: NDArray[np.float64]) -> float:
+    """Return the force that *output* gives; *actuator* as ``Actuator.vector``.
+
+    memory : (4,) whether it has begun, and where limiter, lag and play are; changed. It begins settled at *output*.
+    """
+    if actuator[0] == 0.0:
+        return output
+    wish = clip(output, -actuator[1], actuator[1])
+    if memory[0] == 0.0:
+        memory[0], memory[1], memory[2] = 1.0, wish, wish
+        memory[3] = wish - clip(wish, -actuator[4], actuator[4])
+    memory[1] = clip(wish, memory[1] - actuator[2], memory[1] + actuator[2])
+    memory[2] += actuator[3] * (memory[1] - memory[2])
+    memory[3] = min(max(memory[3], memory[2] - actuator[4]), memory[2] + actuator[4])
+    u = memory[3]
+    size = max(abs(u) - actuator[5], 0.0)
+    size *= 1.0 - actuator[6] + actuator[6] * size / actuator[7]
+    return float(actuator[8] * size if u >= 0.0 else -actuator[9] * size)
+
+
+actuate = compiled(_actuate)
+
+
+def plant_vector(
+    model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT
+) -> NDArray[np.float64]:
     """Return what the kernels need of craft and scenario.
 
     ``(alpha, beta, beta_quadratic, delta, dt, substeps, delay in loops, step, push, loop at which it starts, loop at
@@ -111,7 +138,7 @@ def plant_vector(model: SingleDof, scenario: Scenario, dt: float, delay: float) 
             scenario.push,
             push_at,
             round(scenario.lead / dt),
-            model.delta if scenario.lead == 0.0 else 0.0,
+            -actuator.output_for(-model.delta) if scenario.lead == 0.0 else 0.0,
         ]
     )
 

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
@@ -76,7 +77,13 @@ class Law(Protocol):
         ...
 
     def simulate(
-        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
     ) -> Motion:
         """Fly *scenario* on *model* with everything nonlinear in place; *delay* [s] is beyond the model's."""
         ...

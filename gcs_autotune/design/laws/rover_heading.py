@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
+    actuate,
     advance,
     clip,
     compiled,
@@ -48,6 +50,7 @@ def _fly(
     limits: NDArray[np.float64],
     gyro: NDArray[np.float64],
     plant: NDArray[np.float64],
+    actuator: NDArray[np.float64],
     position: NDArray[np.float64],
     output: NDArray[np.float64],
 ) -> None:
@@ -70,6 +73,7 @@ def _fly(
     psi = clip(-demand / ang, -STANDING_MOST, STANDING_MOST)
     trim = scale * (integral + (kff + kp) * demand)
     limited = not grows
+    memory = np.zeros(4)
     for k in range(len(position)):
         position[k] = psi
         aim = step if k >= step_at else 0.0
@@ -93,7 +97,7 @@ def _fly(
         servo = clip(u, -1.0, 1.0)
         limited = not grows or servo != u
         output[k] = servo
-        applied = output[k - wait] if k >= wait else trim
+        applied = actuate(output[k - wait] if k >= wait else trim, actuator, memory)
         force = applied + (push if k >= push_at else 0.0)
         psi, r = advance(psi, r, force, plant)
 
@@ -179,7 +183,13 @@ class RoverHeading:
         return [exact, gentle]
 
     def simulate(
-        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
     ) -> Motion:
         """Fly *scenario*."""
         dt = self.loop_period(settings)
@@ -200,7 +210,15 @@ class RoverHeading:
         )
         gains = np.array([settings[n] for n in (FF, P, I, D, ANG)])
         gyro = gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt)
-        _kernel(gains, limits, gyro, plant_vector(model, scenario, dt, delay), position, output)
+        _kernel(
+            gains,
+            limits,
+            gyro,
+            plant_vector(model, scenario, dt, delay, actuator),
+            actuator.vector(dt),
+            position,
+            output,
+        )
         return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def _parts(self, settings: Settings, speed: float | None) -> tuple[Rational, Rational, Rational]:

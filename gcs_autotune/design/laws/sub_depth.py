@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
+    actuate,
     advance,
     clip,
     compiled,
@@ -46,6 +48,7 @@ def _fly(
     gains: NDArray[np.float64],
     limits: NDArray[np.float64],
     plant: NDArray[np.float64],
+    actuator: NDArray[np.float64],
     position: NDArray[np.float64],
     output: NDArray[np.float64],
 ) -> None:
@@ -62,6 +65,7 @@ def _fly(
     z = clip(-v_error / max(pos, 1e-9), -STANDING_MOST, STANDING_MOST)
     thrust = trim = clip(OUTPUT * (acc + acc_ff) * a_target + integral - hover, -1.0, 1.0)
     limited = False
+    memory = np.zeros(4)
     for k in range(len(position)):
         position[k] = z
         aim = step if k >= step_at else 0.0
@@ -78,7 +82,7 @@ def _fly(
         thrust += f_u * (clip(u, -1.0, 1.0) - thrust)
         limited = abs(thrust) >= 0.999
         output[k] = thrust
-        applied = output[k - wait] if k >= wait else trim
+        applied = actuate(output[k - wait] if k >= wait else trim, actuator, memory)
         was = w
         z, w = advance(z, w, applied + (push if k >= push_at else 0.0), plant)
         a = (w - was) / dt
@@ -143,7 +147,13 @@ class SubDepth:
         return [*(f for f in found if f), gentle]
 
     def simulate(
-        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
     ) -> Motion:
         """Fly *scenario*."""
         dt = self.loop_period(settings)
@@ -162,7 +172,9 @@ class SubDepth:
             ]
         )
         gains = np.array([settings[n] for n in (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF)])
-        _kernel(gains, limits, plant_vector(model, scenario, dt, delay), position, output)
+        _kernel(
+            gains, limits, plant_vector(model, scenario, dt, delay, actuator), actuator.vector(dt), position, output
+        )
         return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
+    actuate,
     advance,
     clip,
     compiled,
@@ -42,6 +44,7 @@ def _fly(
     limits: NDArray[np.float64],
     gyro: NDArray[np.float64],
     plant: NDArray[np.float64],
+    actuator: NDArray[np.float64],
     position: NDArray[np.float64],
     output: NDArray[np.float64],
 ) -> None:
@@ -64,6 +67,7 @@ def _fly(
     psi = clip(-target / max(ang, 1e-9), -STANDING_MOST, STANDING_MOST)
     trim = integral + kp * target
     limited = False
+    memory = np.zeros(4)
     for k in range(len(position)):
         position[k] = psi
         aim = step if k >= step_at else 0.0
@@ -91,7 +95,7 @@ def _fly(
         thrust = clip(u, -1.0, 1.0)
         limited = thrust != u
         output[k] = thrust
-        applied = output[k - wait] if k >= wait else trim
+        applied = actuate(output[k - wait] if k >= wait else trim, actuator, memory)
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 
@@ -162,7 +166,13 @@ class SubHeading:
         ]
 
     def simulate(
-        self, model: SingleDof, settings: Settings, scenario: Scenario, speed: float | None, delay: float
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
     ) -> Motion:
         """Fly *scenario*."""
         dt = self.loop_period(settings)
@@ -183,7 +193,15 @@ class SubHeading:
         )
         gains = np.array([settings[n] for n in (P, I, D, ANG)])
         gyro = gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt)
-        _kernel(gains, limits, gyro, plant_vector(model, scenario, dt, delay), position, output)
+        _kernel(
+            gains,
+            limits,
+            gyro,
+            plant_vector(model, scenario, dt, delay, actuator),
+            actuator.vector(dt),
+            position,
+            output,
+        )
         return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational]:

@@ -12,7 +12,7 @@ from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
 from gcs_autotune.identify.result import Doubt
 
-__all__ = ["doubts_of", "fit_percent_of"]
+__all__ = ["doubts_of", "fit_percent_of", "general_doubts"]
 
 POOR = 70.0
 """Fit [%] of a signal below which it counts as unexplained, when its residuals are coloured as well."""
@@ -34,24 +34,23 @@ def doubts_of(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt
     """Return what is doubtful about the chosen fit, what the records already said first."""
     solution, records = chosen.local.solution, chosen.local.records
     found = [doubt for record in case.records for doubt in record.notes]
-    found += [
-        doubt
-        for doubt in (
-            _not_converged(solution),
-            _pieces(chosen),
-            _at_bound(solution),
-            _not_excited(solution),
-            _together(solution),
-            _reversed(solution),
-            _delay(chosen),
-            _poor(solution),
-            _coloured(solution),
-            _outliers(solution, robust=case.robust),
-            run_apart(solution, records, limits),
-        )
-        if doubt is not None
-    ]
+    of_its_own = (_pieces(chosen), _reversed(solution), _delay(chosen), run_apart(solution, records, limits))
+    found += [*general_doubts(solution, robust=case.robust), *(d for d in of_its_own if d is not None)]
     return tuple({(d.slug, d.cause): d for d in found}.values())
+
+
+def general_doubts(solution: CoupledSolution, *, robust: bool = False) -> list[Doubt]:
+    """Return what is doubtful about any solution, whatever its parameters mean."""
+    asked = (
+        _not_converged(solution),
+        _at_bound(solution),
+        _not_excited(solution),
+        _together(solution),
+        _poor(solution),
+        _coloured(solution),
+        _outliers(solution, robust=robust),
+    )
+    return [doubt for doubt in asked if doubt is not None]
 
 
 def fit_percent_of(solution: CoupledSolution) -> float:

@@ -23,7 +23,7 @@ from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.rounds import Effort, alternate, errors_of, likeliest
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["THOROUGH", "CoupledSolution", "solve_coupled"]
+__all__ = ["THOROUGH", "CoupledSolution", "inflation_of", "near_bound", "solve_coupled"]
 
 Array = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ def solve_coupled(
         return None
     laws = likeliest(residuals, laws, spent=float(len(minimum.x)))
     columns = [objective.columns(r) for r in residuals]
-    at_bound = _at_bound(names, minimum.x, low, high)
+    at_bound = near_bound(names, minimum.x, low, high)
     whole, blind = _covariance(objective, residuals, columns, laws, at_bound)
     own = [laws[r.signal.name] for r in residuals]
     scores = tuple(law.std * law.terms(r.error).slope for r, law in zip(residuals, own, strict=True))
@@ -150,7 +150,7 @@ def solve_coupled(
         rows=rows,
         scores=scores,
         whole=whole,
-        factors=_inflation(whole, scores, rows, len(names)),
+        factors=inflation_of(whole, scores, rows, len(names)),
         log_likelihood=sum(law.log_likelihood(errors_of(residuals, name)) for name, law in last.items()),
         cost=minimum.cost,
         n=sum(len(r.error) for r in residuals),
@@ -160,7 +160,8 @@ def solve_coupled(
     )
 
 
-def _at_bound(names: Sequence[str], x: Array, low: Array, high: Array) -> tuple[str, ...]:
+def near_bound(names: Sequence[str], x: Array, low: Array, high: Array) -> tuple[str, ...]:
+    """Return which of *names*, the first entries of *x*, stand on a limit."""
     found = []
     for i, name in enumerate(names):
         for edge in (low[i], high[i]):
@@ -189,7 +190,7 @@ def _covariance(
     return whole, tuple(n for n, s in zip(names, seen, strict=True) if n and not s)
 
 
-def _inflation(whole: Array, scores: Sequence[Array], rows: Sequence[Array], k: int) -> Array:
+def inflation_of(whole: Array, scores: Sequence[Array], rows: Sequence[Array], k: int) -> Array:
     """Return the factors (k,), 1 or more, by which coloured residuals raise the standard errors."""
     if all_white(scores):
         return np.ones(k)

@@ -80,6 +80,12 @@ class Fitted:
         return ExtendedModel(CoupledModel(self.form, values), self.effects)
 
     @property
+    def shared(self) -> Array:
+        """The fitted numbers (f,): base parameters, then those of the effects."""
+        places = [self.form.parameters.index(n) for n in self.free]
+        return np.concatenate([self.theta[places], [self.effects[i].values[n] for i, n in self.free_effects]])
+
+    @property
     def parameters(self) -> int:
         """How many numbers were fitted besides initial states."""
         return len(self.free) + len(self.free_effects)
@@ -132,6 +138,13 @@ class Problem:
         """Return the same problem on other stretches (or with other base parameters free)."""
         return Problem(self.form, stretches, self.scene, self.limits, self.free if free is None else free)
 
+    def edges(self, effects: Sequence[Applied], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
+        """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""
+        low, high = self.limits.of(self.free)
+        own = [BOOK[effects[i].slug].bounds(effects[i].place, self.scene) for i, _ in free_effects]
+        pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(own, free_effects, strict=True)]
+        return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
+
     def fit(
         self,
         theta: Array,
@@ -146,11 +159,14 @@ class Problem:
         task = _Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
+        learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
+        if learns:
+            task.learn(x)
         minimum = descend(task.local, x, low, high, trials=trials, tolerance=TOLERANCE)
         if minimum is None:
             return None
-        if learn and any(BOOK[e.slug].overrides("learn") for e in task.effects):
-            for _ in range(LESSONS):
+        if learns:
+            for _ in range(LESSONS if trials > 1 else 0):
                 task.learn(minimum.x)
                 again = descend(task.local, minimum.x, low, high, trials=trials, tolerance=TOLERANCE)
                 if again is None:
@@ -219,15 +235,9 @@ class _Task:
         return np.concatenate([self.theta[self.places], own, *states])
 
     def limits(self) -> tuple[Array, Array]:
-        scene = self.problem.scene
-        low, high = self.problem.limits.of(self.problem.free)
-        edges = [BOOK[self.effects[i].slug].bounds(self.effects[i].place, scene) for i, _ in self.free_effects]
-        pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(edges, self.free_effects, strict=True)]
+        low, high = self.problem.edges(self.effects, self.free_effects)
         rest = np.full(self.size - self.shared, np.inf)
-        return (
-            np.concatenate([low, [p[0] for p in pairs], -rest]),
-            np.concatenate([high, [p[1] for p in pairs], rest]),
-        )
+        return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array]]:
         p = len(self.places)

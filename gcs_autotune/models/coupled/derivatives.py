@@ -14,14 +14,18 @@ name          meaning                                                     term
 ``K_phi``     restoring, linear in an angle or in ``z``                   ``K_phi * phi``
 ``K_sinphi``  restoring of a weight below buoyancy                        ``K_sinphi * sin(phi)``
 ``N_sinpsi``  goes with the heading, likewise ``N_cospsi``                ``N_sinpsi * sin(psi)``
-``Z_nearw``   grows towards the bottom, ``exp(z / reach)``                ``Z_nearw * near * w``
+``Z_nearw``   grows towards the bottom: ``exp((z - bottom) / reach)``     ``Z_nearw * near * w``
 ``Y_delta``   input derivative; ``N_uudelta``: with ``|u| u``             ``Y_delta * delta``
 ============  ==========================================================  ==========================
 
 Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
 ``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
-``A_psi``, ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``reach`` [m] of the bottom. An
-input called ``payload`` drives nothing: it multiplies the inertia as time goes on.
+``drift_x``, ``drift_y`` a current that measured velocities do not show because they are through the water, ``A_psi``,
+``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``bottom`` [m] a depth and ``reach`` [m] how
+far above it the bottom is felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
+
+Two inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
+craft whose heave is not simulated.
 """
 
 from __future__ import annotations
@@ -35,11 +39,13 @@ from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS
 
 __all__ = [
+    "DEPTH",
     "FORCES",
     "PAYLOAD",
     "RIGID_BODY",
     "SPECIAL",
     "STATES",
+    "WALLS",
     "Inertia",
     "Term",
     "inertia_of",
@@ -65,13 +71,20 @@ RIGID_BODY: Mapping[str, str] = {
 }
 """Rigid-body constants and their units."""
 
-SPECIAL: Mapping[str, str] = {"delay": "s", "lag": "s", "V_x": "m/s", "V_y": "m/s", "reach": "m"} | dict.fromkeys(
-    COEFFICIENTS, "rad"
-)
+WALLS = tuple(f"wall_{force}" for force in FORCES)
+"""By which share drag is larger at the bottom, per row."""
+
+SPECIAL: Mapping[str, str] = {
+    **dict.fromkeys(("delay", "lag"), "s"),
+    **dict.fromkeys(("V_x", "V_y", "drift_x", "drift_y"), "m/s"),
+    **dict.fromkeys(COEFFICIENTS, "rad"),
+    **dict.fromkeys(("reach", "bottom"), "m"),
+    **dict.fromkeys(WALLS, "1"),
+}
 """What is neither force nor inertia, and its unit."""
 
-PAYLOAD = "payload"
-"""The input that multiplies the inertia."""
+PAYLOAD, DEPTH = "payload", "depth"
+"""The input that multiplies the inertia, and that which stands for ``z``."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
 _SHAPES = {

@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.models.coupled import kernel
-from gcs_autotune.models.coupled.derivatives import FORCES, PAYLOAD, RIGID_BODY, SPECIAL, inertia_of, term_of
+from gcs_autotune.models.coupled.derivatives import (
+    DEPTH,
+    FORCES,
+    PAYLOAD,
+    RIGID_BODY,
+    SPECIAL,
+    WALLS,
+    inertia_of,
+    term_of,
+)
 from gcs_autotune.models.coupled.form import Form
 from gcs_autotune.models.coupled.kernel import Program
 from gcs_autotune.sname import DOFS
@@ -60,16 +69,21 @@ def _program(key: tuple[Any, ...]) -> Program:
         column=column,
         rows=np.array([t[0] for t in terms], dtype=np.int64),
         pars=np.array([t[1] for t in terms], dtype=np.int64),
-        coefs=np.array([t[2] for t in terms], dtype=np.float64),
-        factors=np.array([t[3] for t in terms], dtype=np.int64).reshape(-1, 3),
+        scales=np.array([t[2] for t in terms], dtype=np.int64),
+        coefs=np.array([t[3] for t in terms], dtype=np.float64),
+        factors=np.array([t[4] for t in terms], dtype=np.int64).reshape(-1, 3),
         inertia=np.array([e[:3] for e in inertia], dtype=np.int64).reshape(-1, 3),
         inertia_coefs=np.array([e[3] for e in inertia], dtype=np.float64),
         delay=where("delay"),
         lag=where("lag"),
         current_x=where("V_x"),
         current_y=where("V_y"),
+        drift_x=where("drift_x"),
+        drift_y=where("drift_y"),
         reach=where("reach"),
+        bottom=where("bottom"),
         payload=list(form.inputs).index(PAYLOAD) if PAYLOAD in form.inputs else -1,
+        depth=list(form.inputs).index(DEPTH) if DEPTH in form.inputs else -1,
         coriolis=int(form.coriolis),
         spatial=int(spatial),
         m=len(form.inputs),
@@ -99,9 +113,11 @@ def program_of(form: Form) -> Program:
     return _program((_Key(form),))
 
 
-def _terms(form: Form, rows: Sequence[int]) -> list[tuple[int, int, float, tuple[int, int, int]]]:
+def _terms(form: Form, rows: Sequence[int]) -> list[tuple[int, int, int, float, tuple[int, int, int]]]:
+    """Return (row, parameter, second parameter, coefficient, factors) of every term, -1 for none."""
     names, inputs = form.parameters, tuple(form.inputs)
-    terms: list[tuple[int, int, float, tuple[int, int, int]]] = []
+    walls = {row: names.index(name) for row, name in enumerate(WALLS) if name in names}
+    terms: list[tuple[int, int, int, float, tuple[int, int, int]]] = []
     gains: set[str] = set()
     for i, channel in enumerate(inputs):
         for force, gain in form.inputs[channel]:
@@ -112,16 +128,23 @@ def _terms(form: Form, rows: Sequence[int]) -> list[tuple[int, int, float, tuple
             if isinstance(gain, str):
                 gains.add(gain.lstrip("-"))
                 sign = -1.0 if gain.startswith("-") else 1.0
-                terms.append((row, names.index(gain.lstrip("-")), sign, factors))
+                terms.append((row, names.index(gain.lstrip("-")), -1, sign, factors))
             else:
-                terms.append((row, -1, float(gain), factors))
+                terms.append((row, -1, -1, float(gain), factors))
     for p, name in enumerate(names):
         if name in RIGID_BODY or name in SPECIAL or name in gains or inertia_of(name) is not None:
             continue
         term = term_of(name, inputs)
-        padded = [*term.factors, -1, -1, -1][:3]
-        terms.append((term.row, p, 1.0, (padded[0], padded[1], padded[2])))
+        terms.append((term.row, p, -1, 1.0, _padded(term.factors)))
+        drag = {term.row + kernel.NU, term.row + kernel.NU_SIZE}
+        if term.row in walls and 1 <= len(term.factors) <= 2 and drag.issuperset(term.factors):
+            terms.append((term.row, p, walls[term.row], 1.0, _padded((*term.factors, kernel.NEAR))))
     return terms
+
+
+def _padded(factors: Sequence[int]) -> tuple[int, int, int]:
+    padded = [*factors, -1, -1, -1]
+    return padded[0], padded[1], padded[2]
 
 
 def _inertia_entries(form: Form) -> list[tuple[int, int, int, float]]:

@@ -1,0 +1,101 @@
+"""The blind suite by one command: ``python3 -m benchmarks.blind``; see ``--help``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from benchmarks.blind.foreign import FOREIGN  # noqa: E402
+from benchmarks.blind.referee import Outcome, play  # noqa: E402
+from benchmarks.blind.scoring import report, tally  # noqa: E402
+from benchmarks.blind.sizes import RECIPES  # noqa: E402
+
+SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
+"""Of all cases when every kind is played."""
+
+Task = tuple[str, int, int, str]
+
+
+def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
+    """Return (kind, seed, index, slug) of *cases* cases; effects by turns, so that each comes equally often."""
+    counts = {k: round(share * cases) for k, share in SHARES.items()} if kind == "all" else {kind: cases}
+    found: list[Task] = []
+    for each, count in counts.items():
+        table: Sequence[str] = {"single": list(RECIPES), "foreign": list(FOREIGN)}.get(each, [""])
+        chosen = [s for s in table if not only or s in only or not s]
+        if chosen:
+            found += [(each, seed, i // len(chosen), chosen[i % len(chosen)]) for i in range(count)]
+    return found
+
+
+def outcomes(todo: Sequence[Task], jobs: int) -> Iterator[Outcome]:
+    """Play *todo*, in the order in which they are done; no more under way than there are *jobs*, twice over."""
+    if jobs == 1:
+        for task in todo:
+            yield play(*task)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        waiting = iter(todo)
+        running: set[Future[Outcome]] = {pool.submit(play, *task) for task in islice(waiting, 2 * jobs)}
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            running |= {pool.submit(play, *task) for task in islice(waiting, len(done))}
+            for future in done:
+                yield future.result()
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind", description=__doc__)
+    parser.add_argument("--cases", type=int, default=340, help="how many (340)")
+    parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--only", default="", help="slugs, joined by commas")
+    parser.add_argument("--kind", choices=("all", *SHARES), default="all")
+    parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
+    parser.add_argument("--quiet", action="store_true", help="the report only")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Play, print, and return 0."""
+    asked = _parsed(arguments)
+    only = [s for s in asked.only.split(",") if s]
+    strange = [s for s in only if s not in RECIPES and s not in FOREIGN]
+    if strange:
+        print(f"no effect called {', '.join(strange)}", file=sys.stderr)
+        return 2
+    todo = tasks(asked.kind, asked.cases, asked.seed, only)
+    old: list[Outcome] = []
+    if asked.save and asked.save.exists():
+        old = [Outcome.from_json(line) for line in asked.save.read_text(encoding="utf-8").splitlines() if line]
+    known = {(o.kind, o.seed, o.index, o.slug): o for o in old}
+    done = [known[task] for task in todo if task in known]
+    for outcome in outcomes([task for task in todo if task not in known], asked.jobs):
+        done.append(outcome)
+        if asked.save:
+            with asked.save.open("a", encoding="utf-8") as stream:
+                stream.write(outcome.to_json() + "\n")
+        if not asked.quiet:
+            print(_said(outcome), "|", len(done), "of", len(todo), "|", tally(done), flush=True)
+    print(report(done))
+    return 0
+
+
+def _said(o: Outcome) -> str:
+    mark = "right" if o.strictly_right else "group" if o.right else "WRONG"
+    truth = "+".join(f"{t}@{p}" for t, p in zip(o.truth, o.places, strict=False)) or "nothing"
+    answer = "+".join(f"{c}@{p}" for c, p in zip(o.causes, o.found_at, strict=True))
+    head = f"{mark} {o.kind} {o.index} {o.craft} T={o.pace:.2g} s x{o.ratio:.2f}"
+    return f"{head}: {truth} -> {o.verdict} {answer} {o.seconds:.1f} s"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,330 @@
+"""One case drawn: an effect, a craft and manoeuvres, weighed so that it matters, flown in the tank with noise.
+
+How much an effect matters is the held-out error of the plain model over that of noise alone. That ratio is drawn
+(log-uniform) and the sensors' noise set to it, within what sensors have; a size for which that cannot be is drawn
+again. What counts for waves is how far their error can be foretold from its own past. So small effects come with good
+sensors and large ones with poor, and what counts is known without asking the diagnosis.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blind.craft import POSITION, Craft, draw_craft, log_uniform
+from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
+from benchmarks.blind.foreign import FOREIGN
+from benchmarks.blind.plain import errors_of, misfit, whitened
+from benchmarks.blind.secret import Hidden
+from benchmarks.blind.sizes import RECIPES
+from gcs_autotune.trial import Channel, Trial
+from sitl.effects import Effect, make_effect
+from sitl.tank import Hull, tow
+
+__all__ = ["Case", "NoCase", "draw_case"]
+
+Array = NDArray[np.float64]
+Rng = np.random.Generator
+File = Mapping[str, Array]
+
+LEAST_RATIO, MOST_RATIO = 1.25, 6.0
+"""Held-out error of the plain model over the noise; 1.25: the true extension lowers it by 20 %."""
+LEAST_DOUBLE, MOST_DOUBLE = 1.5, 5.0
+"""The same of the smaller one of two effects."""
+LEAST_NOISE, MOST_NOISE = 0.003, 0.1
+"""Noise in shares of what each signal does."""
+DRAWS = 200
+BOTTOM = 20.0
+UNITS = {
+    **dict.fromkeys("uvw", "m/s"),
+    **dict.fromkeys("xyz", "m"),
+    **dict.fromkeys("XYZ", "N"),
+    "N": "N m",
+    **dict.fromkeys(("psi", "delta"), "rad"),
+    "r": "rad/s",
+}
+_UNFORESEEN = {"wave-disturbance"}
+"""No simulation foretells them: knowing them is worth what an error's own past foretells of it."""
+_LATE = {"input-delay", "time-offset", "measurement-delay", "actuator-lag", "rate-limit", "time-scale"}
+_MEMORYLESS = {"saturation", "dead-zone", "backlash", "quadratic-actuator", "rudder-stall", "asymmetric-thrust"}
+_CONSTANT = {"input-bias", "gyro-bias", "net-buoyancy", "tether-pull"}
+_SLOWED = {"quadratic-drag", "linear-drag", "advance-speed-loss", "ground-effect"}
+_COMPLETE = {"unit-error", "sign-error", "channel-swap"}
+_CLASHES = (_LATE, _MEMORYLESS, _CONSTANT, _SLOWED, _COMPLETE)
+"""Two effects of one of these sets are too much alike to ask for both."""
+
+
+class NoCase(RuntimeError):
+    """No size of this effect could be drawn that counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Runs with a secret. ``ratio``: held-out error of the plain model over the noise; ``noise``: share of the signals.
+
+    ``truth``: slug -> (place, numbers as the book counts them).
+    """
+
+    kind: str
+    index: int
+    truth: Mapping[str, tuple[str, Mapping[str, float]]]
+    craft: Craft
+    runs: tuple[Trial, ...]
+    unseen: tuple[Trial, ...]
+    plain: str
+    ratio: float
+    noise: float
+    manoeuvres: tuple[str, ...]
+    levels: Mapping[str, float]
+    """Standard deviation of the noise of every signal."""
+
+    @property
+    def slugs(self) -> tuple[str, ...]:
+        """Names of what is hidden."""
+        return tuple(self.truth)
+
+
+@dataclass(frozen=True, eq=False)
+class _Voyage:
+    """Everything about the flying that is drawn before any noise."""
+
+    craft: Craft
+    commands: tuple[Mapping[str, Array], ...]
+    initial: tuple[Mapping[str, float], ...]
+    names: tuple[str, ...]
+    seeds: tuple[int, ...]
+    plain: str
+
+
+def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
+    """Return case number *index* of *kind* (``single``, ``clean``, ``double``, ``foreign``).
+
+    *slug*: the effect of a single or foreign case.
+
+    Raises
+    ------
+    NoCase
+        It could not be made to count.
+    """
+    rng = np.random.default_rng([seed, zlib.crc32(f"{kind}/{slug}".encode()), index])
+    drawn = {"single": _single, "clean": _clean, "double": _double, "foreign": _foreign}[kind]
+    for _ in range(DRAWS):
+        case = drawn(rng, slug)
+        if case is not None:
+            return replace(case, kind=kind, index=index)
+    raise NoCase(f"{kind} {slug}: no case that counts in {DRAWS} draws")
+
+
+# -- the four kinds
+
+
+def _single(rng: Rng, slug: str) -> Case | None:
+    recipe = RECIPES[slug]
+    hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
+    if hidden.turns and not turns_round(hidden.craft):
+        return None
+    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
+
+
+def _foreign(rng: Rng, slug: str) -> Case | None:
+    craft = draw_craft(str(rng.choice(("yaw", "surge", "heave"))), rng)
+    hidden = Hidden(slug, craft.input, FOREIGN[slug].drawn(rng, craft), craft)
+    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=False)
+
+
+def _clean(rng: Rng, slug: str) -> Case | None:
+    craft = draw_craft(str(rng.choice(("yaw", "yaw", "surge", "heave", "steered", "boat", "raft"))), rng)
+    nothing = Hidden("", "", {}, craft, turns=bool(rng.random() < 0.5))
+    voyage = _voyage(rng, [nothing])
+    noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
+    levels = _sizes(rng, craft, noise)
+    files = _fly(voyage, [], levels)
+    return _case(rng, voyage, [], files, 1.0, noise, levels)
+
+
+def _double(rng: Rng, slug: str) -> Case | None:
+    craft = draw_craft(str(rng.choice(("yaw", "yaw", "surge", "heave", "boat"))), rng)
+    fitting = [s for s, recipe in RECIPES.items() if craft.kind in recipe.kinds and s != "linear-drag"]
+    one, two = (str(s) for s in rng.choice(fitting, 2, replace=False))
+    if any({one, two} <= clash for clash in _CLASHES):
+        return None
+    pair = [RECIPES[one].draw(rng, craft), RECIPES[two].draw(rng, craft)]
+    if pair[0].place == pair[1].place and pair[0].place in craft.signals:
+        return None
+    voyage = _voyage(rng, pair)
+    sizes = _sizes(rng, craft, 1.0)
+    alone = [_misfit(voyage, _fly(voyage, [hidden]), sizes) for hidden in pair]
+    coarse = [RECIPES[h.slug].coarse for h in pair]
+    matters = [e for e, only_size in zip(alone, coarse, strict=True) if not only_size] or alone
+    if min(alone) <= 0.0 or (not any(coarse) and max(alone) > 5.0 * min(alone)):
+        return None
+    noise = min(matters) / np.sqrt(log_uniform(rng, LEAST_DOUBLE, MOST_DOUBLE) ** 2 - 1.0)
+    if not LEAST_NOISE <= noise <= MOST_NOISE or min(alone) / noise < np.sqrt(LEAST_DOUBLE**2 - 1.0):
+        return None
+    levels = {n: noise * s for n, s in sizes.items()}
+    files = _fly(voyage, pair, levels)
+    return _case(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise, levels)
+
+
+def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: bool) -> Case | None:
+    """Return the case with noise such that the effect counts as drawn; None when no sensor has that noise."""
+    sizes = _sizes(rng, voyage.craft, 1.0)
+    wanted = log_uniform(rng, LEAST_RATIO, MOST_RATIO)
+    if coarse:
+        noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
+    elif hidden[0].slug in _UNFORESEEN:
+        noise = _veiling(voyage, _fly(voyage, hidden), sizes, wanted)
+    else:
+        noise = _misfit(voyage, _fly(voyage, hidden), sizes) / np.sqrt(wanted**2 - 1.0)
+    if not LEAST_NOISE <= noise <= MOST_NOISE:
+        return None
+    levels = {n: noise * s for n, s in sizes.items()}
+    files = _fly(voyage, hidden, levels)
+    ratio = _misfit(voyage, files, sizes) / noise
+    return _case(rng, voyage, hidden, files, ratio, noise, levels) if ratio >= LEAST_RATIO else None
+
+
+# -- flying
+
+
+def _voyage(rng: Rng, hidden: Sequence[Hidden]) -> _Voyage:
+    craft = hidden[-1].craft
+    turns = any(h.turns for h in hidden)
+    count = int(rng.integers(2, 4)) + 1
+    names = tuple(str(n) for n in rng.choice(list(MANOEUVRES), count, replace=False))
+    commands = [draw_commands(rng, craft, name, turns=turns) for name in names]
+    initial = []
+    for k in range(count):
+        start = {"psi": float(rng.uniform(-np.pi, np.pi))} if "yaw" in craft.dofs else {}
+        for h in hidden:
+            start.update({n: float(rng.normal(mean, spread)) for n, (mean, spread) in h.start.items()})
+        if any(h.near_bottom for h in hidden):
+            dived = tow(_hull(craft, hidden[0].plain), commands[k], **_clock(craft), measured=("z",))["z"]
+            start["z"] = BOTTOM - float(dived.max()) - craft.top["heave"] * craft.pace * rng.uniform(0.02, 0.2)
+        initial.append(start)
+    seeds = tuple(int(s) for s in rng.integers(0, 2**31, count))
+    return _Voyage(craft, tuple(commands), tuple(initial), names, seeds, hidden[0].plain)
+
+
+def _hull(craft: Craft, plain: str) -> Hull:
+    linear = craft.linear if plain == "linear" else dict.fromkeys(craft.dofs, 0.0)
+    return Hull(craft.dofs, craft.inertia, linear, bottom=BOTTOM)
+
+
+def _clock(craft: Craft) -> dict[str, float]:
+    return {"duration": craft.duration, "interval": craft.interval}
+
+
+def _sizes(rng: Rng, craft: Craft, noise: float) -> dict[str, float]:
+    """Return the noise of every signal: that share of what it does, one sensor better than the other."""
+    return {n: noise * craft.scale[n] * log_uniform(rng, 0.5, 2.0) for n in craft.signals}
+
+
+def _fly(voyage: _Voyage, hidden: Sequence[Hidden], noise: Mapping[str, float] | None = None) -> list[File]:
+    """Return one file per run; without *noise* what perfect sensors would report."""
+    full = {c: max(float(np.abs(run[c]).max()) for run in voyage.commands[:-1]) for c in voyage.craft.drives}
+    files = []
+    for k, commands in enumerate(voyage.commands):
+        effects = [_made(h, full) for h in hidden if h.slug and (h.in_runs is None or k in h.in_runs)]
+        files.append(
+            tow(
+                _hull(voyage.craft, voyage.plain),
+                commands,
+                **_clock(voyage.craft),
+                measured=voyage.craft.signals,
+                effects=effects,
+                noise=noise,
+                seed=voyage.seeds[k],
+                initial=voyage.initial[k],
+            )
+        )
+    return files
+
+
+def _made(hidden: Hidden, full: Mapping[str, float]) -> Effect:
+    if hidden.slug in FOREIGN:
+        return FOREIGN[hidden.slug](hidden.place, **hidden.values)
+    values = dict(hidden.values)
+    if hidden.slug == "quadratic-actuator":
+        values["u_ref"] = full[hidden.place]
+    return make_effect(hidden.slug, hidden.place if hidden.place != "t" else "", values)
+
+
+def _misfit(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float]) -> float:
+    return misfit(voyage.craft, files[:-1], files[-1:], sizes, drag=voyage.plain != "none")
+
+
+def _veiling(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float], wanted: float) -> float:
+    """Return the noise with which foreseeing an error from its own past lowers it by *wanted*."""
+    errors = errors_of(voyage.craft, files[:-1], files[-1:], sizes)
+    low, high = np.log(LEAST_NOISE), np.log(MOST_NOISE)
+    if not whitened(errors, np.exp(high)) < wanted < whitened(errors, np.exp(low)):
+        return 0.0
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if whitened(errors, float(np.exp(middle))) > wanted else (low, middle)
+    return float(np.exp(low))
+
+
+def _case(
+    rng: Rng,
+    voyage: _Voyage,
+    hidden: Sequence[Hidden],
+    files: Sequence[File],
+    ratio: float,
+    noise: float,
+    levels: Mapping[str, float],
+) -> Case:
+    wraps = bool(rng.random() < 0.3) and not any(
+        (h.place == "yaw" and h.slug == "tether-pull") or (h.place == "psi" and h.slug != "compass-deviation")
+        for h in hidden
+    )
+    trials = [_trial(f"run{k + 1}", file, wraps) for k, file in enumerate(files)]
+    keeps = 1 if rng.random() < 0.7 else 0
+    return Case(
+        kind="",
+        index=0,
+        truth={h.slug: (_told(h), _counted(h, voyage.craft, files[:-1])) for h in hidden},
+        craft=voyage.craft,
+        runs=tuple(trials[:-1]),
+        unseen=tuple(trials[-1:] if keeps else ()),
+        plain=voyage.plain,
+        ratio=ratio,
+        noise=noise,
+        manoeuvres=voyage.names,
+        levels=levels,
+    )
+
+
+def _trial(name: str, file: File, wraps: bool) -> Trial:
+    channels = {}
+    for column, values in file.items():
+        if column != "t":
+            shown = np.remainder(values + np.pi, 2.0 * np.pi) - np.pi if wraps and column == "psi" else values
+            channels[column] = Channel(column, UNITS[column], file["t"], shown)
+    return Trial(name, channels)
+
+
+def _told(hidden: Hidden) -> str:
+    """Return the place, with the run when only one has it."""
+    return hidden.place if hidden.in_runs is None else f"{hidden.place}@run{hidden.in_runs[0] + 1}"
+
+
+def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, float]:
+    """Return the numbers as the book's entry counts them, which has to read its references off the files."""
+    values = dict(hidden.values)
+    if hidden.slug == "speed-dependent-steering":
+        rms = float(np.sqrt(np.mean(np.concatenate([f["u"] for f in files]) ** 2)))
+        odds = values["share"] / max(1.0 - values["share"], 1e-9) * (rms / values.pop("U_ref")) ** 2
+        values["share"] = odds / (1.0 + odds)
+    if craft.kind == "boat":  # nothing drives its sway: the mass in that equation is counted as one
+        values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r") else v for n, v in values.items()}
+        values.pop("Y_rdot", None)
+    if hidden.slug == "ground-effect":
+        off = values.pop("z_bottom") - max(float(f[POSITION["heave"]].max()) for f in files)
+        values["strength"] *= float(np.exp(-off / values["length"]))
+    return values

@@ -1,0 +1,161 @@
+"""A bare hull drawn at random: time constants from 0.1 s to 20 s, its largest commands, its sensors and sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+__all__ = ["FORCE", "KINDS", "POSITION", "SPEED", "Craft", "draw_craft", "log_uniform"]
+
+Rng = np.random.Generator
+
+SPEED: Mapping[str, str] = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
+FORCE: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
+POSITION: Mapping[str, str] = {"surge": "x", "sway": "y", "heave": "z", "yaw": "psi"}
+
+FASTEST, SLOWEST = 0.1, 20.0
+"""Time constants [s] of the hulls."""
+
+
+@dataclass(frozen=True)
+class Craft:
+    """A plain hull and what is on board.
+
+    ``inertia``, ``linear`` per degree of freedom, SI (per radian of rudder where the input is ``delta``); ``full`` the
+    largest command of each channel; ``top`` the speed it holds; ``drives`` channel -> degree of freedom;
+    ``signals`` what is measured; ``scale`` the size of each signal that noise is a share of;
+    ``interval`` [s], ``samples`` of a run.
+    """
+
+    kind: str
+    dofs: tuple[str, ...]
+    inertia: Mapping[str, float]
+    linear: Mapping[str, float]
+    full: Mapping[str, float]
+    top: Mapping[str, float]
+    drives: Mapping[str, str]
+    signals: tuple[str, ...]
+    scale: Mapping[str, float]
+    interval: float
+    samples: int
+
+    @property
+    def main(self) -> str:
+        """The degree of freedom the case is about: yaw, or the first."""
+        return "yaw" if "yaw" in self.dofs else self.dofs[0]
+
+    @property
+    def input(self) -> str:
+        """The channel that drives it."""
+        return next(channel for channel, dof in self.drives.items() if dof == self.main)
+
+    @property
+    def pace(self) -> float:
+        """Its time constant [s]."""
+        return self.time_constant(self.main)
+
+    @property
+    def duration(self) -> float:
+        """Seconds of a run."""
+        return self.interval * self.samples
+
+    def time_constant(self, dof: str) -> float:
+        """Return inertia over linear drag [s]."""
+        return self.inertia[dof] / self.linear[dof]
+
+    def measuring(self, *signals: str) -> Craft:
+        """Return it with other signals measured."""
+        return replace(self, signals=signals)
+
+
+def log_uniform(rng: Rng, low: float, high: float) -> float:
+    """Return a number with a uniform logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _axis(rng: Rng, dof: str, pace: float, heavy: float) -> tuple[float, float, float]:
+    """Return inertia, linear drag and the speed full command holds."""
+    if dof == "yaw":
+        top = min(log_uniform(rng, 0.3, 3.0) / pace, 1.5)
+        top = max(top, 0.03)
+    elif dof == "surge":
+        top = log_uniform(rng, 0.4, 4.0)
+    else:
+        top = log_uniform(rng, 0.15, 1.0)
+    return heavy, heavy / pace, top
+
+
+def _make(rng: Rng, kind: str, dofs: tuple[str, ...], drives: Mapping[str, str], paces: Mapping[str, float]) -> Craft:
+    heavy = log_uniform(rng, 0.3, 3000.0)
+    inertia, linear, top = {}, {}, {}
+    for dof in dofs:
+        share = 1.0 if len(dofs) == 1 else log_uniform(rng, 0.7, 1.5)
+        inertia[dof], linear[dof], top[dof] = _axis(rng, dof, paces[dof], heavy * share)
+    full = {channel: linear[dof] * top[dof] for channel, dof in drives.items()}
+    if "delta" in drives:
+        angle = rng.uniform(0.3, 0.6)
+        ratio = angle / full["delta"]
+        inertia["yaw"] *= ratio
+        linear["yaw"] *= ratio
+        full["delta"] = angle
+    main = "yaw" if "yaw" in dofs else dofs[0]
+    interval = float(np.clip(paces[main] / log_uniform(rng, 6.0, 30.0), 0.02, 0.5))
+    scale = {}
+    for dof in dofs:
+        scale[SPEED[dof]] = top[dof]
+        scale[POSITION[dof]] = top[dof] * paces[dof] if dof != "yaw" else min(top[dof] * paces[dof], 0.5)
+    signals = tuple(s for dof in dofs for s in (SPEED[dof], POSITION[dof]))
+    samples = int(rng.integers(450, 751))
+    return Craft(
+        kind, dofs, inertia, linear, full, top, dict(drives), signals, scale, round(interval, 4), samples
+    )  # fmt: skip
+
+
+def _yaw(rng: Rng) -> Craft:
+    channel = "delta" if rng.random() < 0.2 else "N"
+    return _make(rng, "yaw", ("yaw",), {channel: "yaw"}, {"yaw": log_uniform(rng, FASTEST, SLOWEST)})
+
+
+def _surge(rng: Rng) -> Craft:
+    return _make(rng, "surge", ("surge",), {"X": "surge"}, {"surge": log_uniform(rng, 0.5, SLOWEST)})
+
+
+def _heave(rng: Rng) -> Craft:
+    return _make(rng, "heave", ("heave",), {"Z": "heave"}, {"heave": log_uniform(rng, 0.3, 10.0)})
+
+
+def _steered(rng: Rng) -> Craft:
+    """A craft that runs ahead and turns, its speed measured, its position not."""
+    pace = log_uniform(rng, 0.3, 10.0)
+    paces = {"surge": float(np.clip(pace * log_uniform(rng, 0.7, 3.0), FASTEST, SLOWEST)), "yaw": pace}
+    craft = _make(rng, "steered", ("surge", "yaw"), {"X": "surge", "N": "yaw"}, paces)
+    return craft.measuring("u", "r", "psi")
+
+
+def _plane(rng: Rng, drives: Mapping[str, str], kind: str) -> Craft:
+    pace = log_uniform(rng, 0.3, 8.0)
+    paces = {"yaw": pace}
+    for dof, low, high in (("surge", 0.8, 3.0), ("sway", 0.5, 1.5)):
+        paces[dof] = float(np.clip(pace * log_uniform(rng, low, high), FASTEST, SLOWEST))
+    craft = _make(rng, kind, ("surge", "sway", "yaw"), drives, paces)
+    return craft.measuring("u", "v", "r", "psi", "x", "y")
+
+
+def _boat(rng: Rng) -> Craft:
+    """Pushed ahead and turned; sway comes from coupling, current and the like only."""
+    return _plane(rng, {"X": "surge", "N": "yaw"}, "boat")
+
+
+def _raft(rng: Rng) -> Craft:
+    """Pushed in all three directions."""
+    return _plane(rng, {"X": "surge", "Y": "sway", "N": "yaw"}, "raft")
+
+
+KINDS = {"yaw": _yaw, "surge": _surge, "heave": _heave, "steered": _steered, "boat": _boat, "raft": _raft}
+
+
+def draw_craft(kind: str, rng: Rng) -> Craft:
+    """Return a random craft of a kind."""
+    return KINDS[kind](rng)

@@ -1,0 +1,121 @@
+"""Open-loop manoeuvres drawn at random: shares of full command on the record's stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blind.craft import Craft, log_uniform
+
+__all__ = ["MANOEUVRES", "draw_commands", "turns_round"]
+
+Array = NDArray[np.float64]
+Rng = np.random.Generator
+
+
+def _held(t: Array, level: Callable[[int], float], hold: Callable[[], float]) -> Array:
+    """Return levels held for random times."""
+    u, until, now, k = np.zeros(len(t)), -1.0, 0.0, 0
+    for i, moment in enumerate(t):
+        if moment >= until:
+            now, until, k = level(k), moment + hold(), k + 1
+        u[i] = now
+    return u
+
+
+def _steps(rng: Rng, t: Array, pace: float) -> Array:
+    """Steps of random sizes."""
+    return _held(t, lambda k: rng.uniform(-1.0, 1.0), lambda: pace * rng.uniform(0.7, 4.0))
+
+
+def _zigzag(rng: Rng, t: Array, pace: float) -> Array:
+    """Equal sizes to either side, reversed after about as long each time."""
+    size, hold = rng.uniform(0.4, 1.0), pace * rng.uniform(1.0, 4.0)
+    return _held(t, lambda k: size * (-1.0) ** k, lambda: hold * rng.uniform(0.8, 1.25))
+
+
+def _relay(rng: Rng, t: Array, pace: float) -> Array:
+    """A square wave, its size changed half-way."""
+    size, hold = rng.uniform(0.4, 1.0), pace * rng.uniform(0.8, 3.0)
+    second = size * rng.uniform(0.3, 0.8)
+    half = t[len(t) // 2]
+    first = np.where(np.floor(t / hold) % 2 == 0, size, -size)
+    return np.where(t < half, first, first * second / size)
+
+
+def _prbs(rng: Rng, t: Array, pace: float) -> Array:
+    """A random binary sequence."""
+    size, bit = rng.uniform(0.4, 1.0), pace * rng.uniform(0.4, 1.2)
+    return _held(t, lambda k: size * (1.0 if rng.random() < 0.5 else -1.0), lambda: bit)
+
+
+def _doublets(rng: Rng, t: Array, pace: float) -> Array:
+    """One way, the other way, rest; each time of another size."""
+    sizes = rng.uniform(0.15, 1.0, 400) * rng.choice([-1.0, 1.0], 400)
+    hold = pace * rng.uniform(0.7, 2.5)
+    return _held(t, lambda k: (1.0, -1.0, 0.0)[k % 3] * sizes[(k // 3) % 400], lambda: hold)
+
+
+def _sweep(rng: Rng, t: Array, pace: float) -> Array:
+    """A sine that grows faster."""
+    low, high = rng.uniform(0.1, 0.3) / pace, rng.uniform(1.0, 3.0) / pace
+    span = max(t[-1], 1e-9)
+    phase = low * span / np.log(high / low) * ((high / low) ** (t / span) - 1.0)
+    return rng.uniform(0.4, 1.0) * np.sin(phase + rng.uniform(0.0, 2.0 * np.pi))
+
+
+MANOEUVRES: Mapping[str, Callable[[Rng, Array, float], Array]] = {
+    "steps": _steps,
+    "zig-zag": _zigzag,
+    "relay": _relay,
+    "prbs": _prbs,
+    "doublets": _doublets,
+    "sweep": _sweep,
+}
+
+
+def _turns(rng: Rng, t: Array, around: float) -> Array:
+    """Right round one way and back, which *around* (a share of full) does in half the run."""
+    turned = np.where(t < 0.55 * t[-1], around, -around)
+    return turned if rng.random() < 0.5 else -turned
+
+
+def _reach(craft: Craft) -> float:
+    """Return the heading [rad] full command turns in the first half of a run, from rest."""
+    return craft.top["yaw"] * max(0.5 * craft.duration - craft.time_constant("yaw"), 0.0)
+
+
+def turns_round(craft: Craft) -> bool:
+    """Whether a run is long enough for a full turn one way, and back."""
+    return _reach(craft) > 4.0 * np.pi
+
+
+def _ahead(rng: Rng, t: Array, pace: float) -> Array:
+    """Ahead at changing speeds, at rest or astern at times."""
+    astern = rng.uniform(0.0, 0.4)
+    return _held(t, lambda k: rng.uniform(-astern, 1.0), lambda: pace * rng.uniform(1.0, 4.0))
+
+
+def draw_commands(rng: Rng, craft: Craft, name: str, *, turns: bool) -> dict[str, Array]:
+    """Return the commands of one run by channel, on the stamps of the record; with full *turns* of heading."""
+    t = craft.interval * np.arange(craft.samples)
+    commands = {}
+    for channel, dof in craft.drives.items():
+        pace = max(craft.time_constant(dof), 3.0 * craft.interval)
+        if dof == "surge" and len(craft.dofs) > 1:
+            share = _ahead(rng, t, pace)
+        elif dof == craft.main:
+            share = MANOEUVRES[name](rng, t, pace)
+        else:
+            share = MANOEUVRES[str(rng.choice(list(MANOEUVRES)))](rng, t, pace)
+        if dof == "yaw" and turns:
+            around = min(1.5 * 2.0 * np.pi / max(_reach(craft), 1e-9), 0.75)
+            share = _turns(rng, t, around) + max(1.0 - around, 0.25) * share
+        share = np.clip(share, -1.0, 1.0)
+        if rng.random() < 0.5:
+            quiet = t < rng.uniform(0.0, 0.05) * t[-1]
+            share = np.where(quiet, 0.0, share)
+        commands[channel] = craft.full[channel] * share * log_uniform(rng, 0.7, 1.0)
+    return commands

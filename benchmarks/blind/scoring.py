@@ -1,0 +1,161 @@
+"""What many outcomes come to: confusion matrix, rates with bounds, parameters, seconds."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from scipy.stats import beta
+
+from benchmarks.blind.referee import NEAR, Outcome
+
+__all__ = ["bounds", "recovered", "report", "tally"]
+
+KINDS = ("single", "clean", "double", "foreign")
+
+
+def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the exact (Clopper and Pearson 1934) confidence bounds of a rate."""
+    tail = 0.5 * (1.0 - level)
+    low = 0.0 if hits == 0 else float(beta.ppf(tail, hits, of - hits + 1))
+    high = 1.0 if hits == of else float(beta.ppf(1.0 - tail, hits + 1, of - hits))
+    return low, high
+
+
+def recovered(true: float, found: float, std: float) -> bool | None:
+    """Whether a parameter is within :data:`NEAR` standard errors; chosen ones (no error) have to be equal.
+
+    None when no standard error is given: unknown.
+    """
+    if std is None or not math.isfinite(std):
+        return None
+    if std == 0.0:
+        return math.isclose(true, found, rel_tol=1e-3)
+    return abs(found - true) <= NEAR * std
+
+
+def _rate(outcomes: Sequence[Outcome], *, strict: bool) -> str:
+    of = len(outcomes)
+    if not of:
+        return "-"
+    hits = sum(o.strictly_right if strict else o.right for o in outcomes)
+    low, high = bounds(hits, of)
+    return f"{100.0 * hits / of:5.1f} %  ({hits}/{of}; {100.0 * low:.0f} to {100.0 * high:.0f})"
+
+
+def _pulls(outcomes: Iterable[Outcome]) -> list[tuple[str, bool | None]]:
+    return [(name, recovered(*pull)) for o in outcomes for name, pull in o.pulls.items()]
+
+
+def tally(outcomes: Sequence[Outcome]) -> str:
+    """Return the state of affairs in one line."""
+    parts = []
+    for kind in KINDS:
+        some = [o for o in outcomes if o.kind == kind and o.verdict != "no-case"]
+        if some:
+            parts.append(f"{kind} {sum(o.strictly_right for o in some)}~{sum(o.right for o in some)}/{len(some)}")
+    return "  ".join(parts)
+
+
+def report(outcomes: Sequence[Outcome]) -> str:
+    """Return the whole report."""
+    played = [o for o in outcomes if o.verdict != "no-case"]
+    lines = ["rates (strict; a group that cannot be told apart counts as its members), 95 % bounds"]
+    for kind, what in (
+        ("single", "right name first"),
+        ("clean", "silent on clean data"),
+        ("double", "both of two named"),
+        ("foreign", "no confident name for what is not in the book"),
+    ):
+        some = [o for o in played if o.kind == kind]
+        if some:
+            lines.append(f"  {what:48} {_rate(some, strict=True)}   in group {_rate(some, strict=False)}")
+    singles = [o for o in played if o.kind == "single"]
+    if singles:
+        lines += [
+            "",
+            "per effect                 strict                        in group      error ratio   mistaken for",
+        ]
+        lines += [_line(slug, singles) for slug in dict.fromkeys(sorted(o.slug for o in singles))]
+        lines += ["", *_matrix(singles)]
+    for kind in ("clean", "double", "foreign"):
+        lines += _missed([o for o in played if o.kind == kind], kind)
+    lines += _parameters(played)
+    lines += _seconds(played)
+    lines += [f"could not be drawn: {o.slug}: {o.error}" for o in outcomes if o.verdict == "no-case"]
+    crashed = [o for o in played if o.verdict == "error"]
+    lines += [f"error in {o.kind} {o.slug} {o.index}: {o.error.strip().splitlines()[-1]}" for o in crashed]
+    return "\n".join(lines)
+
+
+def _line(slug: str, singles: Sequence[Outcome]) -> str:
+    some = [o for o in singles if o.slug == slug]
+    wrong = Counter(o.first for o in some if not o.right)
+    hits = sum(o.right for o in some)
+    ratio = float(np.median([o.ratio for o in some]))
+    taken = ", ".join(f"{name} {n}" for name, n in wrong.most_common(4))
+    return f"  {slug:24} {_rate(some, strict=True):31} {hits:3d}/{len(some):<3d}      {ratio:5.1f}        {taken}"
+
+
+def _matrix(singles: Sequence[Outcome]) -> list[str]:
+    """Return the confusion matrix: truth down, first name across, only the columns that occur."""
+    counts = Counter((o.slug, o.first) for o in singles)
+    truths = sorted({o.slug for o in singles})
+    named = sorted({o.first for o in singles})
+    lines = ["confusion: truth down, first name (or verdict) across"]
+    lines += [f"  {chr(97 + i) if i < 26 else 'A' if i < 27 else chr(65 + i - 26)} = {n}" for i, n in enumerate(named)]
+    marks = [chr(97 + i) if i < 26 else chr(65 + i - 26) for i in range(len(named))]
+    lines.append(f"  {'':24} " + " ".join(f"{m:>2}" for m in marks))
+    for truth in truths:
+        cells = [counts[truth, name] for name in named]
+        lines.append(f"  {truth:24} " + " ".join(f"{c:2d}" if c else " ." for c in cells))
+    return lines
+
+
+def _missed(some: Sequence[Outcome], kind: str) -> list[str]:
+    wrong = [o for o in some if not o.right]
+    if not some:
+        return []
+    lines = ["", f"{kind}: {len(wrong)} of {len(some)} missed; verdicts " + _counted(o.verdict for o in some)]
+    if kind == "foreign":
+        for slug in sorted({o.slug for o in some}):
+            own = [o for o in some if o.slug == slug]
+            lines.append(
+                f"  {slug:20} {_counted(o.verdict for o in own)}; named {_counted(c for o in own for c in o.causes)}"
+            )
+        return lines
+    lines += [f"  {o.index:4d} {'+'.join(o.truth) or 'nothing'}: {o.verdict} {'+'.join(o.causes)}" for o in wrong]
+    return lines
+
+
+def _counted(names: Iterable[str]) -> str:
+    return ", ".join(f"{name} {n}" for name, n in Counter(names).most_common()) or "nothing"
+
+
+def _parameters(played: Sequence[Outcome]) -> list[str]:
+    found = _pulls(played)
+    known = [(name, ok) for name, ok in found if ok is not None]
+    if not found:
+        return []
+    good = sum(bool(ok) for _, ok in known)
+    lines = [
+        "",
+        f"parameters of rightly named effects within {NEAR:g} standard errors: {good}/{len(known)}"
+        + (f" = {100.0 * good / len(known):.1f} %" if known else "")
+        + f"; without a standard error {len(found) - len(known)}",
+    ]
+    for name in sorted({n for n, _ in found}):
+        some = [ok for n, ok in known if n == name]
+        lacking = sum(n == name for n, _ in found) - len(some)
+        lines.append(f"  {name:36} {sum(map(bool, some))}/{len(some)}" + (f", unknown {lacking}" if lacking else ""))
+    return lines
+
+
+def _seconds(played: Sequence[Outcome]) -> list[str]:
+    lines = ["", "processor seconds per diagnosis (median, 95 %, most)"]
+    for craft in sorted({o.craft for o in played}):
+        s = np.array([o.seconds for o in played if o.craft == craft])
+        lines.append(f"  {craft:8} {np.median(s):6.1f} {np.quantile(s, 0.95):6.1f} {s.max():6.1f}   of {len(s)}")
+    return lines

@@ -1,0 +1,288 @@
+"""How place and numbers of each effect of the book are drawn: sizes that craft really have, over a wide range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from benchmarks.blind.craft import POSITION, SPEED, Craft, log_uniform
+from benchmarks.blind.secret import Hidden, Recipe
+
+__all__ = ["RECIPES"]
+
+Rng = np.random.Generator
+
+_ACTUATED = ("yaw", "yaw", "surge", "heave", "boat")
+_PLANAR = ("boat", "raft")
+_SLIPS = (180.0 / np.pi, np.pi / 180.0)
+_SPEED_SLIPS = (1.0 / 0.514444, 0.514444, 3.6, 1.0 / 3.6, 3.28084, 0.3048, 100.0, 0.01, 1000.0, 0.001)
+
+
+def _sign(rng: Rng) -> float:
+    return 1.0 if rng.random() < 0.5 else -1.0
+
+
+def _late(rng: Rng, craft: Craft) -> float:
+    """Return a delay: from one sample to one time constant."""
+    return log_uniform(rng, craft.interval, max(craft.pace, 4.0 * craft.interval))
+
+
+# -- bookkeeping
+
+
+def _time_scale(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("time-scale", "t", {"factor": float(np.exp(_sign(rng) * log_uniform(rng, 0.01, 0.4)))}, craft)
+
+
+def _time_offset(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("time-offset", "t", {"offset": _sign(rng) * _late(rng, craft)}, craft)
+
+
+def _unit_error(rng: Rng, craft: Craft) -> Hidden:
+    place = str(rng.choice([s for s in craft.signals if s != "v" or craft.kind != "boat"]))  # a boat does not sway
+    slips = _SLIPS if place in ("r", "psi") else _SPEED_SLIPS
+    return Hidden("unit-error", place, {"factor": float(rng.choice(slips))}, craft)
+
+
+def _sign_error(rng: Rng, craft: Craft) -> Hidden:
+    forces = [channel for channel in craft.drives if channel != "delta"]
+    place = str(rng.choice([*craft.signals, *forces]))
+    once = (int(rng.integers(0, 2)),) if place in forces and rng.random() < 0.5 else None
+    return Hidden("sign-error", place, {}, craft, in_runs=once)
+
+
+def _channel_swap(rng: Rng, craft: Craft) -> Hidden:
+    pairs = ["u+v", "x+y", "X+N"] if craft.kind == "boat" else ["u+v", "x+y", "X+N", "X+Y", "Y+N"]
+    return Hidden("channel-swap", str(rng.choice(pairs)), {}, craft)
+
+
+# -- actuator
+
+
+def _on_input(rng: Rng, craft: Craft) -> tuple[str, float]:
+    return craft.input, craft.full[craft.input]
+
+
+def _input_delay(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("input-delay", craft.input, {"delay": _late(rng, craft)}, craft)
+
+
+def _saturation(rng: Rng, craft: Craft) -> Hidden:
+    place, full = _on_input(rng, craft)
+    return Hidden("saturation", place, {"limit": full * rng.uniform(0.25, 0.85)}, craft)
+
+
+def _rate_limit(rng: Rng, craft: Craft) -> Hidden:
+    place, full = _on_input(rng, craft)
+    return Hidden("rate-limit", place, {"rate": full / (craft.pace * log_uniform(rng, 0.2, 3.0))}, craft)
+
+
+def _actuator_lag(rng: Rng, craft: Craft) -> Hidden:
+    lag = max(craft.pace * log_uniform(rng, 0.05, 1.2), 0.5 * craft.interval)
+    return Hidden("actuator-lag", craft.input, {"time_constant": lag}, craft)
+
+
+def _backlash(rng: Rng, craft: Craft) -> Hidden:
+    place, full = _on_input(rng, craft)
+    return Hidden("backlash", place, {"width": full * log_uniform(rng, 0.05, 0.7)}, craft)
+
+
+def _dead_zone(rng: Rng, craft: Craft) -> Hidden:
+    place, full = _on_input(rng, craft)
+    return Hidden("dead-zone", place, {"width": full * log_uniform(rng, 0.03, 0.4)}, craft)
+
+
+def _quadratic_actuator(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("quadratic-actuator", craft.input, {"share": rng.uniform(0.15, 1.0)}, craft)
+
+
+def _rudder_stall(rng: Rng, craft: Craft) -> Hidden:
+    place, full = _on_input(rng, craft)
+    values = {"angle": full * rng.uniform(0.3, 0.75), "drop": log_uniform(rng, 0.25, 2.5)}
+    return Hidden("rudder-stall", place, values, craft)
+
+
+def _asymmetric_thrust(rng: Rng, craft: Craft) -> Hidden:
+    ratio = float(np.exp(_sign(rng) * log_uniform(rng, 0.05, 1.0)))
+    return Hidden("asymmetric-thrust", craft.input, {"ratio": ratio}, craft)
+
+
+def _gain_drift(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("gain-drift", craft.input, {"rate": log_uniform(rng, 0.08, 0.8) / craft.duration}, craft)
+
+
+def _speed_steering(rng: Rng, craft: Craft) -> Hidden:
+    values = {"share": rng.uniform(0.2, 1.0), "U_ref": 0.6 * craft.top["surge"]}
+    return Hidden("speed-dependent-steering", "N", values, craft)
+
+
+def _advance_loss(rng: Rng, craft: Craft) -> Hidden:
+    loss = log_uniform(rng, 0.1, 0.9) / craft.top[craft.main]
+    return Hidden("advance-speed-loss", craft.input, {"loss": loss}, craft)
+
+
+# -- hydrodynamics
+
+
+def _linear_drag(rng: Rng, craft: Craft) -> Hidden:
+    """All the drag there is: the base model is told of none."""
+    return Hidden("linear-drag", craft.main, {"coefficient": craft.linear[craft.main]}, craft, plain="none")
+
+
+def _quadratic_drag(rng: Rng, craft: Craft) -> Hidden:
+    dof = craft.main
+    coefficient = craft.linear[dof] / craft.top[dof] * log_uniform(rng, 0.1, 5.0)
+    return Hidden("quadratic-drag", dof, {"coefficient": coefficient}, craft)
+
+
+def _coriolis(rng: Rng, craft: Craft) -> Hidden:
+    """Rigid body and added mass; the share of them that matters is drawn, the relations between them kept."""
+    share = log_uniform(rng, 0.1, 1.2)
+    m_u, m_v = craft.inertia["surge"], craft.inertia["sway"]
+    values = {"X_vr": share * m_v, "Y_ur": -share * m_u, "N_uv": -share * (m_v - m_u)}
+    return Hidden("coriolis-coupling", "surge+sway+yaw", values, craft)
+
+
+def _sway_yaw(rng: Rng, craft: Craft) -> Hidden:
+    mass = np.sqrt(craft.inertia["sway"] * craft.inertia["yaw"])
+    drag = np.sqrt(craft.linear["sway"] * craft.linear["yaw"])
+    values = {
+        "Y_r": _sign(rng) * drag * log_uniform(rng, 0.05, 0.5),
+        "N_v": _sign(rng) * drag * log_uniform(rng, 0.05, 0.5),
+        "Y_rdot": _sign(rng) * mass * rng.uniform(0.0, 0.5),
+    }
+    return Hidden("sway-yaw-coupling", "sway+yaw", values, craft)
+
+
+def _mass_change(rng: Rng, craft: Craft) -> Hidden:
+    ratio = float(np.exp(_sign(rng) * log_uniform(rng, 0.1, 0.8)))
+    values = {"ratio": ratio, "time": craft.duration * rng.uniform(0.25, 0.7)}
+    return Hidden("mass-change", craft.main if len(craft.dofs) == 1 else "all", values, craft)
+
+
+def _net_buoyancy(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("net-buoyancy", "heave", {"force": _sign(rng) * craft.full["Z"] * log_uniform(rng, 0.02, 0.4)}, craft)
+
+
+def _ground_effect(rng: Rng, craft: Craft) -> Hidden:
+    length = craft.top["heave"] * craft.pace * rng.uniform(0.3, 1.5)
+    values = {"strength": log_uniform(rng, 0.3, 4.0), "length": max(length, 2e-3), "z_bottom": 20.0}
+    return Hidden("ground-effect", "heave", values, craft, near_bottom=True)
+
+
+# -- environment
+
+
+def _input_bias(rng: Rng, craft: Craft) -> Hidden:
+    full = craft.full[craft.input]
+    return Hidden("input-bias", craft.main, {"bias": _sign(rng) * full * log_uniform(rng, 0.02, 0.4)}, craft)
+
+
+def _steady_current(rng: Rng, craft: Craft) -> Hidden:
+    speed, towards = craft.top["surge"] * log_uniform(rng, 0.02, 0.6), rng.uniform(-np.pi, np.pi)
+    values = {"V_x": float(speed * np.cos(towards)), "V_y": float(speed * np.sin(towards))}
+    place = "over ground" if rng.random() < 0.6 else "through water"
+    return Hidden("steady-current", place, values, craft, turns=rng.random() < 0.5)
+
+
+def _wind_moment(rng: Rng, craft: Craft) -> Hidden:
+    values = {
+        "strength": craft.full[craft.input] * log_uniform(rng, 0.03, 0.4),
+        "direction": rng.uniform(-np.pi, np.pi),
+    }
+    return Hidden("wind-moment", "yaw", values, craft, turns=True)
+
+
+def _wave(rng: Rng, craft: Craft) -> Hidden:
+    highest = min(8.0 / craft.pace, 0.8 / craft.interval)
+    bandwidth = 0.0 if rng.random() < 0.2 else log_uniform(rng, 0.02, 0.2)
+    values = {
+        "amplitude": craft.full[craft.input] * log_uniform(rng, 0.03, 0.5),
+        "frequency": log_uniform(rng, min(1.0 / craft.pace, 0.5 * highest), highest),
+        "bandwidth": bandwidth,
+    }
+    return Hidden("wave-disturbance", craft.main, values, craft)
+
+
+def _tether(rng: Rng, craft: Craft) -> Hidden:
+    if craft.kind in _PLANAR:
+        reach = craft.top["surge"] * craft.time_constant("surge") * 4.0
+        x, y = (float(rng.normal(0.0, 0.5 * reach)) for _ in range(2))
+        values = {"stiffness": craft.full["X"] / reach * log_uniform(rng, 0.03, 0.5), "x": x, "y": y}
+        return Hidden("tether-pull", "surge+sway", values, craft, start={"x": (x, 0.3 * reach), "y": (y, 0.3 * reach)})
+    dof = craft.main
+    reach = craft.top[dof] * craft.pace * 3.0
+    name, anchor = POSITION[dof], float(rng.normal(0.0, reach))
+    values = {"stiffness": craft.full[craft.input] / reach * log_uniform(rng, 0.03, 0.5), "anchor": anchor}
+    return Hidden("tether-pull", dof, values, craft, start={name: (anchor, 0.3 * reach)})
+
+
+# -- sensors
+
+
+def _compass(rng: Rng, craft: Craft) -> Hidden:
+    size, where = log_uniform(rng, 0.01, 0.4), rng.uniform(-np.pi, np.pi)
+    values = {"B": float(size * np.cos(where)), "C": float(size * np.sin(where))}
+    return Hidden("compass-deviation", "psi", values, craft, turns=True)
+
+
+def _gyro_bias(rng: Rng, craft: Craft) -> Hidden:
+    return Hidden("gyro-bias", "r", {"bias": _sign(rng) * craft.top["yaw"] * log_uniform(rng, 0.01, 0.3)}, craft)
+
+
+def _measurement_delay(rng: Rng, craft: Craft) -> Hidden:
+    """One signal of two mostly; all of them now and then, which nothing tells from a delay of the input."""
+    own = (SPEED[craft.main], POSITION[craft.main])
+    place = "all" if rng.random() < 0.15 else str(rng.choice(own))
+    return Hidden("measurement-delay", place, {"delay": _late(rng, craft)}, craft)
+
+
+def _quantisation(rng: Rng, craft: Craft) -> Hidden:
+    place = str(rng.choice((SPEED[craft.main], POSITION[craft.main])))
+    return Hidden("quantisation", place, {"step": craft.scale[place] * log_uniform(rng, 0.02, 0.5)}, craft)
+
+
+def _outliers(rng: Rng, craft: Craft) -> Hidden:
+    place = str(rng.choice((SPEED[craft.main], POSITION[craft.main])))
+    values = {"share": log_uniform(rng, 0.01, 0.1), "size": craft.scale[place] * log_uniform(rng, 0.1, 2.0)}
+    return Hidden("outliers", place, values, craft)
+
+
+RECIPES: Mapping[str, Recipe] = {
+    "time-scale": Recipe(("yaw", "surge", "heave", "boat"), _time_scale),
+    "time-offset": Recipe(("yaw", "surge", "heave"), _time_offset),
+    "unit-error": Recipe(("yaw", "surge", "heave", "boat"), _unit_error, coarse=True),
+    "sign-error": Recipe(("yaw", "surge", "heave", "boat"), _sign_error, coarse=True),
+    "channel-swap": Recipe(_PLANAR, _channel_swap, coarse=True),
+    "input-delay": Recipe(_ACTUATED, _input_delay),
+    "saturation": Recipe(_ACTUATED, _saturation),
+    "rate-limit": Recipe(_ACTUATED, _rate_limit),
+    "actuator-lag": Recipe(_ACTUATED, _actuator_lag),
+    "backlash": Recipe(_ACTUATED, _backlash),
+    "dead-zone": Recipe(_ACTUATED, _dead_zone),
+    "quadratic-actuator": Recipe(_ACTUATED, _quadratic_actuator),
+    "rudder-stall": Recipe(("yaw", "boat"), _rudder_stall),
+    "asymmetric-thrust": Recipe(_ACTUATED, _asymmetric_thrust),
+    "gain-drift": Recipe(_ACTUATED, _gain_drift),
+    "speed-dependent-steering": Recipe(("steered", "boat"), _speed_steering),
+    "advance-speed-loss": Recipe(("yaw", "surge", "heave"), _advance_loss),
+    "linear-drag": Recipe(("yaw", "surge", "heave"), _linear_drag, coarse=True),
+    "quadratic-drag": Recipe(_ACTUATED, _quadratic_drag),
+    "coriolis-coupling": Recipe(_PLANAR, _coriolis),
+    "sway-yaw-coupling": Recipe(_PLANAR, _sway_yaw),
+    "mass-change": Recipe(("yaw", "surge", "heave", "boat"), _mass_change),
+    "net-buoyancy": Recipe(("heave",), _net_buoyancy),
+    "ground-effect": Recipe(("heave",), _ground_effect),
+    "input-bias": Recipe(("yaw", "yaw", "surge", "boat"), _input_bias),
+    "steady-current": Recipe(_PLANAR, _steady_current),
+    "wind-moment": Recipe(("yaw", "yaw", "boat"), _wind_moment),
+    "wave-disturbance": Recipe(("yaw", "yaw", "surge", "heave", "boat"), _wave),
+    "tether-pull": Recipe(("yaw", "surge", "heave", "raft"), _tether),
+    "compass-deviation": Recipe(("yaw", "yaw", "boat"), _compass),
+    "gyro-bias": Recipe(("yaw", "yaw", "boat"), _gyro_bias),
+    "measurement-delay": Recipe(("yaw", "surge", "heave"), _measurement_delay),
+    "quantisation": Recipe(("yaw", "surge", "heave"), _quantisation),
+    "outliers": Recipe(("yaw", "surge", "heave"), _outliers),
+}
+"""Slug -> recipe, in the order of the book; every effect the simulator's table has."""

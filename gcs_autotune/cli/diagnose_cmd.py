@@ -1,0 +1,116 @@
+"""``gcs-autotune diagnose``: what a simulation gets wrong, and why."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+
+from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
+
+__all__ = ["COMMAND"]
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_runs(parser)
+    parser.add_argument(
+        "--list-effects", action="store_true", help="show the effects there are and their parameters, and end"
+    )
+    base = parser.add_argument_group("the simulation in question (default: uncoupled, linear drag, fitted to the runs)")
+    base.add_argument("--model", type=Path, metavar="FILE", help="a model file of identify, tune or diagnose (JSON)")
+    base.add_argument(
+        "--simulation",
+        action="extend",
+        nargs="+",
+        default=[],
+        type=Path,
+        metavar="RUN",
+        help="what another simulator made of the same commands, one per run, in the same order",
+    )
+    what = parser.add_argument_group("what to look at")
+    what.add_argument("--dof", metavar="A,B", help="degrees of freedom: yaw, surge, ... (default: all in the file)")
+    what.add_argument("--use", metavar="A,B", help="signals to compare, e.g. psi,r (default: all measured)")
+    tried = what.add_mutually_exclusive_group()
+    tried.add_argument("--effects", metavar="A,B", help="effects to try (default: the whole book)")
+    tried.add_argument("--without", metavar="A,B", default="", help="effects not to try")
+    parser.add_argument(
+        "--validate",
+        action="extend",
+        nargs="+",
+        default=[],
+        type=Path,
+        metavar="RUN",
+        help="runs to measure the gain on (default: parts of the runs are left out in turn)",
+    )
+    add_reading(parser)
+    out = parser.add_argument_group("output")
+    out.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="where report.html, diagnosis.json and model.json go (default diagnose-RUN)",
+    )
+    out.add_argument("--json", action="store_true", help="print JSON on standard output; no files unless --out")
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.text import Text
+
+    from gcs_autotune.report import StageBar, diagnosis_summary
+    from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
+
+    if args.list_effects:
+        return _list(as_json=args.json)
+    runs = read_runs(args)
+    settings = DiagnosisSettings(
+        dof=args.dof,
+        use=_names(args.use) or None,
+        model=args.model,
+        simulations=tuple(read_others(args, args.simulation)),
+        effects=None if args.effects is None else _names(args.effects),
+        without=_names(args.without),
+    )
+    with StageBar(Console(stderr=True, quiet=args.json)) as bar:
+        told = run_diagnosis(runs, read_others(args, args.validate), settings, bar)
+    page = None
+    if args.out is not None or not args.json:
+        directory = args.out if args.out is not None else Path(f"diagnose-{args.runs[0].resolve().stem}")
+        page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"))
+    if args.json:
+        sys.stdout.write(told.to_json() + "\n")
+        return 0
+    console = Console()
+    console.print(diagnosis_summary(told))
+    console.print(Text(f"\nPage: {page}"), soft_wrap=True)
+    return 0
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    return tuple(piece.strip() for piece in (text or "").split(",") if piece.strip())
+
+
+def _list(*, as_json: bool) -> int:
+    from rich.console import Console
+
+    from gcs_autotune.effects import BOOK
+    from gcs_autotune.report import effects_list, effects_to_dict
+
+    if as_json:
+        sys.stdout.write(json.dumps(effects_to_dict(BOOK), indent=1) + "\n")
+    else:
+        Console().print(effects_list(BOOK))
+    return 0
+
+
+COMMAND = Command(
+    name="diagnose",
+    help="say what a simulation gets wrong, name the cause, and extend the model by it",
+    description="Compare measured runs with a plain simulation of the same commands (or --model, or --simulation), "
+    "name what is missing from it, and measure the gain on data it has not seen. Any verdict ends with exit code 0.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

@@ -1,0 +1,68 @@
+"""The options that say how recorded runs are read, for every command that takes runs."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.trial import Trial
+
+__all__ = ["add_reading", "add_runs", "read_others", "read_runs"]
+
+
+def add_runs(parser: argparse.ArgumentParser) -> None:
+    """Add the runs themselves."""
+    parser.add_argument(
+        "runs",
+        nargs="*",
+        type=Path,
+        metavar="RUN",
+        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog) or a log on board (.bin)",
+    )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add ``--pick``, ``--system-id`` and ``--columns``."""
+    read = parser.add_argument_group("reading")
+    read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
+    read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
+    read.add_argument(
+        "--columns",
+        metavar="OLD=NEW,...",
+        default="",
+        help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
+    )
+
+
+def read_runs(args: argparse.Namespace) -> list[Trial]:
+    """Read the runs named on the command line, of logs the stretches picked.
+
+    Raises
+    ------
+    UsageError
+        No run is named. DataError: a file cannot be used.
+    """
+    if not args.runs:
+        raise UsageError("name at least one run: a run directory, a log, or a CSV file like t[s],psi[rad],N[N m]")
+    return _read(args, args.runs, _stretches(args.pick))
+
+
+def read_others(args: argparse.Namespace, paths: Sequence[Path]) -> list[Trial]:
+    """Read further runs in the same way, whole."""
+    return _read(args, paths, ())
+
+
+def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]) -> list[Trial]:
+    from gcs_autotune.logs import load_runs, parse_columns
+
+    columns = parse_columns(args.columns) if args.columns else None
+    return [t for path in paths for t in load_runs(path, pick=pick, system=args.system_id, columns=columns)]
+
+
+def _stretches(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(piece) for piece in text.split(",") if piece.strip())
+    except ValueError:
+        raise UsageError(f"--pick {text}: give the numbers of stretches, e.g. --pick 2,3") from None

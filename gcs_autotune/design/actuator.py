@@ -1,0 +1,125 @@
+"""What stands between the autopilot's output and the force: the actuator, as far as a diagnosis knows it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NoGainsMeetSpec
+
+__all__ = ["PERFECT", "Actuator"]
+
+Array = NDArray[np.float64]
+
+LEAST_SLOPE = 0.25
+"""Local gains below this are not held against the margins: the loop is then all but open, as the simulation shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """From output to force, in this order; outputs in the model's input unit, or in fractions once scaled.
+
+    ``limit`` it saturates at, ``rate`` [1/s] it moves at, ``lag`` [s] first-order, ``play`` (backlash) and
+    ``dead_zone`` (half-width) of its linkage, ``square`` the share of its force that goes with ``u|u|/reference``,
+    ``ahead`` and ``astern`` gains for positive and negative outputs, ``weakest`` the gain it may fall to in use.
+    """
+
+    limit: float = math.inf
+    rate: float = math.inf
+    lag: float = 0.0
+    play: float = 0.0
+    dead_zone: float = 0.0
+    square: float = 0.0
+    reference: float = 1.0
+    ahead: float = 1.0
+    astern: float = 1.0
+    weakest: float = 1.0
+
+    @property
+    def is_perfect(self) -> bool:
+        """Whether it adds nothing to the model."""
+        return self == PERFECT
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether outputs reach the hull unbent: it may still be slow, limited or weaker later."""
+        return self == replace(
+            PERFECT, limit=self.limit, rate=self.rate, lag=self.lag, reference=self.reference, weakest=self.weakest
+        )
+
+    def in_fractions(self, full: float) -> Actuator:
+        """Return it with outputs as fractions of *full* [input unit]; negative when full output acts the other way."""
+        size = abs(full)
+        turned = {"ahead": self.astern, "astern": self.ahead} if full < 0.0 else {}
+        return replace(
+            self,
+            limit=self.limit / size,
+            rate=self.rate / size,
+            play=self.play / size,
+            dead_zone=self.dead_zone / size,
+            reference=self.reference / size,
+            **turned,
+        )
+
+    def static(self, u: Array) -> Array:
+        """Return the force (n,) that settled outputs *u* (n,) give, the play taken up in their own direction."""
+        held = np.clip(u, -self.limit, self.limit)
+        held = np.sign(held) * np.maximum(np.abs(held) - 0.5 * self.play - self.dead_zone, 0.0)
+        bent = (1.0 - self.square) * held + self.square * held * np.abs(held) / self.reference
+        force: Array = np.where(bent >= 0.0, self.ahead, self.astern) * bent
+        return force
+
+    def output_for(self, force: float) -> float:
+        """Return the settled output that gives *force*.
+
+        Raises
+        ------
+        NoGainsMeetSpec
+            Full output does not.
+        """
+        if force == 0.0:
+            return 0.0
+        grid = np.linspace(0.0, math.copysign(1.0, force), 2001)
+        reach = self.static(grid) * math.copysign(1.0, force)
+        if reach[-1] < abs(force):
+            raise NoGainsMeetSpec(
+                f"a constant force of {force:.2f} of full cannot be held: the actuator gives {reach[-1]:.2f} at most"
+            )
+        first = int(np.argmax(reach >= abs(force)))
+        share = (abs(force) - reach[first - 1]) / max(reach[first] - reach[first - 1], 1e-300)
+        return float(grid[first - 1] + share * (grid[first] - grid[first - 1]))
+
+    def slopes(self) -> tuple[float, ...]:
+        """Return the gains around which small motions live: by direction, size of output and state of the battery.
+
+        Margins are to hold at each. Within dead zone and play the loop is open; that is left to the simulation.
+        """
+        sizes = (1.0 - self.square, 1.0 + self.square) if self.square else (1.0,)
+        found = {round(w * s * g, 6) for w in {1.0, self.weakest} for s in sizes for g in {self.ahead, self.astern}}
+        return tuple(sorted({max(g, LEAST_SLOPE) for g in found}))
+
+    def vector(self, dt: float) -> Array:
+        """Return what :func:`.laws.kernel.actuate` needs, for steps of *dt* [s]; the first number 0: nothing to do."""
+        share = 1.0 if self.lag <= 0.0 else -math.expm1(-dt / self.lag)
+        most = 1e300
+        return np.array(
+            [
+                0.0 if self.is_perfect else 1.0,
+                min(self.limit, most),
+                min(self.rate * dt, most),
+                share,
+                0.5 * self.play,
+                self.dead_zone,
+                self.square,
+                self.reference,
+                self.ahead,
+                self.astern,
+            ]
+        )
+
+
+PERFECT = Actuator()
+"""Force is output."""

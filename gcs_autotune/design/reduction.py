@@ -1,0 +1,150 @@
+"""A model with effects cut down to what a loop of one axis is designed with, and what is said of the rest.
+
+Of the base model the axis' own inertia, drag and constant force stay; of the effects delays, the actuator and whatever
+adds to those. Every effect gets a :class:`Remark`: how the design treats it, and what the autopilot or a screwdriver
+can do about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.treatments import Draft, Remark, take
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import UsageError
+from gcs_autotune.models import SingleDof
+from gcs_autotune.sname import DOFS, Dof
+
+__all__ = ["Reduction", "Remark", "reduce"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduction:
+    """What is left for one axis: ``model`` and ``actuator`` in the units of input ``channel``.
+
+    ``covariance`` (5, 5) of (alpha, beta, beta_quadratic, delta, delay), zero where nothing is known; ``heavier`` the
+    largest factor on the inertia within use; ``quantum`` step of the position's sensor.
+    """
+
+    model: SingleDof
+    channel: str
+    covariance: Array
+    actuator: Actuator = PERFECT
+    heavier: float = 1.0
+    quantum: float = 0.0
+    remarks: tuple[Remark, ...] = ()
+
+
+def reduce(
+    model: ExtendedModel,
+    dof: str,
+    inputs: Mapping[str, str],
+    *,
+    law: str = "",
+    speed: float | None = None,
+    names: Sequence[str] = (),
+    covariance: Array | None = None,
+) -> Reduction:
+    """Return what a loop of *dof* is designed with.
+
+    inputs : unit per input channel; SI, or fractions in a normalised form, where missing.
+    law : of the autopilot, for advice that names its parameters. speed : [m/s] the design is for.
+    names, covariance : (p, p) of the model's fitted numbers, as in a model file.
+
+    Raises
+    ------
+    UsageError
+        The model has no such degree of freedom, or nothing that drives it.
+    """
+    form = model.base.form
+    if dof not in form.dofs:
+        raise UsageError(f"the model is about {', '.join(form.dofs)}, not about {dof}")
+    axis = DOFS[dof]
+    channel, gain, words = _drive(model, axis)
+    at = form.dofs.index(dof)
+    force, nu = axis.force, axis.velocity
+    numbers = {
+        "alpha": float(model.base.inertia[at, at]),
+        "beta": -model.base[f"{force}_{nu}"],
+        "beta_quadratic": -model.base[f"{force}_{nu}{nu}"],
+        "delta": model.base[f"{force}_0"],
+        "delay": model.base["delay"],
+    }
+    draft = Draft(axis, channel, gain, law, speed, numbers, replace(PERFECT, lag=model.base["lag"]))
+    if words:
+        draft.remarks.append(Remark("coupling", dof, words))
+    for own in model.effects:
+        take(draft, own)
+    n, gain = draft.numbers, draft.gain
+    usual = "1" if form.normalised else "rad" if channel == "delta" else "N m" if axis.angular else "N"
+    unit = inputs.get(channel, usual)
+    single = SingleDof(
+        dof, unit, n["alpha"] / gain, n["beta"] / gain, n["beta_quadratic"] / gain, n["delta"] / gain, n["delay"]
+    )
+    spread = _covariance(axis, channel, gain, names, covariance)
+    return Reduction(single, channel, spread, draft.actuator, draft.heavier, draft.quantum, tuple(draft.remarks))
+
+
+def _drive(model: ExtendedModel, axis: Dof) -> tuple[str, float, str]:
+    """Return the channel that drives the axis, force per unit of it, and what was left out."""
+    form = model.base.form
+    drives: dict[str, float] = {}
+    for channel, pairs in form.inputs.items():
+        for force, gain in pairs:
+            if force == axis.force:
+                value = gain if isinstance(gain, float | int) else _named(model, gain)
+                drives[channel] = drives.get(channel, 0.0) + float(value)
+    if not drives:
+        raise UsageError(f"nothing in the model drives {axis.name}; its inputs are {', '.join(form.inputs)}")
+    words = ""
+    if len(form.dofs) > 1:
+        words = "the loop is designed for this axis alone, its coupling to the others left out"
+    if len(drives) == 1:
+        (channel, gain), *_ = drives.items()
+        return channel, gain, words
+    together = sum(abs(g) for g in drives.values())
+    channel = "+".join(drives)
+    return channel, together, f"full output is taken as all of {', '.join(drives)} pulling together; {words}"
+
+
+def _named(model: ExtendedModel, name: str) -> float:
+    return -model.base[name[1:]] if name.startswith("-") else model.base[name]
+
+
+def _covariance(axis: Dof, channel: str, gain: float, names: Sequence[str], covariance: Array | None) -> Array:
+    """Return the covariance of the five numbers a loop is designed with, from that of the model's own."""
+    found = np.zeros((5, 5))
+    if covariance is None or not len(covariance):
+        return found
+    force, nu = axis.force, axis.velocity
+    rows = np.zeros((5, len(names)))
+    share = {
+        f"{force}_{nu}dot": (0, -1.0 / gain),
+        f"I_{'xyz'[('roll', 'pitch', 'yaw').index(axis.name)]}" if axis.angular else "m": (0, 1.0 / gain),
+        f"{force}_{nu}": (1, -1.0 / gain),
+        f"linear-drag@{axis.name}.coefficient": (1, 1.0 / gain),
+        f"{force}_{nu}{nu}": (2, -1.0 / gain),
+        f"quadratic-drag@{axis.name}.coefficient": (2, 1.0 / gain),
+        f"{force}_0": (3, 1.0 / gain),
+        f"input-bias@{axis.name}.bias": (3, 1.0 / gain),
+        "net-buoyancy@heave.force": (3, 1.0 / gain),
+        "delay": (4, 1.0),
+        f"input-delay@{channel}.delay": (4, 1.0),
+        "alpha": (0, 1.0),
+        "beta": (1, 1.0),
+        "beta_quadratic": (2, 1.0),
+        "delta": (3, 1.0),
+    }
+    for j, name in enumerate(names):
+        if name in share:
+            row, factor = share[name]
+            rows[row, j] = factor
+    spread: Array = rows @ covariance @ rows.T
+    return spread

@@ -1,0 +1,150 @@
+"""Identification with effects, by output error: from runs and what is asked for to a :class:`Fit`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Scene
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.identify.axis.residuals import rounding_error
+from gcs_autotune.identify.coupled.fit_doubts import fit_percent_of, general_doubts
+from gcs_autotune.identify.coupled.output_error import CoupledSolution
+from gcs_autotune.identify.extended.base import fit_base, given_base
+from gcs_autotune.identify.extended.climb import with_effects
+from gcs_autotune.identify.extended.doubts import effect_doubts
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.solution import solution_of
+from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.extended.wish import Wish, label_of
+from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status, Trace
+from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = ["ExtendedCase", "fit_with_effects"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtendedCase:
+    """One question: these runs, this base and these effects, or a model to begin at and what to add to it.
+
+    ``form`` of the base; the plain one for what the runs show (of ``dof``) when None. ``delay`` [s]: known, of all
+    inputs; None: as the form has it. ``start``: its structure, effects and values are where the fit begins.
+    """
+
+    runs: tuple[Trial, ...]
+    form: Form | None = None
+    wishes: tuple[Wish, ...] = ()
+    start: ExtendedModel | None = None
+    dof: str | None = None
+    delay: float | None = None
+    use: tuple[str, ...] | None = None
+
+
+def fit_with_effects(case: ExtendedCase) -> Fit:
+    """Fit *case*; all of the base and of the effects together, each run with initial states of its own.
+
+    Unlike other fits nothing is mended on the way in: units and signs may be among the effects asked for.
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        The runs cannot be used, or no such model can be simulated on them.
+    UsageError
+        An effect these runs cannot show.
+    """
+    start = case.start
+    form = start.base.form if start is not None else case.form or plain_form(case.runs, case.dof)
+    if case.delay:
+        form = form.fixing({"delay": case.delay})
+    stretches, doubts = stretches_of(case.runs, form, case.use)
+    if start is None:
+        problem, fitted = fit_base(form, stretches)
+    else:
+        values = {**start.base.values, **form.known}
+        base = CoupledModel(form, {n: values[n] for n in form.parameters})
+        problem, _, fitted = given_base(base, start.effects, stretches)
+    fitted = with_effects(problem, fitted, case.wishes)
+    fitted = problem.fit(fitted.theta, fitted.effects, fitted.initial) or fitted
+    return _told(case, problem, fitted, doubts)
+
+
+def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[Doubt]) -> Fit:
+    solution = solution_of(problem, fitted)
+    parameters, covariance = _parameters(problem.scene, fitted, solution)
+    doubts = [*notes, *general_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
+    model = fitted.model
+    return Fit(
+        dof="+".join(fitted.form.dofs),
+        structure=" + ".join((fitted.form.name, *(f"{e.slug}@{e.place}" for e in fitted.effects))),
+        method="output-error",
+        model=model if model.effects else model.base,
+        parameters=parameters,
+        covariance=covariance,
+        fit_percent=fit_percent_of(solution),
+        used=tuple(run.name for run in case.runs),
+        noise=solution.noise,
+        doubts=tuple({(d.slug, d.cause): d for d in doubts}.values()),
+        traces=_traces(problem, fitted, solution),
+        extra={
+            "signals": list(solution.noise),
+            "inputs": dict(problem.scene.inputs),
+            "swing": dict(problem.scene.swing),
+            "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
+            "std_inflation": float(solution.factors.max(initial=1.0)),
+            "residual_correlation_time": solution.correlation,
+            "log_likelihood": solution.log_likelihood,
+        },
+    )
+
+
+def _parameters(scene: Scene, fitted: Fitted, solution: CoupledSolution) -> tuple[Mapping[str, Parameter], Array]:
+    """Return all numbers with units, standard errors and Cramer-Rao bounds, and their covariance (p, p)."""
+    form = fitted.form
+    normalised = form.normalised or set(scene.inputs.values()) == {"1"}
+    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
+    units = {n: unit_of(n, scene.inputs, normalised=normalised) for n in form.parameters}
+    learnt = []
+    for own in fitted.effects:
+        entry = BOOK[own.slug]
+        for name, value in own.values.items():
+            label = label_of(own, name)
+            values[label], units[label] = value, entry.unit_of(name, own.place, scene)
+            if entry.overrides("learn"):
+                learnt.append(label)
+    names = list(values)
+    covariance = np.zeros((len(names),) * 2)
+    places = [names.index(n) for n in solution.free]
+    covariance[np.ix_(places, places)] = solution.covariance
+    bounds = dict(zip(solution.free, np.sqrt(np.diag(solution.whole)).tolist(), strict=False))
+    parameters = {}
+    for i, name in enumerate(names):
+        status: Status = "fixed"
+        if name in solution.free or name in learnt:
+            status = "at_bound" if name in solution.at_bound else "fitted"
+        std = float("nan") if name in learnt else float(np.sqrt(covariance[i, i]))
+        parameters[name] = Parameter(name, values[name], units[name], std, status, bounds.get(name, float("nan")))
+    return parameters, covariance
+
+
+def _traces(problem: Problem, fitted: Fitted, solution: CoupledSolution) -> tuple[Trace, ...]:
+    """Return fit against measurement; samples a disturbance accounts for wholly have the band of the noise alone."""
+    traces, rows = [], iter(solution.rows)
+    factor = float(solution.factors.max(initial=1.0))
+    for rest in fitted.rests:
+        good = np.isfinite(rest.judged)
+        band = np.full(len(rest.t), 1.96 * solution.noise[rest.signal])
+        if good.any():
+            J = next(rows)
+            spread = np.einsum("ij,jk,ik->i", J, solution.whole, J, optimize=True) * factor**2
+            band[good] *= np.sqrt(1.0 + np.maximum(spread, 0.0))
+        run, unit = problem.stretches[rest.stretch].record.run, SIGNALS[rest.signal][0]
+        traces.append(Trace(run, rest.t, rest.measured, rest.predicted, band, rest.signal, unit))
+    return tuple(traces)

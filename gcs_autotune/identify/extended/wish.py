@@ -1,0 +1,57 @@
+"""Effects asked for by name: ``dead-zone``, ``dead-zone@N``; and what their parameters are called in a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.errors import UsageError
+from gcs_autotune.registry import lookup
+
+__all__ = ["Wish", "label_of", "wish_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """An effect to fit; ``place`` None: wherever it explains most."""
+
+    slug: str
+    place: str | None = None
+
+    def candidates(self, scene: Scene) -> Iterator[Applied]:
+        """Yield the effect at every place and with every start these runs allow.
+
+        Raises
+        ------
+        UsageError
+            These runs cannot show it, or not there.
+        """
+        entry = BOOK[self.slug]
+        places = entry.places(scene)
+        if not places:
+            raise UsageError(f"these runs cannot show '{self.slug}' ({entry.meaning}); leave it out")
+        if self.place is not None and self.place not in places:
+            raise UsageError(f"'{self.slug}' cannot sit at '{self.place}' in these runs; it can at {', '.join(places)}")
+        for place in places if self.place is None else (self.place,):
+            constants = entry.constants(place, scene)
+            for start in entry.starts(place, scene):
+                yield Applied(self.slug, place, dict(start), dict(constants))
+
+
+def wish_of(text: str) -> Wish:
+    """Read ``slug`` or ``slug@place``.
+
+    Raises
+    ------
+    UnknownName
+        No such effect in the book.
+    """
+    slug, _, place = text.strip().partition("@")
+    return Wish(lookup(BOOK, slug, "effect").slug, place or None)
+
+
+def label_of(own: Applied, name: str) -> str:
+    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
+    return f"{own.slug}@{own.place}.{name}"

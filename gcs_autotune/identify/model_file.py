@@ -1,0 +1,131 @@
+"""Model files: what ``diagnose`` and ``identify`` write, and ``identify --start``, ``tune --model`` and ``sitl`` read.
+
+A model file is the model's own data (``model``: ``extended``, ``coupled`` or ``single-dof``) and, under ``known_from``,
+what its numbers rest on: units of the inputs, noise, parameters with covariance. The JSON that ``identify`` and
+``diagnose`` print, with such data inside, is read as well.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import BadFile
+from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
+from gcs_autotune.identify.result import Fit, Structure
+from gcs_autotune.models import SingleDof
+from gcs_autotune.models.coupled import CoupledModel
+
+__all__ = ["ModelFile", "load_model", "save_model"]
+
+Array = NDArray[np.float64]
+
+KINDS = ("extended", "coupled", "single-dof")
+
+INSIDE = ("model", "extended_model", "base_model")
+"""Entries of printed results that hold a model."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelFile:
+    """A model, and what is known of where it came from.
+
+    ``model`` always as one with effects; ``axis`` the model of one degree of freedom it was written as, if any.
+    ``inputs`` unit per input; ``noise`` standard deviation per signal; ``names`` and ``covariance`` (p, p) of what was
+    fitted, empty where the file does not say.
+    """
+
+    name: str
+    model: ExtendedModel
+    axis: SingleDof | None = None
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+def save_model(fit: Fit, path: Path) -> None:
+    """Write the model of *fit* to *path*, with what its numbers rest on."""
+    data = fit.to_dict()
+    known = {k: data[k] for k in ("structure", "parameters", "correlation", "noise", "used")}
+    file = {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
+    path.write_text(json.dumps(file, indent=1) + "\n", encoding="utf-8")
+
+
+def load_model(path: Path) -> ModelFile:
+    """Read a model file, or the JSON of an identification or a diagnosis.
+
+    Raises
+    ------
+    BadFile
+        Not readable, or no model in it. UnknownName: an effect that is not in the book.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise BadFile(f"{path} cannot be read as a model file: {error}") from error
+    inner, around = _model_in(data, path)
+    model, axis = _built(inner, path)
+    names, covariance = _uncertainty(around, path)
+    inputs = {str(k): str(v) for k, v in (around.get("inputs") or {}).items()}
+    if axis is not None:
+        inputs = dict.fromkeys(model.base.form.inputs, axis.input_unit)
+    noise = {str(k): float(v) for k, v in (around.get("noise") or {}).items() if isinstance(v, (int, float))}
+    return ModelFile(path.stem, model, axis, inputs, noise, names, covariance)
+
+
+def _model_in(data: Any, path: Path) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Return the model's data, and what is said of it."""
+    if isinstance(data, dict):
+        if data.get("model") in KINDS:
+            return data, data.get("known_from") or {}
+        for key in INSIDE:
+            if isinstance(data.get(key), dict) and data[key].get("model") in KINDS:
+                return data[key], data[key].get("known_from") or data
+    raise BadFile(f"{path} holds no model; write one with: identify RUN --save FILE, or diagnose RUN --out DIR")
+
+
+def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDof | None]:
+    if data["model"] != "single-dof":
+        return ExtendedModel.from_dict(data), None
+    try:
+        axis = SingleDof.from_dict(data)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadFile(f"{path}: not a model of one degree of freedom: {error!r}") from error
+    return as_extended(axis), axis
+
+
+def as_extended(axis: SingleDof) -> ExtendedModel:
+    """Return a model of one degree of freedom as a coupled one; its delay becomes the effect ``input-delay``."""
+    dof = axis.axis
+    channel = "delta" if axis.input_unit == "rad" else dof.force
+    structure: Structure = "affine" if axis.beta_quadratic else "linear"
+    form = axis_form(dof, channel, structure, normalised=axis.input_unit == "1")
+    numbers = (axis.alpha, axis.beta, axis.beta_quadratic, axis.delta)
+    names = derivative_names(dof)[:4]
+    values = {n: s * v for n, s, v in zip(names, SIGNS, numbers, strict=False)}
+    base = CoupledModel(form, {n: values[n] for n in form.parameters})
+    delay = (Applied("input-delay", channel, {"delay": axis.delay}),) if axis.delay > 0.0 else ()
+    return ExtendedModel(base, delay)
+
+
+def _uncertainty(around: Mapping[str, Any], path: Path) -> tuple[tuple[str, ...], Array]:
+    parameters, correlation = around.get("parameters"), around.get("correlation")
+    if not isinstance(parameters, dict) or correlation is None:
+        return (), np.zeros((0, 0))
+    try:
+        std = np.array([float(p["std"] or 0.0) for p in parameters.values()])
+        covariance = np.nan_to_num(np.array(correlation, dtype=np.float64)) * np.outer(std, std)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadFile(f"{path}: parameters or correlation are damaged: {error!r}") from error
+    if covariance.shape != (len(std),) * 2:
+        raise BadFile(f"{path}: {len(std)} parameters, but a correlation of {covariance.shape}")
+    return tuple(parameters), covariance

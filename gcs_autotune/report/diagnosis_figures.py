@@ -1,0 +1,189 @@
+"""The pictures of a diagnosis: before and after, the residual that gave it away, the gain, what remains.
+
+Each function returns a figure; angles are drawn in degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.result import Gain, Portrait
+from gcs_autotune.identify.result import Trace
+from gcs_autotune.report.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
+from gcs_autotune.report.diagnosis_names import signal_words
+from gcs_autotune.report.diagnosis_views import View, bin_means
+from gcs_autotune.report.numbers import pretty_unit, to_people
+from gcs_autotune.report.series import finite, thin
+from gcs_autotune.sname import SIGNALS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_against", "draw_flight", "draw_gains", "draw_left", "draw_view"]
+
+Array = NDArray[np.float64]
+
+MOST_POINTS = 400
+"""Samples of a cloud that are drawn; more cannot be told apart."""
+
+MOST_DOTS = 250
+"""Measured samples drawn of one trace, beside lines through all of them; chosen so that the page stays small."""
+
+_CELLS = 24
+"""Points of a spectrum per decade; chosen so that a narrow peak is still one."""
+
+
+def scaled(values: Array, unit: str) -> tuple[Array, str]:
+    """Return *values* as people read them, and their unit."""
+    shown, factor = to_people(unit)
+    return factor * values, pretty_unit(shown) or "1"
+
+
+def draw_flight(before: Trace, after: Trace | None = None) -> Figure:
+    """Measured motion with the simulation, and with the extended one if given; below, what each leaves over."""
+    figure, (top, bottom) = new_axes((1.7, 0.9))
+    start = float(before.t[0]) if len(before.t) else 0.0
+    measured, unit = scaled(before.measured, before.unit)
+    dots = finite(before.t - start, measured)
+    every = -(-len(dots) // MOST_DOTS) or 1
+    top.plot(dots.t[::every], dots.y[::every], ".", ms=4.0, color=INK, label="measured")
+    for trace, colour, label in ((before, BEFORE, "simulation"), (after, AFTER, "extended simulation")):
+        if trace is None:
+            continue
+        for axes, y in ((top, trace.fitted), (bottom, trace.measured - trace.fitted)):
+            few = thin(finite(trace.t - start, scaled(y, trace.unit)[0]), MOST_POINTS)
+            axes.plot(few.t, few.y, color=colour, lw=1.2 if axes is top else 0.9, label=label)
+    bottom.axhline(0.0, color=FAINT, lw=0.7)
+    top.set_ylabel(f"{signal_words(before.signal)} [{unit}]")
+    bottom.set_ylabel(f"residual [{unit}]")
+    bottom.set_xlabel("time [s]")
+    legend(top)
+    return figure
+
+
+def draw_view(view: View, after: Portrait | None = None) -> Figure:
+    """The residual as the view has it; *after*: the same signal's with what was found, for comparison."""
+    if view.kind == "against":
+        return draw_against(view.portrait, view.name, after)
+    figure, (axes,) = new_axes((2.0,))
+    if view.kind == "spectrum":
+        _spectrum(axes, view.portrait)
+    else:
+        _correlation(axes, *view.portrait.cross[view.name], view.portrait.limit)
+        if after is not None and view.name in after.cross:
+            axes.plot(*after.cross[view.name], color=AFTER, lw=1.2, label="with what was found")
+        axes.set_xlabel(f"the residual lags {view.name} by [s]")
+    legend(axes)
+    return figure
+
+
+def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -> Figure:
+    """The residual of a signal against a channel: a cloud, and its mean in bins; *after*: the extended model's mean."""
+    figure, (axes,) = new_axes((2.2,))
+    x, y = _cloud(portrait, name)
+    x_unit, y_unit = scaled(x, portrait.against[name][2])[1], scaled(y, portrait.unit)[1]
+    every = -(-len(x) // MOST_POINTS) or 1
+    axes.plot(x[::every], y[::every], ".", ms=2.4, color=FAINT, alpha=0.6, label="residual")
+    centre, mean, error, _ = bin_means(x, y)
+    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="its mean")
+    axes.axhline(0.0, color=INK, lw=0.8)
+    if after is not None and name in after.against and len(_cloud(after, name)[0]):
+        centre, mean, _, _ = bin_means(*_cloud(after, name))
+        axes.plot(centre, mean, "o-", ms=2.6, lw=1.4, color=AFTER, label="its mean with what was found")
+    if name == "psi":
+        _compass(axes)
+    axes.set_xlabel({"time": "time [s]", "psi": "heading"}.get(name, f"{_channel(name)} [{x_unit}]"))
+    axes.set_ylabel(f"residual of {signal_words(portrait.signal)} [{y_unit}]")
+    legend(axes)
+    return figure
+
+
+def _cloud(portrait: Portrait, name: str) -> tuple[Array, Array]:
+    """Return channel and residual (n,) as people read them, headings as they stand on a compass."""
+    x, residual, unit = portrait.against[name]
+    keep = np.isfinite(x) & np.isfinite(residual)
+    x = x[keep] % (2.0 * np.pi) if name == "psi" else x[keep]
+    return scaled(x, unit)[0], scaled(residual[keep], portrait.unit)[0]
+
+
+def _channel(name: str) -> str:
+    return f"{signal_words(name)} {name}" if name in SIGNALS else name
+
+
+def _compass(axes: Axes) -> None:
+    axes.set_xlim(0.0, 360.0)
+    axes.set_xticks(range(0, 361, 45), ["N", "NE", "E", "SE", "S", "SW", "W", "NW", "N"])
+
+
+def draw_left(portrait: Portrait) -> Figure | None:
+    """What a model leaves over: its autocorrelation and its spectrum; None when neither was made."""
+    parts = [p for p in (portrait.correlation, portrait.spectrum) if p is not None and len(p[0]) > 1]
+    if not parts:
+        return None
+    figure, row = new_row(len(parts), 1.6)
+    for axes, part in zip(row, parts, strict=True):
+        if part is portrait.correlation:
+            _correlation(axes, *part, portrait.limit)
+            axes.set_xlabel("lag [s]")
+            axes.set_ylabel("autocorrelation")
+        else:
+            _spectrum(axes, portrait)
+        legend(axes)
+    return figure
+
+
+def _correlation(axes: Axes, lag: Array, rho: Array, limit: float) -> None:
+    if np.isfinite(limit):
+        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="95 % of what noise gives")
+    axes.axhline(0.0, color=INK, lw=0.7)
+    axes.plot(lag, rho, color=BEFORE, lw=1.4)
+    axes.set_ylim(-1.05, 1.05)
+    axes.set_ylabel("correlation")
+
+
+def _spectrum(axes: Axes, portrait: Portrait) -> None:
+    """Draw power over frequency in decibels below the strongest, averaged where lines would merge."""
+    assert portrait.spectrum is not None
+    frequency, power = portrait.spectrum
+    keep = (frequency > 0.0) & (power > 0.0) & np.isfinite(power)
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("power [dB]")
+    if not keep.any():
+        return
+    frequency, power = frequency[keep], power[keep]
+    cell = np.floor(_CELLS * np.log10(frequency / frequency[0]))
+    cells = [cell == k for k in np.unique(cell)]
+    level = 10.0 * np.log10(np.array([power[c].mean() for c in cells]))
+    middle = np.array([frequency[c].mean() for c in cells])
+    axes.semilogx(middle, level - level.max(), color=BEFORE, lw=1.4)
+    strongest = float(middle[int(np.argmax(level))])
+    axes.axvline(strongest, color=FAINT, lw=0.9, ls="--", label=f"strongest: {strongest:.2g} Hz")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter("")
+    axes.set_ylim(min(-30.0, float((level - level.max()).min()) - 3.0), 3.0)
+
+
+def draw_gains(gains: Sequence[Gain]) -> Figure | None:
+    """Error after as a share of the error before, per signal, with its 95 % interval; None when none is known."""
+    known = [g for g in gains if np.isfinite(g.ratio)]
+    if not known:
+        return None
+    figure, (axes,) = new_axes((0.3 * len(known) + 0.35,))
+    for i, gain in enumerate(known):
+        low, high = gain.ci95
+        if np.isfinite(low) and np.isfinite(high):
+            axes.plot((100.0 * low, 100.0 * high), (i, i), color=AFTER, lw=2.2, solid_capstyle="butt")
+        axes.plot(100.0 * gain.ratio, i, "o", ms=6, color=AFTER)
+    axes.axvline(100.0, color=BEFORE, lw=1.4)
+    right = max(110.0, *(110.0 * g.ratio for g in known), *(105.0 * g.ci95[1] for g in known if np.isfinite(g.ci95[1])))
+    axes.set_xlim(0.0, right)
+    axes.set_ylim(len(known) - 0.4, -0.6)
+    axes.set_yticks(range(len(known)), [signal_words(g.signal) for g in known])
+    axes.set_xlabel("error left over on unseen data [% of the simulation's, the orange line]")
+    axes.grid(axis="y", visible=False)
+    return figure

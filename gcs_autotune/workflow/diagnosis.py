@@ -1,0 +1,89 @@
+"""A diagnosis from end to end: runs in, a verdict out, and its files written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.model_file import load_model
+from gcs_autotune.errors import UsageError
+from gcs_autotune.registry import lookup
+from gcs_autotune.report.diagnosis_page import MODEL_FILE, render_diagnosis
+from gcs_autotune.trial import Trial
+
+__all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSettings:
+    """What ``diagnose`` was asked for; the names as in :func:`gcs_autotune.diagnose.diagnose`.
+
+    ``model``: a model file; ``effects``: slugs to try, the whole book when None; ``without``: slugs to leave out.
+    """
+
+    dof: str | None = None
+    use: tuple[str, ...] | None = None
+    model: Path | None = None
+    simulations: tuple[Trial, ...] = ()
+    effects: tuple[str, ...] | None = None
+    without: tuple[str, ...] = ()
+
+    def slugs(self) -> tuple[str, ...] | None:
+        """Return the effects to try; None for all.
+
+        Raises
+        ------
+        UnknownName
+            A slug that is not in the book. UsageError: none is left.
+        """
+        for slug in (*(self.effects or ()), *self.without):
+            lookup(BOOK, slug, "effect")
+        if self.effects is None and not self.without:
+            return None
+        left = tuple(s for s in (self.effects if self.effects is not None else BOOK) if s not in self.without)
+        if not left:
+            raise UsageError("no effect is left to try; `gcs-autotune diagnose --list-effects` shows what there is")
+        return left
+
+
+def run_diagnosis(
+    runs: Sequence[Trial],
+    unseen: Sequence[Trial],
+    settings: DiagnosisSettings,
+    watch: Callable[[str, int, int], None] | None = None,
+) -> Diagnosis:
+    """Diagnose *runs*, the gain measured on *unseen* ones; without any, on parts of *runs* left out in turn.
+
+    *watch* is told a stage, how much of it is done, and how much there is.
+
+    Raises
+    ------
+    AutotuneError
+        The runs, the model file or the settings cannot be used; the message says why and what to try.
+    """
+    return diagnose(
+        runs,
+        unseen=unseen,
+        dof=settings.dof,
+        use=settings.use,
+        model=None if settings.model is None else load_model(settings.model),
+        simulations=settings.simulations,
+        effects=settings.slugs(),
+        progress=watch,
+    )
+
+
+def write_diagnosis(told: Diagnosis, directory: Path, when: str) -> Path:
+    """Write ``report.html``, ``diagnosis.json`` and ``model.json`` (the extended model); return the page's path."""
+    directory.mkdir(parents=True, exist_ok=True)
+    page = directory / "report.html"
+    title = f"What does the simulation get wrong? {', '.join(dict.fromkeys(told.used))}"
+    page.write_text(render_diagnosis(told, title, when, str(directory)), encoding="utf-8")
+    (directory / "diagnosis.json").write_text(told.to_json() + "\n", encoding="utf-8")
+    model = json.dumps(told.extended_model.to_dict(), indent=1)
+    (directory / MODEL_FILE).write_text(model + "\n", encoding="utf-8")
+    return page

@@ -1,0 +1,73 @@
+"""A model given by file instead of identified aboard: is it about this axis, does it explain what the craft does?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from gcs_autotune.design import Reduction, reduce
+from gcs_autotune.errors import AutotuneError, UsageError
+from gcs_autotune.firmware import Axis
+from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify.validate import validate
+from gcs_autotune.trial import Trial
+
+__all__ = ["STRANGE", "Given", "explained", "given_for"]
+
+STRANGE = 50.0
+"""Percent of a flown step that a model of the craft explains at least."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """A model file seen from one axis: ``full_scale`` input [its unit] at full output; ``noise_std`` [rad or m]."""
+
+    file: ModelFile
+    reduction: Reduction
+    full_scale: float | None
+    noise_std: float
+
+
+def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
+    """Return *file* as the model of *axis*, checked before anything moves.
+
+    Raises
+    ------
+    UsageError
+        It is not about this axis, or its input is in newtons and nobody says what full output is.
+    """
+    reduction = reduce(file.model, axis.dof, file.inputs, law=axis.law, names=file.names, covariance=file.covariance)
+    unit = reduction.model.input_unit
+    if unit != "1" and full_scale is None:
+        raise UsageError(
+            f"the input {reduction.channel} of '{file.name}' is in {unit}: say with --full-scale how many {unit} full "
+            "output gives, or identify the model from runs with the input as a fraction"
+        )
+    if full_scale is not None and not (math.isfinite(full_scale) and full_scale != 0.0):
+        raise UsageError(f"--full-scale {full_scale:g}: give the input at full output, not zero")
+    noise = file.noise.get(reduction.model.axis.position, 0.0)
+    return Given(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
+
+
+def explained(given: Given, step: Trial) -> float:
+    """Return how much [%] of a flown step the model explains, only its initial state fitted; NaN when it cannot say.
+
+    step : with the output as a fraction of full, as ``tune`` records it.
+    """
+    r = given.reduction
+    flown = r.model.axis.force
+    if flown not in step or "+" in r.channel:
+        return math.nan
+    output = step[flown]
+    scale = 1.0 if given.full_scale is None else given.full_scale
+    channel = replace(output, name=r.channel, unit=r.model.input_unit, values=scale * output.values)
+    own = {n: c for n, c in step.channels.items() if n in (r.model.axis.position, r.model.axis.velocity)}
+    others = [c for c in given.file.model.base.form.inputs if c != r.channel]
+    missing = [c for c in others if c not in step]
+    if missing:
+        return math.nan
+    channels = {**own, **{c: step[c] for c in others}, r.channel: channel}
+    try:
+        return validate(given.file.model, replace(step, channels=channels)).fit_percent
+    except AutotuneError:
+        return math.nan

@@ -1,0 +1,150 @@
+"""The blind suite itself: what it draws, how it weighs, how it scores. The diagnosis is not asked here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.__main__ import main, tasks
+from benchmarks.blind.case import LEAST_RATIO, draw_case
+from benchmarks.blind.craft import FASTEST, KINDS, SLOWEST, draw_craft
+from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
+from benchmarks.blind.foreign import FOREIGN
+from benchmarks.blind.plain import misfit, whitened
+from benchmarks.blind.referee import Outcome
+from benchmarks.blind.scoring import bounds, recovered, report
+from benchmarks.blind.sizes import RECIPES
+from gcs_autotune.effects import BOOK
+from sitl.effects import EFFECTS
+from sitl.tank import Hull, tow
+
+RIGHT = Outcome("single", 1, 0, "dead-zone", ["dead-zone"], ["N"], "yaw", 1.0, 2.0, 0.01, "effect-found", ["dead-zone"])
+
+
+def test_every_effect_of_the_book_and_of_the_simulator_has_a_recipe() -> None:
+    assert set(RECIPES) == set(BOOK) == set(EFFECTS)
+
+
+def test_foreign_effects_are_in_no_book() -> None:
+    assert len(FOREIGN) >= 6
+    assert not set(FOREIGN) & (set(BOOK) | set(EFFECTS))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_craft_have_time_constants_from_a_tenth_of_a_second_to_twenty_seconds(kind: str) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        craft = draw_craft(kind, rng)
+        assert all(FASTEST <= craft.time_constant(dof) * 1.0001 <= SLOWEST * 1.001 for dof in craft.dofs)
+        for name in MANOEUVRES:
+            commands = draw_commands(rng, craft, name, turns=False)
+            assert all(np.abs(u).max() <= craft.full[c] for c, u in commands.items())
+
+
+def test_commands_with_full_turns_turn_the_bow_right_round() -> None:
+    rng, turned = np.random.default_rng(5), []
+    while len(turned) < 20:
+        craft = draw_craft("yaw", rng)
+        if not turns_round(craft):
+            continue
+        commands = draw_commands(rng, craft, "steps", turns=True)
+        hull = Hull(craft.dofs, craft.inertia, craft.linear)
+        file = tow(hull, commands, duration=craft.duration, interval=craft.interval, measured=("psi",))
+        turned.append(np.ptp(file["psi"]) / (2.0 * np.pi))
+    assert np.mean(np.array(turned) > 1.0) > 0.9
+
+
+def test_a_case_is_the_same_every_time_and_another_for_another_index() -> None:
+    one, again, other = (draw_case("single", 7, i, "dead-zone") for i in (0, 0, 1))
+    assert one.truth == again.truth != other.truth
+    for run, same in zip(one.runs, again.runs, strict=True):
+        assert all(np.array_equal(c.values, same[n].values) for n, c in run.channels.items())
+
+
+@pytest.mark.parametrize("slug", ["quadratic-drag", "time-offset", "gyro-bias"])
+def test_a_case_counts_when_the_plain_model_errs_a_quarter_more_than_the_noise(slug: str) -> None:
+    case = draw_case("single", 11, 0, slug)
+    assert case.ratio >= LEAST_RATIO
+    assert case.slugs == (slug,)
+
+
+def test_the_plain_model_explains_a_plain_hull_down_to_the_noise() -> None:
+    rng = np.random.default_rng(2)
+    craft = replace(draw_craft("yaw", rng), samples=500)
+    hull = Hull(craft.dofs, craft.inertia, craft.linear)
+    noise = {n: 0.01 * s for n, s in craft.scale.items()}
+    files = [
+        tow(
+            hull,
+            draw_commands(rng, craft, "steps", turns=False),
+            duration=craft.duration,
+            interval=craft.interval,
+            measured=("psi", "r"),
+            noise=noise,
+            seed=k,
+        )
+        for k in range(3)
+    ]
+    assert misfit(craft, files[:2], files[2:], noise) == pytest.approx(1.0, abs=0.06)
+
+
+def test_whitening_finds_nothing_in_white_noise_and_almost_all_of_a_sinusoid() -> None:
+    t = np.arange(600.0)
+    assert whitened([np.random.default_rng(1).standard_normal(600)]) < 1.05
+    assert whitened([np.sin(0.3 * t)], noise=0.1) > 4.0
+
+
+def test_a_group_counts_as_its_members_but_not_strictly() -> None:
+    late = replace(RIGHT, causes=["backlash"], groups=[["backlash", "dead-zone"]])
+    assert RIGHT.strictly_right and not late.strictly_right and late.right
+    assert not replace(RIGHT, causes=["backlash"]).right
+
+
+def test_two_effects_have_to_be_named_both_and_foreign_ones_not_with_confidence() -> None:
+    two = replace(RIGHT, kind="double", truth=["dead-zone", "wind-moment"], causes=["wind-moment", "dead-zone"])
+    assert two.strictly_right
+    assert not replace(two, causes=["dead-zone", "backlash"]).right
+    foreign = replace(RIGHT, kind="foreign", truth=["sloshing"], verdict="partly-explained")
+    assert foreign.strictly_right and not replace(foreign, verdict="effect-found").right
+    assert not replace(RIGHT, kind="clean", verdict="unexplained").right
+
+
+def test_parameters_without_an_error_are_unknown_and_chosen_ones_have_to_be_equal() -> None:
+    assert recovered(1.0, 1.2, 0.1) and not recovered(1.0, 1.4, 0.1)
+    assert recovered(57.2958, 57.2958, 0.0) and not recovered(0.05, 0.06, 0.0)
+    assert recovered(1.0, 1.0, float("nan")) is None
+
+
+def test_bounds_are_those_of_clopper_and_pearson() -> None:
+    assert bounds(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
+    assert bounds(97, 100) == pytest.approx((0.9148, 0.9938), abs=1e-4)
+
+
+def test_the_report_shows_what_is_mistaken_for_what() -> None:
+    wrong = replace(RIGHT, index=1, causes=["backlash"], pulls={"dead-zone.width": [1.0, 1.1, 0.1]})
+    text = report([RIGHT, wrong, replace(RIGHT, kind="clean", slug="", truth=[], verdict="no-effect", causes=[])])
+    assert "50.0 %  (1/2; 1 to 99)" in text
+    assert "backlash 1" in text
+    assert "1/1" in text.split("dead-zone.width")[1]
+
+
+def test_outcomes_survive_the_file() -> None:
+    assert Outcome.from_json(RIGHT.to_json()).to_json() == RIGHT.to_json()
+
+
+def test_cases_already_saved_are_not_played_again(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "blind.jsonl"
+    file.write_text(RIGHT.to_json() + "\n", encoding="utf-8")
+    asked = ["--kind", "single", "--cases", "1", "--only", "dead-zone", "--save", str(file), "--quiet"]
+    assert main(asked) == 0
+    assert "100.0 %  (1/1" in capsys.readouterr().out
+    assert file.read_text(encoding="utf-8") == RIGHT.to_json() + "\n"
+
+
+def test_effects_come_by_turns() -> None:
+    drawn = tasks("single", 2 * len(RECIPES), 1, ())
+    assert [t[3] for t in drawn[: len(RECIPES)]] == list(RECIPES)
+    assert drawn[len(RECIPES)][2] == 1
+    assert len(tasks("all", 100, 1, ())) == 100

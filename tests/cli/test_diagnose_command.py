@@ -1,0 +1,145 @@
+"""``gcs-autotune diagnose`` as typed."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.effects.book import BOOK
+from gcs_autotune.errors import UsageError
+from gcs_autotune.workflow.diagnosis import DiagnosisSettings
+
+WIDTH, DT, INERTIA, DRAG, NOISE = 0.3, 0.1, 2.0, 1.0, 0.004
+FAST = ("--effects", "dead-zone,input-bias")
+
+
+def run(capsys, *arguments):
+    code = main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def record(path, seed, width=0.0, n=300):
+    """Write a run of 2 r' + r = N less a dead zone, exact between samples, with noise."""
+    rng = np.random.default_rng(seed)
+    command = np.repeat(rng.uniform(-1.0, 1.0, n // 20), 20)
+    acting = np.sign(command) * np.maximum(np.abs(command) - width, 0.0)
+    psi, r, decay = 0.3, 0.0, math.exp(-DT * DRAG / INERTIA)
+    rows = []
+    for k in range(n):
+        noise = rng.normal(0.0, NOISE, 2)
+        rows.append((k * DT, math.degrees(psi + noise[0]), r + noise[1], command[k]))
+        steady = acting[k] / DRAG
+        psi += steady * DT + (r - steady) * (1.0 - decay) * INERTIA / DRAG
+        r = steady + (r - steady) * decay
+    np.savetxt(path, rows, delimiter=",", header="t[s],psi[deg],r[rad/s],N[N m]", comments="", fmt="%.6f")
+    return path
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    return [record(folder / f"hidden-{seed}.csv", seed, WIDTH) for seed in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def found(runs, tmp_path_factory):
+    """A diagnosis with its files; what it wrote."""
+    out = tmp_path_factory.mktemp("found")
+    assert main(["diagnose", *map(str, runs[:2]), "--validate", str(runs[2]), *FAST, "--out", str(out)]) == 0
+    return out
+
+
+def test_a_hidden_dead_zone_is_named_and_three_files_are_written(found):
+    assert sorted(p.name for p in found.iterdir()) == ["diagnosis.json", "model.json", "report.html"]
+    told = json.loads((found / "diagnosis.json").read_text())
+    assert told["causes"][0] == "dead-zone"
+    width = told["found"][0]["parameters"]["width"]
+    assert width["value"] == pytest.approx(WIDTH, abs=max(5.0 * width["std"], 1e-3))
+    assert told["gain"]["ratio"] < 0.2
+    assert told["held_out"] == ["hidden-3"]
+    page = (found / "report.html").read_text(encoding="utf-8")
+    assert "dead zone on yaw moment (N)" in page
+    assert f"--model {found}/model.json" in page
+
+
+def test_the_extended_model_explains_the_runs_it_was_made_for(capsys, runs, found):
+    code, out, _ = run(
+        capsys, "diagnose", runs[2], "--model", found / "model.json", "--effects", "input-bias", "--json"
+    )
+    assert code == 0
+    told = json.loads(out)
+    assert told["verdict"] == "no-effect"
+    assert [e["slug"] for e in told["base_model"]["effects"]] == ["dead-zone"]
+
+
+def test_the_document_of_a_diagnosis_serves_as_its_model(capsys, runs, found):
+    code, out, _ = run(
+        capsys, "diagnose", runs[2], "--model", found / "diagnosis.json", "--effects", "gyro-bias", "--json"
+    )
+    assert code == 0
+    assert json.loads(out)["base_model"]["effects"][0]["slug"] == "dead-zone"
+
+
+def test_json_is_printed_alone_and_nothing_is_written(capsys, tmp_path, monkeypatch, runs):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "diagnose", runs[0], *FAST, "--json")
+    assert code == 0
+    assert err == ""
+    told = json.loads(out)
+    assert {"verdict", "causes", "ranking", "indistinguishable", "gain", "base_model", "extended_model"} <= set(told)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_out_the_folder_is_named_for_the_first_run(capsys, tmp_path, monkeypatch, runs):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run(capsys, "diagnose", runs[0], runs[1], *FAST)
+    assert code == 0
+    assert "dead zone on yaw moment (N)" in " ".join(out.split())
+    assert "Page: diagnose-hidden-1" in out
+    assert (tmp_path / "diagnose-hidden-1" / "report.html").exists()
+
+
+def test_effects_left_out_are_not_tried():
+    tried = DiagnosisSettings(without=("dead-zone", "outliers")).slugs()
+    assert tried == tuple(slug for slug in BOOK if slug not in ("dead-zone", "outliers"))
+    assert DiagnosisSettings().slugs() is None
+    with pytest.raises(UsageError, match="no effect is left"):
+        DiagnosisSettings(effects=("outliers",), without=("outliers",)).slugs()
+
+
+def test_the_effects_are_listed_for_people_and_for_programs(capsys):
+    code, out, _ = run(capsys, "diagnose", "--list-effects")
+    assert code == 0
+    assert "dead-zone" in out
+    code, out, _ = run(capsys, "diagnose", "--list-effects", "--json")
+    assert code == 0
+    assert "compass-deviation" in {e["slug"] for e in json.loads(out)["effects"]}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "name at least one run"),
+        (("RUN", "--effects", "dead-zon"), "Did you mean dead-zone"),
+        (("RUN", "--without", "gremlins"), "unknown effect 'gremlins'"),
+    ],
+)
+def test_a_wrong_command_ends_with_code_2_and_says_why(capsys, runs, arguments, said):
+    code, out, err = run(capsys, "diagnose", *(runs[0] if a == "RUN" else a for a in arguments))
+    assert code == 2
+    assert out == ""
+    assert said in err
+
+
+def test_a_file_that_is_no_model_is_refused_by_name(capsys, tmp_path, runs):
+    for text in ("no json", "[1]", '{"schema": 1}', '{"model": "coupled"}', '{"model": {"model": "thruster"}}'):
+        wrong = tmp_path / "wrong.json"
+        wrong.write_text(text)
+        code, _, err = run(capsys, "diagnose", runs[0], "--model", wrong, *FAST)
+        assert code == 6
+        assert "wrong.json" in err

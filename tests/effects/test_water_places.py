@@ -1,0 +1,178 @@
+"""Where effects of water and surroundings may sit, in which units they are told, and how they are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from water_bench import BOAT, COASTER, DIVER, HOVERER, SPINNER, Water, craft, form, levels
+
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied, Drive, Scene
+
+SLUGS = (
+    "linear-drag", "quadratic-drag", "coriolis-coupling", "sway-yaw-coupling", "mass-change", "net-buoyancy",
+    "ground-effect", "input-bias", "steady-current", "wind-moment", "tether-pull",
+)  # fmt: skip
+
+CRAFT = {"boat": BOAT, "spinner": SPINNER, "diver": DIVER, "hoverer": HOVERER, "coaster": COASTER}
+SCENES = {n: c.scene(c.sail(Water())) for n, c in CRAFT.items()}
+
+
+def without(scene: Scene, *signals: str) -> Scene:
+    return replace(scene, signals={n: u for n, u in scene.signals.items() if n not in signals})
+
+
+def test_the_book_holds_them_in_the_order_they_are_told() -> None:
+    assert [s for s in BOOK if s in SLUGS] == list(SLUGS)
+
+
+@pytest.mark.parametrize(
+    ("slug", "name", "places"),
+    [
+        ("linear-drag", "boat", ()),
+        ("quadratic-drag", "boat", ("surge", "sway", "yaw")),
+        ("coriolis-coupling", "boat", ("surge+sway+yaw",)),
+        ("coriolis-coupling", "spinner", ()),
+        ("sway-yaw-coupling", "boat", ("sway+yaw",)),
+        ("sway-yaw-coupling", "coaster", ()),
+        ("mass-change", "boat", ("surge+sway+yaw",)),
+        ("net-buoyancy", "diver", ("heave",)),
+        ("net-buoyancy", "boat", ()),
+        ("ground-effect", "diver", ("heave",)),
+        ("ground-effect", "hoverer", ("yaw",)),
+        ("ground-effect", "boat", ()),
+        ("input-bias", "diver", ()),
+        ("input-bias", "boat", ("surge", "sway", "yaw")),
+        ("steady-current", "boat", ("over ground", "through water")),
+        ("steady-current", "coaster", ("through water",)),
+        ("steady-current", "diver", ()),
+        ("wind-moment", "spinner", ("yaw",)),
+        ("tether-pull", "boat", ("yaw", "surge+sway")),
+        ("tether-pull", "coaster", ("surge",)),
+        ("tether-pull", "diver", ("heave",)),
+    ],
+)
+def test_places(slug: str, name: str, places: tuple[str, ...]) -> None:
+    assert BOOK[slug].places(SCENES[name]) == places
+
+
+def test_what_goes_with_the_heading_needs_a_measured_heading() -> None:
+    assert BOOK["wind-moment"].places(without(SCENES["spinner"], "psi")) == ()
+    assert BOOK["tether-pull"].places(without(SCENES["spinner"], "psi")) == ()
+    assert BOOK["steady-current"].places(without(SCENES["boat"], "psi")) == ()
+
+
+def test_positions_without_speeds_leave_one_reading_of_a_current() -> None:
+    assert BOOK["steady-current"].places(without(SCENES["boat"], "u", "v")) == ("over ground",)
+    assert BOOK["steady-current"].places(without(SCENES["boat"], "x", "y")) == ("over ground",)
+
+
+def test_depth_has_to_change_by_more_than_its_noise() -> None:
+    assert BOOK["ground-effect"].places(replace(SCENES["diver"], level={"z": 10.0})) == ()
+
+
+@pytest.mark.parametrize(
+    ("slug", "name", "there"),
+    [("quadratic-drag", "spinner", "N_rr"), ("quadratic-drag", "spinner", "N_|r|r"), ("input-bias", "spinner", "N_0"),
+     ("net-buoyancy", "diver", "Z_0"), ("wind-moment", "spinner", "N_sinpsi"), ("tether-pull", "spinner", "N_psi"),
+     ("sway-yaw-coupling", "boat", "N_v"), ("steady-current", "boat", "V_y"), ("coriolis-coupling", "boat", "N_uv")],
+)  # fmt: skip
+def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: str, there: str) -> None:
+    scene = SCENES[name]
+    before = BOOK[slug].places(scene)
+    after = BOOK[slug].places(replace(scene, form=scene.form.freeing(there)))
+    assert len(after) < len(before)
+
+
+@pytest.mark.parametrize(
+    ("slug", "name", "place", "units"),
+    [
+        ("quadratic-drag", "boat", "surge", {"coefficient": "N s^2/m^2"}),
+        ("quadratic-drag", "spinner", "yaw", {"coefficient": "N m s^2/rad^2"}),
+        ("linear-drag", "boat", "sway", {"coefficient": "N s/m"}),
+        ("coriolis-coupling", "boat", "surge+sway+yaw", {"X_vr": "N s^2/(m rad)", "N_uv": "N m s^2/m^2"}),
+        ("sway-yaw-coupling", "boat", "sway+yaw", {"Y_r": "N s/rad", "N_v": "N m s/m", "Y_rdot": "N s^2/rad"}),
+        ("mass-change", "boat", "surge+sway+yaw", {"ratio": "1", "time": "s"}),
+        ("net-buoyancy", "diver", "heave", {"force": "N"}),
+        ("ground-effect", "diver", "heave", {"strength": "1", "length": "m"}),
+        ("input-bias", "boat", "sway", {"bias": "N"}),
+        ("steady-current", "boat", "over ground", {"V_x": "m/s"}),
+        ("wind-moment", "spinner", "yaw", {"strength": "N m", "direction": "rad"}),
+        ("tether-pull", "spinner", "yaw", {"stiffness": "N m/rad", "anchor": "rad"}),
+        ("tether-pull", "boat", "surge+sway", {"stiffness": "N/m", "x": "m"}),
+    ],
+)
+def test_units(slug: str, name: str, place: str, units: dict[str, str]) -> None:
+    assert {n: BOOK[slug].unit_of(n, place, SCENES[name]) for n in units} == units
+
+
+def test_units_where_thrust_is_a_share_of_full_output() -> None:
+    scene = SCENES["spinner"]
+    shares = replace(scene, form=replace(scene.form, normalised=True), inputs={"N": "1"})
+    assert BOOK["wind-moment"].unit_of("strength", "yaw", shares) == "1"
+    assert BOOK["quadratic-drag"].unit_of("coefficient", "yaw", shares) == "s^2/rad^2"
+
+
+def reversed_rudder() -> Scene:
+    """A boat whose positive rudder turns it to port: inertia and drag are negative in units of rudder."""
+    ship = craft(("yaw",), {"r": -2.0}, {"r": -1.5}, {"delta": levels(0.4)}, {"psi": 0.0, "r": 0.0}, ("psi", "r"))
+    return replace(ship.scene(ship.sail(Water())), form=form(("yaw",), {"N_rdot": 2.0, "N_r": 1.5}, ("delta",)))
+
+
+@pytest.mark.parametrize(
+    ("slug", "values", "forces"),
+    [
+        ("quadratic-drag", {"coefficient": 0.3}, {"N_rr": 0.3}),
+        ("tether-pull", {"stiffness": 0.2, "anchor": 0.5}, {"N_psi": 0.2, "N_0": -0.1}),
+        ("wind-moment", {"strength": 0.2, "direction": 0.0}, {"N_sinpsi": 0.2, "N_cospsi": 0.0}),
+        ("input-bias", {"bias": 0.1}, {"N_0": 0.1}),
+    ],
+)
+def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back(
+    slug: str, values: dict[str, float], forces: dict[str, float]
+) -> None:
+    scene, entry = reversed_rudder(), BOOK[slug]
+    own = Applied(slug, "yaw", values, dict(entry.constants("yaw", scene)))
+    assert entry.derivatives(own) == pytest.approx(forces)
+    assert entry.unit_of(next(iter(values)), "yaw", scene).startswith("rad")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name: str) -> None:
+    scene = SCENES[name]
+    for slug in SLUGS:
+        entry = BOOK[slug]
+        for place in entry.places(scene):
+            own = Applied(slug, place, dict(entry.starts(place, scene)[0]), dict(entry.constants(place, scene)))
+            drawn = entry.curve(own, scene)
+            if drawn is None:
+                continue
+            assert len(drawn.x) == len(drawn.y)
+            assert drawn.plain is None or len(drawn.plain) == len(drawn.x)
+            assert np.all(np.isfinite(drawn.y)) and np.ptp(drawn.y) > 0.0
+            assert "[" in drawn.x_label and drawn.y_label and drawn.title
+
+
+def test_every_entry_tells_what_it_is_and_points_to_others() -> None:
+    for slug in SLUGS:
+        entry = BOOK[slug]
+        assert slug not in entry.mistaken_for and entry.mistaken_for
+        assert {q.name for q in entry.parameters} >= set(entry.grows_with)
+        assert len(entry.meaning) > 30 and len(entry.shown_by) > 30 and len(entry.separated_by) > 30
+
+
+def test_a_change_of_mass_leaves_commands_as_they_are() -> None:
+
+    entry = BOOK["mass-change"]
+    truth = SPINNER.sail(Water())
+    passage = SPINNER.passage(truth)
+
+    own = Applied("mass-change", "yaw", {"ratio": 2.0, "time": 13.0})
+    drive = entry.drive(own, Drive(passage.t_in, passage.commands, passage.start, passage.measured))
+    assert np.all(np.diff(drive.t) > 0.0)
+    assert drive.channels["payload"][drive.t < 13.0] == pytest.approx(1.0)
+    assert drive.channels["payload"][drive.t >= 13.0] == pytest.approx(2.0)
+    at = np.searchsorted(passage.t_in, drive.t, side="right") - 1
+    assert drive.channels["N"] == pytest.approx(passage.commands["N"][at])

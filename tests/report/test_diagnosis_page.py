@@ -1,0 +1,207 @@
+"""What a person sees of a diagnosis: the page, the terminal, the list of effects, the bar."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from diagnosis_stories import STORIES, WHEN, dead_zone, deviation, portraits, unexplained
+from page_reader import Page
+from rich.console import Console
+
+from gcs_autotune.diagnose.result import Value
+from gcs_autotune.effects.book import BOOK
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
+from gcs_autotune.report.diagnosis_names import named, place_words, value_words
+from gcs_autotune.report.diagnosis_views import bin_means, telling_view, views_of
+from gcs_autotune.report.diagnosis_wording import verdict_headline
+from gcs_autotune.report.terminal import render_text
+
+TITLE = "Diagnosis of 'boat' <b>"
+
+
+@cache
+def story(name):
+    return STORIES[name]()
+
+
+@cache
+def html_of(name):
+    return render_diagnosis(story(name), TITLE, WHEN, "out dir")
+
+
+def text_of(name):
+    return Page(html_of(name)).text
+
+
+def terminal_of(name):
+    return shown(story(name))
+
+
+def shown(told):
+    return " ".join(render_text(diagnosis_summary(told)).split())
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_every_verdict_makes_a_well_formed_page_that_fetches_nothing(name):
+    page = Page(html_of(name))
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert all(reference.startswith("#") for reference in page.references)
+    assert not {"script", "iframe", "img"} & set(page.tags)
+
+
+def test_the_same_diagnosis_gives_the_same_bytes():
+    assert render_diagnosis(deviation(), TITLE, WHEN, "out dir") == html_of("deviation")
+
+
+def test_names_from_the_user_are_escaped():
+    page = html_of("dead-zone")
+    assert "morning &lt;1&gt;" in page
+    assert "<1>" not in page
+    assert "Diagnosis of &#39;boat&#39; &lt;b&gt;" in page
+
+
+def test_the_verdict_is_one_sentence_with_both_errors_on_unseen_data():
+    gain = story("dead-zone").gain
+    said = verdict_headline(story("dead-zone")).text
+    assert "dead zone on yaw moment (N), width 0.302 ± 0.006 N m" in said
+    assert f"{math.degrees(gain.after):.3g}°/s instead of {math.degrees(gain.before):.3g}°/s" in said
+    assert "not seen" in said
+    for text in (text_of("dead-zone"), terminal_of("dead-zone")):
+        assert said in text
+        assert "95 % interval" in text
+
+
+def test_an_effect_found_is_told_with_curve_gain_ranking_and_commands():
+    text = text_of("dead-zone")
+    assert "N acting [N m]" in text
+    assert "half-width of the dead zone" in text
+    assert "< 1e-15" not in text
+    assert "2e-12" in text
+
+
+def test_the_commands_for_the_extended_model_can_be_copied_whatever_the_directory_is_called():
+    text = text_of("dead-zone")
+    assert "gcs-autotune sitl VEHICLE --model 'out dir/model.json'" in text
+    assert "gcs-autotune identify RUN --start 'out dir/model.json'" in text
+    assert "gcs-autotune tune heading --model 'out dir/model.json'" in text
+
+
+def test_names_of_a_partly_explained_diagnosis_are_called_hypotheses_on_page_and_terminal():
+    for text in (text_of("deviation"), terminal_of("deviation")):
+        assert "Hypothesis: compass deviation on heading (psi)" in text
+        assert "The names are hypotheses" in text
+        assert "0.01 ± ? N m" in text
+        assert "The third run is short" in text
+
+
+def test_a_deviation_card_is_drawn_on_a_compass_rose():
+    text = text_of("deviation")
+    assert "On the rose the dark circle is zero" in text
+    assert "NW" in text
+
+
+def test_unexplained_says_how_large_it_is_and_recommends_no_command():
+    for text in (text_of("unexplained"), terminal_of("unexplained")):
+        assert "not in the book" in text
+        assert "14 times the noise" in text
+        assert "none of the 41 candidates" in text
+    assert "--model" not in text_of("unexplained")
+
+
+def test_no_effect_claims_no_more_than_these_runs_show():
+    for text in (text_of("nothing"), terminal_of("nothing")):
+        assert "Nothing is missing that these runs could show" in text
+        assert "no proof" in text
+        assert "Found" not in text
+
+
+def test_unknown_numbers_are_not_made_up():
+    text = text_of("bare")
+    assert "nan" not in text.lower()
+    assert "errs by" not in text
+
+
+def test_a_found_cause_without_a_gain_or_pictures_can_still_be_told():
+    told = replace(dead_zone(), gain=None, gains=(), before=(), after=(), ranking=())
+    for text in (Page(render_diagnosis(told, TITLE, WHEN)).text, shown(told)):
+        assert "Found: dead zone on yaw moment (N)" in text
+        assert "instead of" not in text
+
+
+def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides():
+    for text in (text_of("dead-zone"), terminal_of("dead-zone")):
+        assert "Dead zone and quadratic actuator: each explains these runs about as well" in text
+        assert "Steps of several sizes" in text
+
+
+@pytest.mark.parametrize(
+    ("told", "slug", "place", "kind", "name", "signal"),
+    [
+        (dead_zone, "dead-zone", "N", "against", "N", "r"),
+        (deviation, "compass-deviation", "psi", "against", "psi", "psi"),
+    ],
+)
+def test_the_picture_shown_is_the_one_in_which_the_effect_shows(told, slug, place, kind, name, signal):
+    view = telling_view(told().before, BOOK[slug], place)
+    assert (view.kind, view.name, view.portrait.signal) == (kind, name, signal)
+    assert view.share > 0.5
+
+
+def test_without_a_cause_the_strongest_picture_is_shown():
+    view = telling_view(unexplained().before)
+    assert (view.kind, view.portrait.signal) == ("spectrum", "r")
+
+
+def test_no_view_of_white_noise_claims_to_account_for_it():
+    for portrait in portraits(lambda tau: tau, lambda psi: psi):
+        assert all(view.share < 0.05 for view in views_of(portrait))
+
+
+def test_bins_hold_all_samples_once_also_when_a_command_takes_three_values_only():
+    x = np.repeat([-1.0, 0.0, 1.0], 40)
+    centre, mean, _, count = bin_means(x, 2.0 * x)
+    assert count.sum() == len(x)
+    assert np.all(np.abs(mean - 2.0 * centre) < 1e-12)
+
+
+def test_places_and_values_are_called_what_people_call_them():
+    assert place_words("u+v") == "surge velocity (u) and sway velocity (v)"
+    assert place_words("t") == "the file's clock"
+    assert place_words("surge+sway+yaw") == "surge, sway and yaw"
+    assert place_words("psi+r+u+v") == "4 columns (psi, r, u, v)"
+    current = replace(dead_zone().causes[0], applied=Applied("steady-current", "over ground", {}))
+    assert named(current) == "steady current (over ground)"
+    assert value_words(Value(math.radians(6.93), "rad", math.radians(0.17))) == "6.93 ± 0.17°"
+    assert value_words(Value(math.nan, "rad", math.nan)) == "?"
+
+
+def test_the_list_of_effects_has_every_entry_under_its_family():
+    text = " ".join(render_text(effects_list(BOOK)).split())
+    for slug, effect in BOOK.items():
+        assert slug in text
+        assert all(f"{q.name} [" in text for q in effect.parameters)
+    listed = json.loads(json.dumps(effects_to_dict(BOOK)))["effects"]
+    assert [e["slug"] for e in listed] == list(BOOK)
+    assert all(e["separated_by"] and e["family"] for e in listed)
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_the_json_of_every_story_is_plain(name):
+    told = story(name)
+    assert json.loads(told.to_json())["verdict"] == told.verdict
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_progress_is_shown_on_a_terminal_and_nowhere_else(terminal):
+    stream = io.StringIO()
+    with StageBar(Console(file=stream, force_terminal=terminal, width=80)) as bar:
+        bar("cause 1: screening", 3, 23)
+    assert ("cause 1: screening" in stream.getvalue()) is terminal

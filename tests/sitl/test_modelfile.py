@@ -1,0 +1,143 @@
+"""Model files flown instead of a vehicle's own hull, against the tuner's own simulation of the same numbers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.models.coupled import FORMS, CoupledModel
+from gcs_autotune.models.coupled.form import Form
+from sitl import BadModel, read_model
+from sitl.__main__ import main
+from sitl.body import Loads
+from tests.sitl.ground import boat, rov
+
+YAW = Form(
+    "yaw", "yaw", ("yaw",), ("N_rdot", "N_r", "N_rr", "N_0"), {}, {"N": (("N", 1.0),)}, coriolis=False
+)  # fmt: skip
+YAW_VALUES = {"N_rdot": -2.0, "N_r": -1.5, "N_rr": -0.5, "N_0": 0.05}
+PLANE_VALUES = {
+    "m": 8.0, "X_udot": -2.0, "Y_vdot": -6.0, "N_rdot": -0.5, "I_z": 0.4, "Y_rdot": -0.3, "X_u": -4.0, "X_uu": -2.0,
+    "Y_v": -9.0, "Y_vv": -3.0, "N_r": -0.8, "N_rr": -0.4, "N_v": -0.6, "Y_r": 0.5, "X_vr": 0.7,
+}  # fmt: skip
+PLANE = Form(
+    "plane", "plane", ("surge", "sway", "yaw"), tuple(PLANE_VALUES), {},
+    {"X": (("X", 1.0),), "Y": (("Y", 1.0),), "N": (("N", 1.0),)},
+)  # fmt: skip
+
+
+def written(tmp_path, form, values, applied=(), **more):
+    base = CoupledModel(form, {n: values[n] for n in form.parameters})
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps({**ExtendedModel(base, tuple(applied)).to_dict(), **more}), encoding="utf-8")
+    return path, base
+
+
+def test_a_yaw_model_replaces_the_yaw_of_a_vehicle_alone(tmp_path):
+    path, _ = written(tmp_path, YAW, YAW_VALUES, constants={"swing": {"N": 3.0}})
+    ground, plain = rov(model=read_model(path)), rov()
+    axis = ground.vehicle.body.yaw
+    assert (axis.alpha, axis.beta, axis.beta2) == (2.0, 1.5, 0.5)
+    assert ground.vehicle.actuators.full["yaw"] == 3.0
+    assert ground.vehicle.body.surge.alpha == plain.vehicle.body.surge.alpha
+    assert ground.vehicle.actuators.full["surge"] == plain.vehicle.actuators.full["surge"]
+
+
+@pytest.mark.parametrize("craft", [rov, boat])
+def test_a_vehicle_turns_as_the_tuner_predicts_from_the_same_file(tmp_path, craft):
+    path, base = written(tmp_path, YAW, YAW_VALUES, constants={"swing": {"N": 3.0}})
+    ground = craft(armed=False, model=read_model(path))
+    vehicle = ground.vehicle
+    start, t_0 = vehicle.body.r, ground.t
+    vehicle.actuators.read = lambda pwm: {"N": 0.4, "X": 0.0, "Z": 0.0}
+    ground.run(4.0)
+    stamps = np.array([0.0, ground.t - t_0])
+    predicted = base.simulate(np.array([0.0]), {"N": np.array([1.2])}, stamps, {"r": start})
+    assert vehicle.body.r == pytest.approx(predicted.values["r"][-1], rel=1e-3)
+
+
+def test_without_a_largest_command_full_output_is_one_unit(tmp_path):
+    path, _ = written(tmp_path, YAW, YAW_VALUES)
+    assert rov(model=read_model(path)).vehicle.actuators.full["yaw"] == 1.0
+
+
+def test_effects_come_with_the_model_and_their_inputs_become_shares(tmp_path):
+    effects = [
+        Applied("dead-zone", "N", {"width": 0.6}, {"swing": 3.0}),
+        Applied("input-bias", "yaw", {"bias": 0.3}),
+        Applied("compass-deviation", "psi", {"B": 0.1, "C": 0.2, "A": 0.0}),
+    ]
+    path, _ = written(tmp_path, YAW, YAW_VALUES, effects)
+    vehicle = rov(model=read_model(path)).vehicle
+    found = {effect.slug: effect.values for effect in vehicle.effects}
+    assert found["dead-zone"] == pytest.approx({"width": 0.2})
+    assert found["input-bias"] == pytest.approx({"bias": 0.1})
+    assert found["compass-deviation"] == {"B": 0.1, "C": 0.2, "A": 0.0}
+    loads = Loads()
+    for effect in vehicle.effects:
+        effect.alter_force(0.0, loads)
+    assert loads.N == pytest.approx(0.3)
+
+
+def test_a_coupled_plane_moves_as_the_tuner_predicts(tmp_path):
+    path, base = written(tmp_path, PLANE, PLANE_VALUES)
+    body = rov(model=read_model(path)).vehicle.body
+    body.u = body.v = body.r = body.psi = body.x = body.y = 0.0
+    stamps = np.arange(0.0, 10.0, 0.02)
+    loads = Loads(X=5.0, Y=2.0, N=1.0)
+    track = []
+    for _ in stamps:
+        track.append((body.x, body.y, body.psi, body.u, body.v, body.r))
+        body.step(loads, 0.02)
+    inputs = {"X": np.array([5.0]), "Y": np.array([2.0]), "N": np.array([1.0])}
+    predicted = base.simulate(np.array([0.0]), inputs, stamps, {})
+    for name, values in zip(("x", "y", "psi", "u", "v", "r"), np.transpose(track), strict=True):
+        assert values == pytest.approx(predicted.values[name], abs=1e-4), name
+    assert abs(body.v) > 0.05
+
+
+def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
+    form = FORMS["rudder"]
+    values = dict.fromkeys(form.parameters, 0.0)
+    values.update(form.known)
+    values.update({"X_0": 0.5, "X_uu": -0.5, "Y_|v|v": -1.0, "N_|r|r": -1.0, "Y_delta": -0.2, "N_delta": 0.3})
+    path, _ = written(tmp_path, form, values, constants={"swing": {"delta": 0.5}})
+    vehicle = boat(armed=False, model=read_model(path)).vehicle
+    loads = Loads()
+    vehicle.actuators.apply({"N": 1.0, "X": 0.0}, vehicle.body, loads)
+    assert (loads.X, loads.Y, loads.N) == pytest.approx((0.5, -0.1, 0.15))
+    assert vehicle.body.u == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"model": "nomoto"}, "a model of kind 'nomoto' cannot be flown"),
+        ({"base": {}}, "not a model file as 'gcs-autotune diagnose' writes it"),
+        ({"effects": [{"slug": "dead-zon", "place": "N", "values": {}}]}, "did you mean dead-zone?"),
+        ({"effects": [{"slug": "dead-zone", "place": "N", "values": {}}]}, "dead-zone needs width"),
+        ({"effects": [{"slug": "coriolis-coupling", "place": "", "values": {"X_vr": 1.0}}]}, "needs a hull that sways"),
+    ],
+)
+def test_a_model_that_cannot_be_flown_is_explained_in_one_line(tmp_path, change, said, capsys):
+    path, _ = written(tmp_path, YAW, YAW_VALUES, **change)
+    assert main(["automarine", "--model", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_a_model_the_vehicle_has_no_axis_for_is_explained(tmp_path):
+    form = Form("heave", "heave", ("heave",), ("Z_wdot", "Z_w"), {}, {"Z": (("Z", 1.0),)}, coriolis=False)
+    path, _ = written(tmp_path, form, {"Z_wdot": -5.0, "Z_w": -2.0})
+    with pytest.raises(BadModel, match="moves in heave, which this vehicle does not"):
+        boat(model=read_model(path))
+
+
+def test_no_file_is_explained(tmp_path, capsys):
+    assert main(["automarine", "--model", str(tmp_path / "none.json")]) == 2
+    assert "not a model file" in capsys.readouterr().err

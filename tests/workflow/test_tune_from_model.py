@@ -1,0 +1,82 @@
+"""Tuning from a model file: no experiments, the effects in the design, still proved on the water."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.model_file import as_extended, load_model
+from gcs_autotune.models import SingleDof
+from sitl.effects.table import make_effect
+
+from .harbour import Harbour
+
+ALPHA, BETA = 16.36, 4.912
+"""The simulated boat's own yaw, input as a fraction of full rudder."""
+DEAD = 0.06
+
+
+def model_file(folder: Path, *effects: Applied, unit: str = "1", alpha: float = ALPHA) -> Path:
+    """Write a model file as a diagnosis does."""
+    plain = as_extended(SingleDof("yaw", unit, alpha, BETA))
+    path = folder / "model.json"
+    path.write_text(json.dumps(ExtendedModel(plain.base, effects).to_dict()), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("given")
+    harbour = Harbour(folder, effects=[make_effect("dead-zone", "N", {"width": DEAD})])
+    given = load_model(model_file(folder, Applied("dead-zone", "N", {"width": DEAD})))
+    return harbour, harbour.tune(given=given)
+
+
+def test_gains_designed_from_a_file_prove_better_on_the_water(tuned):
+    harbour, story = tuned
+    assert story.ending == "kept"
+    assert story.metrics_after.itae < 0.95 * story.metrics_before.itae
+    for name, value in story.proposal.new.items():
+        assert harbour.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
+
+
+def test_no_experiment_is_flown_and_none_is_announced(tuned):
+    harbour, story = tuned
+    assert story.relays == () and story.fit is None
+    assert not any("oscillation" in text for text in harbour.said)
+
+
+def test_the_model_is_held_against_the_step_flown_first(tuned):
+    harbour, _ = tuned
+    said = next(text for text in harbour.said if "explains" in text)
+    assert float(said.split("explains ")[1].split(" %")[0]) > 85.0
+    assert "is it a model of this craft" not in said
+
+
+def test_what_became_of_the_effect_is_said_and_recorded(tuned):
+    harbour, story = tuned
+    assert any(text.startswith("dead-zone at N:") and "MOT_THR_MIN" in text for text in harbour.said)
+    gains = json.loads((harbour.directory / "gains.json").read_text())
+    assert [e["slug"] for e in gains["effects"]] == ["dead-zone"]
+    assert set(gains["left_alone"]) == {"before", "after"}
+    model = json.loads((harbour.directory / "model.json").read_text())
+    assert model["effects"][0]["values"] == {"width": DEAD}
+
+
+def test_a_model_of_another_craft_is_noticed(tmp_path):
+    harbour = Harbour(tmp_path)
+    story = harbour.tune(given=load_model(model_file(tmp_path, alpha=0.05 * ALPHA)), dry_run=True)
+    assert any("is it a model of this craft" in text for text in harbour.said), harbour.said
+    assert story.ending in ("dry-run", "unchanged")
+
+
+def test_newtons_need_the_full_scale_before_anything_moves(tmp_path):
+    harbour = Harbour(tmp_path)
+    with pytest.raises(UsageError, match="--full-scale"):
+        harbour.tune(given=load_model(model_file(tmp_path, unit="N m")))
+    assert not any("step with present gains" in text for text in harbour.said)
