@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,8 +164,8 @@ def _told(
         indistinguishable=alike,
         gain=_headline(gains),
         gains=gains,
-        base_model=base.model,
-        extended_model=final.model,
+        base_model=replace(base.model, swing=problem.scene.swing),
+        extended_model=replace(final.model, swing=problem.scene.swing),
         next_manoeuvre=_next(order, alike, verdict),
         left=left,
         gave_away=gave_away,
@@ -231,15 +232,32 @@ def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], .
         if step.accepted is None or step.accepted.own.slug not in {e.slug for e in order}:
             continue
         best = step.accepted
-        same = [best.own.slug, *(j.own.slug for j in step.judged if _is_alike(j, best))]
+        same = [best.own.slug, *(j.own.slug for j in step.judged if _is_alike(search, j, best))]
         names = tuple(dict.fromkeys(same))
         if len(names) > 1:
             groups.append(names)
     return tuple(groups)
 
 
-def _is_alike(other: Judged, best: Judged) -> bool:
-    return other is not best and best.evidence - other.evidence < ALIKE and other.gain > 0.0
+def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
+    """Whether these runs cannot tell *other* from *best*.
+
+    Its evidence is as good; or it is as likely and only pays for numbers that the runs say nothing about.
+    """
+    if other is best or other.gain <= 0.0:
+        return False
+    if best.evidence - other.evidence < ALIKE:
+        return True
+    return best.likelihood - other.likelihood < ALIKE and _is_vague(search, other)
+
+
+def _is_vague(search: Search, judged: Judged) -> bool:
+    """Whether some number of a candidate is less certain than its whole range."""
+    entry, scene = BOOK[judged.own.slug], search.problem.scene
+    bounds = entry.bounds(judged.own.place, scene)
+    numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
+    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
+    return any(numbers[n].std > span for n, span in spans.items())
 
 
 def _gains(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:

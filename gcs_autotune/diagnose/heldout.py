@@ -175,7 +175,7 @@ def p_value(
     if not logs:
         return 1.0
     e = float(logsumexp(logs)) - math.log(len(logs))
-    return float(min(1.0, tried * math.exp(-min(e, 700.0))))
+    return float(min(1.0, tried * math.exp(-float(np.clip(e, 0.0, 700.0)))))
 
 
 def ratio_interval(before: Sequence[Rest], after: Sequence[Rest], seed: int = 0) -> tuple[float, float]:

@@ -36,6 +36,9 @@ MOST_CAUSES = 4
 SHORT_LIST, RUNNERS = 14, 5
 """Candidates fitted roughly, and of these to the end."""
 
+ROUGH = 8
+"""Trials of a rough fit."""
+
 SIGNIFICANCE = 0.005
 """Chance of any false finding on data the base model explains."""
 
@@ -127,18 +130,27 @@ class Search:
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
         fitted = [self._finished(own, f) for own, f in rough[:RUNNERS]]
         judged = [self._judged(own, f, present, len(choices)) for own, f in fitted]
-        judged.sort(key=lambda j: -j.evidence)
+        judged = _ordered(judged)
         return Found(tuple(judged), self._winner(judged, len(choices), present))
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Applied, Fitted]]:
         found = []
         for i, candidate in enumerate(listed):
             self._say(stage + ": fitting", i, len(listed))
-            begin = candidate.begin
-            fit = self.problem.fit(begin.theta, (*begin.effects, candidate.own), begin.initial, trials=6)
+            fit = self._begun(candidate)
             if fit is not None:
                 found.append((candidate.own, fit))
         self._say(stage + ": fitting", len(listed), len(listed))
+        return found
+
+    def _begun(self, candidate: Candidate) -> Fitted | None:
+        """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
+        begin, fit = candidate.begin, self.problem.fit
+        theta, effects, initial = self.problem.moved(begin, candidate.adapted)
+        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH)
+        if found is None or found.cost > begin.cost:
+            again = fit(begin.theta, (*begin.effects, candidate.own), begin.initial, trials=ROUGH)
+            found = again if found is None or (again is not None and again.cost < found.cost) else found
         return found
 
     def _finished(self, own: Applied, rough: Fitted) -> tuple[Applied, Fitted]:
@@ -248,6 +260,15 @@ def _ratio(before: HeldOut, after: HeldOut) -> float:
     old, new = rms_of(before.rests), rms_of(after.rests)
     logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
     return math.exp(float(np.mean(logs))) if logs else 1.0
+
+
+def _ordered(judged: Sequence[Judged]) -> list[Judged]:
+    """Return candidates by evidence; of those that cannot be told from the best, the more usual cause first."""
+    ranked = sorted(judged, key=lambda j: -j.evidence)
+    alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
+    slugs = {j.own.slug for j in alike}
+    alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
+    return [*alike, *ranked[len(alike) :]]
 
 
 def _learnt(fitted: Fitted) -> int:

@@ -70,7 +70,7 @@ def _earlier(t: Array, y: Array, at: Array, coasting: bool) -> Array:
             i += 1
         # Third differences this small are rounding, not kinks.
         h = t[i + 1] - t[i]
-        floor = (1e-7 * swing / (h * h * h)) ** 2 + 1e-300
+        floor = (1e-7 * swing / (h * h * h)) ** 2 + 1e-100
         total, weights = 0.0, 0.0
         for first in range(max(i - 2, 0), min(i, n - 4) + 1):
             value, third = _cubic(t, y, first, x)

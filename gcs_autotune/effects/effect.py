@@ -214,6 +214,8 @@ class Effect:
     separated_by: ClassVar[str]
     fixed: ClassVar[tuple[str, ...]] = ()
     """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
+    yields_to: ClassVar[tuple[str, ...]] = ()
+    """Slugs named before this one where runs cannot tell them apart: the more usual cause."""
     grows_with: ClassVar[tuple[str, ...]] = ()
     """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
 

@@ -34,7 +34,7 @@ STEP = 1e-3
 NUDGE = 1e-4
 """The same for passing sensitivities through sensors."""
 
-PATIENCE = 40
+PATIENCE = 70
 """Steps per stamp before a simulation is given up."""
 
 
@@ -57,10 +57,14 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class ExtendedModel:
-    """A coupled model and the effects that stand between it and the measurements, in the book's order."""
+    """A coupled model and the effects that stand between it and the measurements, in the book's order.
+
+    ``swing``: largest magnitude of each input in the runs it comes from, what "full" means to whoever flies it.
+    """
 
     base: CoupledModel
     effects: tuple[Applied, ...] = ()
+    swing: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for a model file."""
@@ -69,6 +73,7 @@ class ExtendedModel:
             "model": "extended",
             "base": self.base.to_dict(),
             "effects": [e.to_dict() for e in self.effects],
+            "constants": {"swing": dict(self.swing)},
         }
 
     @classmethod
@@ -93,11 +98,12 @@ class ExtendedModel:
                 for e in data["effects"]
             )
             base = CoupledModel.from_dict(data["base"])
+            swing = {str(k): float(v) for k, v in data.get("constants", {}).get("swing", {}).items()}
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadFile(f"not a model file with effects: {error!r}") from error
         for effect in effects:
             lookup(BOOK, effect.slug, "effect")
-        return cls(base, in_order(effects))
+        return cls(base, in_order(effects), swing)
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
         """Return every signal at its own stamps from *initial* states (0 where not given); None if it runs away."""

@@ -16,7 +16,7 @@ this file clears ``__pycache__`` under ``identify/kalman`` too.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
@@ -41,6 +41,8 @@ __all__ = [
     "sweep",
 ]
 
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -58,19 +60,12 @@ RUNAWAY = 1e6
 """State at which a simulation is given up."""
 
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False}
 
-
-class _Compiler(Protocol):
-    def __call__(self, function: _Function, /) -> _Function: ...
-
-
-_UNCOUNTED: dict[str, Any] = {"_nrt": False}
-"""For what allocates nothing: its arrays' references need not be counted, which would take most of the time."""
-
-_uncounted = cast(_Compiler, njit(cache=True, **_UNCOUNTED))
-_inner = cast(_Compiler, njit(cache=True, forceinline=True, **_UNCOUNTED))
-"""For what every stage calls: a hundred words per call need not be passed. The results are the same bits."""
+_outer: Callable[[_Function], _Function] = njit(**_LEAN)
+_inner: Callable[[_Function], _Function] = njit(forceinline=True, **_LEAN)
+"""For what allocates nothing and is called for every stage: without counting references and without passing a hundred
+words per call it takes a quarter of the time, and gives the same bits."""
 
 
 class Program(NamedTuple):
@@ -475,7 +470,7 @@ def _rate(A: Array) -> float:
     return largest
 
 
-@_uncounted
+@_outer
 def advance(
     P: Program,
     theta: Array,
