@@ -325,6 +325,6 @@ def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, f
         values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r") else v for n, v in values.items()}
         values.pop("Y_rdot", None)
     if hidden.slug == "ground-effect":
-        off = values.pop("z_bottom") - max(float(f[POSITION["heave"]].max()) for f in files)
+        off = values.pop("bottom") - max(float(f[POSITION["heave"]].max()) for f in files)
         values["strength"] *= float(np.exp(-off / values["length"]))
     return values
