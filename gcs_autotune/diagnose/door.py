@@ -232,15 +232,32 @@ def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], .
         if step.accepted is None or step.accepted.own.slug not in {e.slug for e in order}:
             continue
         best = step.accepted
-        same = [best.own.slug, *(j.own.slug for j in step.judged if _is_alike(j, best))]
+        same = [best.own.slug, *(j.own.slug for j in step.judged if _is_alike(search, j, best))]
         names = tuple(dict.fromkeys(same))
         if len(names) > 1:
             groups.append(names)
     return tuple(groups)
 
 
-def _is_alike(other: Judged, best: Judged) -> bool:
-    return other is not best and best.evidence - other.evidence < ALIKE and other.gain > 0.0
+def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
+    """Whether these runs cannot tell *other* from *best*.
+
+    Its evidence is as good; or it is as likely and only pays for numbers that the runs say nothing about.
+    """
+    if other is best or other.gain <= 0.0:
+        return False
+    if best.evidence - other.evidence < ALIKE:
+        return True
+    return best.likelihood - other.likelihood < ALIKE and _is_vague(search, other)
+
+
+def _is_vague(search: Search, judged: Judged) -> bool:
+    """Whether some number of a candidate is less certain than its whole range."""
+    entry, scene = BOOK[judged.own.slug], search.problem.scene
+    bounds = entry.bounds(judged.own.place, scene)
+    numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
+    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
+    return any(numbers[n].std > span for n, span in spans.items())
 
 
 def _gains(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:

@@ -42,8 +42,8 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
             failures.append((run.name, error))
     if not found:
         raise failures[0][1]
-    for name, error in failures:
-        doubts.append(Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run"))
+    for name, failure in failures:
+        doubts.append(Doubt("run-left-out", f"run '{name}' was left out: {failure}", "mend or drop that run"))
     return found, doubts
 
 

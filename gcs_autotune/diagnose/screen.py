@@ -27,11 +27,15 @@ LONGEST_SCALE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises."""
+    """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises.
+
+    ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian.
+    """
 
     own: Applied
     begin: Fitted
     promised: float
+    adapted: Array
 
 
 def candidates(problem: Problem, present: Sequence[Applied], slugs: Sequence[str]) -> list[list[Applied]]:
@@ -84,8 +88,10 @@ class _Ground:
         self.problem, self.fitted = problem, fitted
         norms = np.linalg.norm(fitted.jacobian, axis=0)
         scaled = fitted.jacobian / np.where(norms > 0.0, norms, 1.0)
-        U, s, _ = np.linalg.svd(scaled, full_matrices=False)
-        self.Q = U[:, s > 1e-8 * s[0]] if len(s) else U
+        U, s, V = np.linalg.svd(scaled, full_matrices=False)
+        kept = s > 1e-8 * s[0]
+        self.Q = U[:, kept]
+        self.back = (V[kept].T / s[kept]) / np.where(norms > 0.0, norms, 1.0)[:, None]
         self.residual = fitted.residual
         self.free = self._rest(self.residual)
         self.slices = self._slices()
@@ -123,7 +129,7 @@ class _Ground:
         changed = self._residual_with(own)
         if changed is None:
             return None
-        cost, scale = self.cost(self._rest(changed)), 1.0
+        cost, scale, left = self.cost(self._rest(changed)), 1.0, changed
         if own.values and entry.family != "bookkeeping":
             moved = self._rest(self.residual - changed)
             power = float(moved @ moved)
@@ -132,14 +138,14 @@ class _Ground:
                 wanted = float(np.clip(wanted, -LONGEST_SCALE if _two_sided(entry, own, self) else 0.0, LONGEST_SCALE))
                 other = self.cost(self.free - wanted * moved)
                 if other < cost:
-                    cost, scale = other, wanted
+                    cost, scale, left = other, wanted, self.residual - wanted * (self.residual - changed)
         if scale != 1.0:
             own = own.with_values({n: own.values[n] * scale for n in entry.grows_with if n in own.values})
-        return Candidate(own, self.fitted, cost)
+        return Candidate(own, self.fitted, cost, self.back @ (self.Q.T @ left))
 
     def _learnt(self, own: Applied) -> Candidate | None:
         tried = self.problem.fit(self.fitted.theta, (*self.fitted.effects, own), self.fitted.initial, trials=1)
-        return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost)
+        return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
 
     def _residual_with(self, own: Applied) -> Array | None:
         effects = in_order((*self.fitted.effects, own))

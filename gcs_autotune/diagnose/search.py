@@ -36,6 +36,9 @@ MOST_CAUSES = 4
 SHORT_LIST, RUNNERS = 14, 5
 """Candidates fitted roughly, and of these to the end."""
 
+ROUGH = 8
+"""Trials of a rough fit."""
+
 SIGNIFICANCE = 0.005
 """Chance of any false finding on data the base model explains."""
 
@@ -134,11 +137,20 @@ class Search:
         found = []
         for i, candidate in enumerate(listed):
             self._say(stage + ": fitting", i, len(listed))
-            begin = candidate.begin
-            fit = self.problem.fit(begin.theta, (*begin.effects, candidate.own), begin.initial, trials=6)
+            fit = self._begun(candidate)
             if fit is not None:
                 found.append((candidate.own, fit))
         self._say(stage + ": fitting", len(listed), len(listed))
+        return found
+
+    def _begun(self, candidate: Candidate) -> Fitted | None:
+        """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
+        begin, fit = candidate.begin, self.problem.fit
+        theta, effects, initial = self.problem.moved(begin, candidate.adapted)
+        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH)
+        if found is None or found.cost > begin.cost:
+            again = fit(begin.theta, (*begin.effects, candidate.own), begin.initial, trials=ROUGH)
+            found = again if found is None or (again is not None and again.cost < found.cost) else found
         return found
 
     def _finished(self, own: Applied, rough: Fitted) -> tuple[Applied, Fitted]:

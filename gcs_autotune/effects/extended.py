@@ -34,7 +34,7 @@ STEP = 1e-3
 NUDGE = 1e-4
 """The same for passing sensitivities through sensors."""
 
-PATIENCE = 40
+PATIENCE = 70
 """Steps per stamp before a simulation is given up."""
 
 

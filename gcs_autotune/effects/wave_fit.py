@@ -1,19 +1,19 @@
 """Is there a narrow band in what is left over, which one, and is it no answer of the craft to its own motion?
 
 A predicting filter gains by any colour a wrong model leaves, so a band must prove itself: damped less than a quarter,
-several periods long, better than noise that is merely red, and still there once everything has been taken out that goes
-with the predicted motion (in proportion, with its rate, its square, or rung up by it).
+several periods long, better than noise that is merely red, and no answer of the craft to itself:
+not in proportion to the predicted motion, its rate, its square, nor to what it was some periods ago, or rung up by it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from gcs_autotune.effects.effect import Leftover
 from gcs_autotune.effects.narrow_band import Oscillator, Record, cost, driven, whitened
@@ -32,8 +32,10 @@ FASTEST = 0.7
 """Highest frequency looked at, in shares of half the sample rate."""
 BETTER = 10.0
 """Minus twice the log-likelihood a band must gain over red noise."""
-OWN = 0.5
-"""Share of a band's gain that must survive what the craft's own motion explains."""
+PARTS, MEMORY = 8, 4
+"""Parts of a period in which, and periods back to which, the craft's own motion is held against the band."""
+OWN, CHANCE = 0.1, 2.0
+"""What the craft's own motion may gain on top of a band: this share of the band's gain, or so much per regressor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +93,13 @@ def band_of(left: Sequence[Leftover], *, velocity: str, lag: float) -> Band | No
     if zeta > NARROW or not 1.03 * low < omega < 0.97 * high or _broad(kin, low) - value < BETTER:
         return None
     laws = {s: own.law(omega, zeta, math.exp(r)) for (s, own), r in zip(kin.items(), p[2:], strict=True)}
-    before = after = 0.0
+    gain = own = allowed = 0.0
     for s, law in laws.items():
-        before += cost(None, kin[s].records) - cost(law, kin[s].records)
-        after += _own_gain(law, kin[s].records, groups[s])
-    if after < OWN * before:
+        more, regressors = _own_gain(law, kin[s].records, groups[s])
+        gain += cost(None, kin[s].records) - cost(law, kin[s].records)
+        own += more
+        allowed += CHANCE * regressors
+    if own > max(OWN * gain, allowed):
         return None
     # What is seen beyond the noise; the law's own variance is little known when the band is so narrow.
     rms = {s: _swing(law, kin[s].records) for s, law in laws.items()}
@@ -171,26 +175,26 @@ def _red(own: _Kin, low: float) -> Callable[[Array], float]:
     return of
 
 
-def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover]) -> float:
-    """Return what the band still gains once everything that goes with the predicted motion is taken out."""
-    features = [_with_motion(law, x) for x in own]
-    A, b = [], []
-    for (t, error), X in zip(records, features, strict=True):
-        E, _ = whitened(law, t, np.column_stack([error, X]))
-        A.append(E[:, 1:])
-        b.append(E[:, 0])
-    theta = np.linalg.lstsq(np.concatenate(A), np.concatenate(b), rcond=1e-10)[0]
-    rest = [(t, error - X @ theta) for (t, error), X in zip(records, features, strict=True)]
-    found = minimize_scalar(lambda r: cost(replace(law, rho=math.exp(r)), rest), bounds=(-6.0, 16.0), method="bounded")
-    return cost(None, rest) - float(found.fun)
+def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover]) -> tuple[float, int]:
+    """Return what regression on the craft's own motion gains on top of the band, and on how many regressors."""
+    tables = []
+    for (t, error), x in zip(records, own, strict=True):
+        tables.append(whitened(law, t, np.column_stack([error, _with_motion(law, x)]))[0])
+    white = np.concatenate(tables)
+    error, X = white[:, 0], white[:, 1:]
+    rest = error - X @ np.linalg.lstsq(X, error, rcond=1e-10)[0]
+    return len(error) * math.log(float(error @ error) / max(float(rest @ rest), 1e-300)), X.shape[1]
 
 
 def _with_motion(law: Oscillator, x: Leftover) -> Array:
-    """Return regressors (n, 6): a constant, the predicted motion, its rate, its signed square, what it rings up."""
+    """Return regressors (n, k): a constant, the predicted motion with its rate and signed square, what it rings up at
+    the band, and the motion of some periods before: any memory of it, linear and that long.
+    """
     motion = x.measured - x.error
     motion = motion - np.mean(motion)
-    rung, rate = driven(law, x.t, motion)
-    columns = [motion, np.gradient(motion, x.t), np.abs(motion) * motion, rung, rate]
+    period = 2.0 * math.pi / law.omega
+    before = [np.interp(x.t - k * period / PARTS, x.t, motion) for k in range(1, PARTS * MEMORY + 1)]
+    columns = [motion, np.gradient(motion, x.t), np.abs(motion) * motion, *driven(law, x.t, motion), *before]
     sizes = [max(float(np.sqrt(np.mean(c**2))), 1e-300) for c in columns]
     return np.column_stack([np.ones(len(motion)), *(c / s for c, s in zip(columns, sizes, strict=True))])
 

@@ -388,8 +388,8 @@ def colours(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     late = np.r_[np.zeros(4), motion[:-4]] - motion
     ringing = np.zeros(n)
     x = v = 0.0
-    for i in range(n):
-        v += 0.1 * (-4.0 * x - 0.2 * v + 0.3 * motion[i])
+    for i in range(1, n):
+        v += 0.1 * (-25.0 * x - 0.3 * v) + 5.0 * (motion[i] - motion[i - 1])
         x += 0.1 * v
         ringing[i] = x
     walk = np.cumsum(0.01 * rng.standard_normal(n))
@@ -411,6 +411,13 @@ def test_colours_that_are_no_narrow_band_of_their_own_are_not_waves(kind: str, s
     own = begun("wave-disturbance", "yaw", scene("r"))
     learnt = BOOK["wave-disturbance"].learn(own, [left(error, "r", motion)])
     assert learnt["amplitude"] == 0.0
+
+
+def test_only_the_own_motion_tells_ringing_from_waves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_autotune.effects.wave_fit.OWN", 1.0)
+    error, motion = colours(1)["ringing after its own motion"]
+    learnt = BOOK["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(error, "r", motion)])
+    assert learnt["amplitude"] > 0.0
 
 
 def test_without_the_craft_known_a_wave_has_no_force() -> None:

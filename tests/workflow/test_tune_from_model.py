@@ -59,7 +59,7 @@ def test_the_model_is_held_against_the_step_flown_first(tuned):
 
 
 def test_what_became_of_the_effect_is_said_and_recorded(tuned):
-    harbour, story = tuned
+    harbour, _ = tuned
     assert any(text.startswith("dead-zone at N:") and "MOT_THR_MIN" in text for text in harbour.said)
     gains = json.loads((harbour.directory / "gains.json").read_text())
     assert [e["slug"] for e in gains["effects"]] == ["dead-zone"]

@@ -174,6 +174,13 @@ class Problem:
                 minimum = again
         return task.fitted(minimum.x, minimum.converged)
 
+    def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[Applied, ...], tuple[Array, ...]]:
+        """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
+        task = _Task(self, fitted.theta, fitted.effects, fitted.initial, False)
+        low, high = task.limits()
+        theta, effects, initial = task.unpack(np.clip(task.pack() + by, low, high))
+        return theta, effects, tuple(initial)
+
     def first_states(self, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
         """Return initial states of any stretches, read off their first samples."""
         return ground_of(self.form, [s.record for s in stretches]).initial
