@@ -39,6 +39,7 @@ LEAST_NOISE, MOST_NOISE = 0.003, 0.1
 """Noise in shares of what each signal does."""
 DRAWS = 200
 BOTTOM = 20.0
+"""Depth of the tank [m]."""
 UNITS = {
     **dict.fromkeys("uvw", "m/s"),
     **dict.fromkeys("xyz", "m"),
@@ -203,11 +204,24 @@ def _voyage(rng: Rng, hidden: Sequence[Hidden]) -> _Voyage:
         for h in hidden:
             start.update({n: float(rng.normal(mean, spread)) for n, (mean, spread) in h.start.items()})
         if any(h.near_bottom for h in hidden):
-            dived = tow(_hull(craft, hidden[0].plain), commands[k], **_clock(craft), measured=("z",))["z"]
-            start["z"] = BOTTOM - float(dived.max()) - craft.top["heave"] * craft.pace * rng.uniform(0.02, 0.2)
+            start["z"] = _shallow(craft, commands[k], hidden, craft.top["heave"] * craft.pace * rng.uniform(0.02, 0.2))
         initial.append(start)
     seeds = tuple(int(s) for s in rng.integers(0, 2**31, count))
     return _Voyage(craft, tuple(commands), tuple(initial), names, seeds, hidden[0].plain)
+
+
+def _shallow(craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidden], clear: float) -> float:
+    """Return the depth to start at for a run that reaches down to *clear* [m] above the bottom, and not below."""
+    depth, close = 0.0, 0.0
+    effects = [_made(h, {}) for h in hidden if h.near_bottom]
+    for _ in range(8):
+        hull = _hull(craft, hidden[0].plain)
+        dived = tow(hull, commands, **_clock(craft), measured=("z",), initial={"z": depth}, effects=effects)["z"]
+        close = BOTTOM - float(dived.max())
+        if 0.5 * clear <= close <= 2.0 * clear:
+            break
+        depth += close - clear
+    return depth if close > 0.0 else depth - 2.0 * clear
 
 
 def _hull(craft: Craft, plain: str) -> Hull:
@@ -323,8 +337,8 @@ def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, f
         values["share"] = odds / (1.0 + odds)
     if craft.kind == "boat":  # nothing drives its sway: the mass in that equation is counted as one
         values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r") else v for n, v in values.items()}
-        values.pop("Y_rdot", None)
+        values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # sway follows yaw: not to be told
     if hidden.slug == "ground-effect":
-        off = values.pop("z_bottom") - max(float(f[POSITION["heave"]].max()) for f in files)
+        off = BOTTOM - max(float(f[POSITION["heave"]].max()) for f in files)
         values["strength"] *= float(np.exp(-off / values["length"]))
     return values

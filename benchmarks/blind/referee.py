@@ -16,6 +16,7 @@ from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.models.coupled import Form
+from sitl.effects import BadEffect
 
 __all__ = ["NEAR", "Outcome", "form_of", "judge", "play"]
 
@@ -87,7 +88,7 @@ def play(kind: str, seed: int, index: int, slug: str) -> Outcome:
     begun = time.perf_counter()
     try:
         case = draw_case(kind, seed, index, slug)
-    except NoCase as error:
+    except (NoCase, BadEffect) as error:
         return Outcome(kind, seed, index, slug, [slug], [], "", 0.0, 0.0, 0.0, "no-case", error=str(error))
     return judge(case, seed, slug, time.perf_counter() - begun)
 

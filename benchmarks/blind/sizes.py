@@ -167,7 +167,7 @@ def _net_buoyancy(rng: Rng, craft: Craft) -> Hidden:
 
 def _ground_effect(rng: Rng, craft: Craft) -> Hidden:
     length = craft.top["heave"] * craft.pace * rng.uniform(0.3, 1.5)
-    values = {"strength": log_uniform(rng, 0.3, 4.0), "length": max(length, 2e-3), "z_bottom": 20.0}
+    values = {"strength": log_uniform(rng, 0.3, 4.0), "length": max(length, 2e-3)}
     return Hidden("ground-effect", "heave", values, craft, near_bottom=True)
 
 

@@ -28,10 +28,10 @@ FEWEST = 50
 """Chosen: samples of all runs together below which no cause is told from another (twelve per block left out)."""
 
 BINS, DWELL, MOVE = 10, 0.03, 0.2
-"""A level of an input: one of so many bins it spends this share of its time in; a move is ``MOVE`` of its range."""
+"""A level of an input: one of so many bins it spends this share of time in; a move changes it by ``MOVE`` of all."""
 
 ANSWER = 0.02
-"""Chosen: least share of a signal's variance that some input accounts for; noise alone reaches 10 / samples."""
+"""Chosen: least share of a signal's variance that some input accounts for; noise alone reaches about 10 / samples."""
 
 
 def check_alive(runs: Sequence[Trial]) -> None:

@@ -1,0 +1,32 @@
+"""A small fixed part of the blind suite: a few hidden effects, nothing at all, and one that is in no book.
+
+The whole suite is ``python3 -m benchmarks.blind``; these are first cases of its seed 3.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.blind.referee import Outcome, play
+
+SEED = 3
+
+
+def the(outcome: Outcome) -> str:
+    return f"{outcome.truth} at {outcome.places} -> {outcome.verdict} {outcome.causes} {outcome.error}"
+
+
+@pytest.mark.parametrize("slug", ["dead-zone", "gain-drift", "gyro-bias", "linear-drag"])
+def test_a_hidden_effect_is_named_first(slug: str) -> None:
+    outcome = play("single", SEED, 0, slug)
+    assert outcome.right, the(outcome)
+
+
+def test_nothing_is_found_where_nothing_is_hidden() -> None:
+    outcome = play("clean", SEED, 0, "")
+    assert outcome.strictly_right, the(outcome)
+
+
+def test_what_is_in_no_book_gets_no_confident_name() -> None:
+    outcome = play("foreign", SEED, 0, "sloshing")
+    assert outcome.strictly_right, the(outcome)
