@@ -41,7 +41,7 @@ def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
     if unit != "1" and full_scale is None:
         raise UsageError(
             f"the input {reduction.channel} of '{file.name}' is in {unit}: say with --full-scale how many {unit} full "
-            f"output gives{_hint(file, reduction.channel)}, or identify the model from runs with the input as a fraction"
+            f"output gives{_hint(file, reduction.channel)}, or identify from runs with the input as a fraction"
         )
     if full_scale is not None and not (math.isfinite(full_scale) and full_scale != 0.0):
         raise UsageError(f"--full-scale {full_scale:g}: give the input at full output, not zero")
