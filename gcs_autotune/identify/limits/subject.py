@@ -100,7 +100,7 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
         form, theta, free, names, signs = _of_axis(fit, model, runs)
     else:
         raise UsageError(
-            f"what runs can tell is not worked out for a {type(model).__name__}; for effects, diagnose names what to fly"
+            f"what runs can tell of a {type(model).__name__} is not worked out here; diagnose says what to fly next"
         )
     if not free:
         raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
