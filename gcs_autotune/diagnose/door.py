@@ -19,7 +19,7 @@ from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
 from gcs_autotune.diagnose.whiteness import correlation_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.effect import Applied, Leftover
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base, given_base
@@ -202,13 +202,19 @@ def _numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str
     first = len(fitted.free)
     column = {key: first + k for k, key in enumerate(fitted.free_effects)}
     found = {}
+    left = [
+        Leftover(problem.stretches[r.stretch].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
+        for r in fitted.rests
+        for own_level in (fitted.levels[r.signal],)
+    ]
     for i, own in enumerate(fitted.effects):
         entry = BOOK[own.slug]
+        learnt = entry.uncertainty(own, left) if entry.overrides("uncertainty") else {}
         found[own.slug, own.place] = {
             n: Value(
                 v,
                 entry.unit_of(n, own.place, problem.scene),
-                float(std[column[i, n]]) if (i, n) in column else (0.0 if n in entry.fixed else math.nan),
+                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
             )
             for n, v in own.values.items()
         }

@@ -159,18 +159,17 @@ def p_value(
         gained = -float(numbers)
         for name, level in levels.items():
             pairs = [
-                (a.judged, b.judged)
-                for a, b in zip(before.rests, after.rests, strict=True)
-                if a.fold == fold and a.signal == name
+                (a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.fold == fold and a.signal == name
             ]
             if not pairs:
                 continue
-            old, new = (np.concatenate([p[k] for p in pairs]) for k in (0, 1))
+            old, new = (np.concatenate([p[k].judged for p in pairs]) for k in (0, 1))
             old, new = old[np.isfinite(old)], new[np.isfinite(new)]
             if len(old) and len(new):
                 own = max(float(np.mean(old**2)), 1e-300)
                 gained += 0.5 * len(old) * (math.log(own) + 1.0)
                 gained -= 0.5 * len(new) * (math.log(level**2) + float(np.mean(new**2)) / level**2)
+                gained += 0.5 * sum(a.penalty - b.penalty for a, b in pairs)
         logs.append(gained / raised)
     if not logs:
         return 1.0

@@ -21,7 +21,7 @@ __all__ = ["check_clock", "check_heading", "check_roles"]
 Array = NDArray[np.float64]
 
 SLOW, FAST = 5.0, 5e-4
-"""Chosen [s]: samples farther apart, or closer, are no telemetry of a marine craft unless another column confirms it."""
+"""Chosen [s]: samples farther apart, or closer, are no telemetry of a marine craft unless another column says so."""
 
 CONFIRMED = 3.0
 """Factor within which a position's change must agree with its rate to confirm the clock."""
@@ -96,8 +96,8 @@ def check_heading(run: Trial) -> None:
     if torn:
         raise BadFile(
             f"the heading of run '{run.name}' jumps {len(torn)} time(s), by {math.degrees(float(np.median(torn))):.0f} "
-            "deg, which is no full turn at once: it was wrapped wrongly, or averaged across north; log psi as the vehicle "
-            "sends it, from 0 to 360 deg or from -180 to 180 deg"
+            "deg, which is no full turn at once: it was wrapped wrongly, or averaged across north; log psi as the "
+            "vehicle sends it, from 0 to 360 deg or from -180 to 180 deg"
         )
 
 

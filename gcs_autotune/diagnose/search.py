@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value, rms_of
+from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.effects import BOOK
@@ -126,6 +127,8 @@ class Search:
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
         fits = [present, *(self._others() if astray else ())]
         listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n))
+        if astray and self.given is None and lost(present, self.problem.scene.spread):
+            listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
         fitted = [self._finished(own, f) for own, f in rough[:RUNNERS]]

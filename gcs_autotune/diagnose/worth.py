@@ -1,4 +1,4 @@
-"""Whether runs can tell causes apart at all: enough samples, commands that change more than once, motion that answers."""
+"""Whether runs can tell causes apart at all: enough samples, commands that change, motion that answers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FEWEST = 50
 """Chosen: samples of all runs together below which no cause is told from another (twelve per block left out)."""
 
 BINS, DWELL, MOVE = 10, 0.03, 0.2
-"""A level of an input: one of so many bins it spends this share of its time in; a move changes it by ``MOVE`` of all."""
+"""A level of an input: one of so many bins it spends this share of time in; a move changes it by ``MOVE`` of all."""
 
 ANSWER = 0.02
 """Chosen: least share of a signal's variance that some input accounts for; noise alone reaches about 10 / samples."""
@@ -47,8 +47,8 @@ def check_alive(runs: Sequence[Trial]) -> None:
     if inputs and not _vary(runs, inputs):
         still = "" if _vary(runs, motions) or not motions else f", nor does any motion ({', '.join(motions)})"
         raise NotInformative(
-            f"no input ({', '.join(inputs)}) ever changes{still}: without commands a simulation's errors cannot be told "
-            "from its initial state; fly steps both ways, a zig-zag or a relay"
+            f"no input ({', '.join(inputs)}) ever changes{still}: without commands a simulation's errors cannot be "
+            "told from its initial state; fly steps both ways, a zig-zag or a relay"
         )
     if inputs and motions and not _vary(runs, motions):
         raise NotInformative(
@@ -94,7 +94,7 @@ def _check_commands(runs: Sequence[Trial], form: Form) -> None:
 
 
 def _changes(channels: Sequence[Channel]) -> tuple[int, int]:
-    """Return how often an input moves by a good part of its range, and at how many levels it dwells, all runs together."""
+    """Return how often an input moves by a good part of its range, and at how many levels it dwells, in all runs."""
     low = min(float(c.values.min()) for c in channels)
     swing = max(float(c.values.max()) for c in channels) - low
     if not swing > 0.0:

@@ -155,6 +155,8 @@ class ExtendedSimulator:
     ) -> None:
         self.base = form
         self.entries = tuple(BOOK[e.slug] for e in effects)
+        order = sorted(range(len(self.entries)), key=lambda i: (self.entries[i].family == "bookkeeping", i))
+        self._sensors = tuple(i for i in order if self.entries[i].overrides("observe"))
         self.free = tuple(free)
         self.free_effects = tuple(free_effects)
         self.free_states = tuple(free_states)
@@ -284,8 +286,8 @@ class ExtendedSimulator:
         return list(passage.at)
 
     def _observe(self, effects: Sequence[Applied], truth: Observed) -> Observed:
-        for entry, own in zip(self.entries, effects, strict=True):
-            truth = entry.observe(own, truth)
+        for i in self._sensors:
+            truth = self.entries[i].observe(effects[i], truth)
         return truth
 
     def _through_sensors(

@@ -38,7 +38,7 @@ LESSONS = 3
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
     """What is left of one signal of one stretch: stamps, measured, predicted (n,), and the residual as judged;
-    ``fold`` which part was left out, if any.
+    ``penalty`` what a judging disturbance adds to minus twice the log-likelihood, ``fold`` which part was left out.
     """
 
     stretch: int
@@ -47,6 +47,7 @@ class Rest:
     measured: Array
     predicted: Array
     judged: Array
+    penalty: float = 0.0
     fold: int = 0
 
 
@@ -272,12 +273,13 @@ class _Task:
                 return None
             for name, signal in stretch.record.signals.items():
                 predicted, by = found[name]
-                error, columns = signal.values - predicted, by
+                error, columns, fee = signal.values - predicted, by, 0.0
                 for own in judges:
                     left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
                     error, columns, more = BOOK[own.slug].judge(own, left, columns)
-                    penalty += more
-                rests.append(Rest(i, name, signal.t, signal.values, predicted, error))
+                    fee += more
+                penalty += fee
+                rests.append(Rest(i, name, signal.t, signal.values, predicted, error, fee))
                 tables.append(columns)
         return rests, tables, penalty
 

@@ -1,0 +1,69 @@
+"""Commands that reach the wrong place, or the wrong way round: the base model itself has to be found anew.
+
+With such a slip the base fits nothing, so that nothing can be learnt from small changes about it: each way of wiring
+the commands is tried by fitting the base to commands wired that way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gcs_autotune.diagnose.screen import Candidate
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied, Drive
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.stretches import Stretch
+
+__all__ = ["lost", "merged", "rewired"]
+
+LOST = 0.3
+"""Error of some signal, in shares of its motion, at which wiring is suspected."""
+
+
+def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
+    """Whether a model misses some signal altogether."""
+    return any(level > LOST * spread[name] for name, level in present.levels.items())
+
+
+def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applied]]) -> list[Candidate]:
+    """Return every slip in the wiring of commands with the base model found anew under it."""
+    found = []
+    for choice in choices:
+        entry, own = BOOK[choice[0].slug], choice[0]
+        if entry.family != "bookkeeping" or not entry.overrides("drive") or own.values:
+            continue
+        stretches = [_through(own, s) for s in problem.stretches]
+        if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
+            continue
+        try:
+            _, alone = fit_base(problem.form, stretches)
+        except AutotuneError:
+            continue
+        begin = replace(present, theta=alone.theta, initial=alone.initial)
+        found.append(Candidate(own, begin, alone.cost, np.zeros(present.jacobian.shape[1])))
+    return found
+
+
+def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
+    """Return both lists, the best promise of each effect and place, the best first."""
+    best: dict[tuple[str, str], Candidate] = {}
+    for candidate in sorted([*listed, *more], key=lambda c: c.promised):
+        best.setdefault((candidate.own.slug, candidate.own.place), candidate)
+    return list(best.values())
+
+
+def _through(own: Applied, stretch: Stretch) -> Stretch:
+    """Return a stretch with its commands as *own* wires them; itself when nothing changes."""
+    passage = stretch.passage
+    drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
+    acting = BOOK[own.slug].drive(own, drive).channels
+    if all(np.array_equal(acting[n], passage.commands[n]) for n in passage.commands):
+        return stretch
+    commands = {n: acting[n] for n in passage.commands}
+    table = np.column_stack([commands[n] for n in stretch.form.inputs])
+    return replace(stretch, passage=replace(passage, commands=commands), record=replace(stretch.record, inputs=table))
