@@ -7,7 +7,7 @@ after everything the model could adapt (its own parameters, initial states) has 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,12 @@ __all__ = ["Candidate", "candidates", "screen"]
 
 Array = NDArray[np.float64]
 
+ALSO = 2
+"""Values kept beside the most promising ones."""
+
+TRACE = 0.02
+"""A trace of an effect, in shares of the size it is tried at: small enough to act in proportion."""
+
 LONGEST_SCALE = 4.0
 """An effect that acts linearly may turn out so many times the size it was tried at."""
 
@@ -29,13 +35,15 @@ LONGEST_SCALE = 4.0
 class Candidate:
     """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises.
 
-    ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian.
+    ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian;
+    ``also``: values next in promise.
     """
 
     own: Applied
     begin: Fitted
     promised: float
     adapted: Array
+    also: tuple[Applied, ...] = ()
 
 
 def candidates(problem: Problem, present: Sequence[Applied], slugs: Sequence[str]) -> list[list[Applied]]:
@@ -68,14 +76,10 @@ def screen(
     for i, choice in enumerate(choices):
         entry = BOOK[choice[0].slug]
         own_grounds = grounds if entry.family == "bookkeeping" else grounds[:1]
-        best: Candidate | None = None
-        for ground in own_grounds:
-            for own in choice:
-                promise = ground.promise(entry, own)
-                if promise is not None and (best is None or promise.promised < best.promised):
-                    best = promise
-        if best is not None:
-            found.append(best)
+        promises = [ground.promise(entry, own) for ground in own_grounds for own in choice]
+        known = sorted((p for p in promises if p is not None), key=lambda p: p.promised)
+        if known:
+            found.append(replace(known[0], also=tuple(p.own for p in known[1 : 1 + ALSO])))
         if progress is not None:
             progress(i + 1, len(choices))
     return sorted(found, key=lambda c: c.promised)
@@ -123,25 +127,40 @@ class _Ground:
         return float(total)
 
     def promise(self, entry: Effect, own: Applied) -> Candidate | None:
-        """Return what adding *own* promises; None when the motion runs away with it."""
+        """Return what adding *own* promises; None when the motion runs away with it.
+
+        At the size it comes with; and, where an effect grows with its numbers, at the size that suits the residual
+        best if it grew in proportion: from its full size, and from a trace of it (the score test).
+        """
         if entry.overrides("learn"):
             return self._learnt(own)
         changed = self._residual_with(own)
-        if changed is None:
-            return None
-        cost, scale, left = self.cost(self._rest(changed)), 1.0, changed
-        if own.values and entry.family != "bookkeeping":
-            moved = self._rest(self.residual - changed)
-            power = float(moved @ moved)
-            if power > 0.0:
-                wanted = float(moved @ self.free) / power
-                wanted = float(np.clip(wanted, -LONGEST_SCALE if _two_sided(entry, own, self) else 0.0, LONGEST_SCALE))
-                other = self.cost(self.free - wanted * moved)
-                if other < cost:
-                    cost, scale, left = other, wanted, self.residual - wanted * (self.residual - changed)
-        if scale != 1.0:
-            own = own.with_values({n: own.values[n] * scale for n in entry.grows_with if n in own.values})
-        return Candidate(own, self.fitted, cost, self.back @ (self.Q.T @ left))
+        best = None if changed is None else self._promised(own, changed)
+        growing = tuple(n for n in entry.grows_with if n in own.values)
+        for share in (1.0, TRACE) if growing else ():
+            some = own.with_values({n: own.values[n] * share for n in growing})
+            moved = changed if share == 1.0 else self._residual_with(some)
+            if moved is None:
+                continue
+            scale, left = self._scaled(entry, some, moved, LONGEST_SCALE / share)
+            sized = some.with_values({n: some.values[n] * scale for n in growing})
+            other = self._promised(sized, left)
+            if scale != 0.0 and (best is None or other.promised < best.promised):
+                best = other
+        return best
+
+    def _promised(self, own: Applied, left: Array) -> Candidate:
+        return Candidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
+
+    def _scaled(self, entry: Effect, own: Applied, changed: Array, most: float) -> tuple[float, Array]:
+        """Return by how much *own* would have to grow to suit the residual, and what would then be left."""
+        moved = self._rest(self.residual - changed)
+        power = float(moved @ moved)
+        if power <= 0.0:
+            return 0.0, self.residual
+        least = -most if _two_sided(entry, own, self) else 0.0
+        scale = float(np.clip(float(moved @ self.free) / power, least, most))
+        return scale, self.residual - scale * (self.residual - changed)
 
     def _learnt(self, own: Applied) -> Candidate | None:
         tried = self.problem.fit(self.fitted.theta, (*self.fitted.effects, own), self.fitted.initial, trials=1)
