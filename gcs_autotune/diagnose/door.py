@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
+from gcs_autotune.diagnose.pieces import holds_over, horizon_for
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import ALIKE, Judged, Search, begin_search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
-from gcs_autotune.diagnose.whiteness import correlation_of
+from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Leftover
@@ -24,7 +25,7 @@ from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base, given_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of
+from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of, within
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
@@ -62,6 +63,7 @@ def diagnose(
     simulations: Sequence[Trial] = (),
     effects: Sequence[str] | None = None,
     progress: Progress | None = None,
+    horizon: float | None = None,
 ) -> Diagnosis:
     """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
 
@@ -76,6 +78,8 @@ def diagnose(
         that model takes its place.
     effects : slugs to try; the whole book when None.
     progress : called with a stage, how much of it is done, and how much there is.
+    horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
+        whole runs, and pieces where nothing pays over whole runs but much is left.
 
     Raises
     ------
@@ -103,10 +107,37 @@ def diagnose(
     stretches, notes = stretches_of(together, base_form, use)
     held = stretches_of(others, base_form, use)[0] if others else []
     doubts += [*more, *repeats, *notes]
+    whole = held or stretches
+    if horizon is not None:
+        stretches, held = within(stretches, horizon), within(held, horizon)
     search, words = _search(base_form, stretches, held, model, slugs, progress)
     search.run()
+    shorter = horizon_for(search) if horizon is None and _lost(search) else None
+    if shorter is not None:
+        again, other = _search(base_form, within(stretches, shorter), within(held, shorter), model, slugs, progress)
+        again.run()
+        if again.fitted.effects != again.base.effects and holds_over(again, whole):
+            search, words = again, f"{other}; in pieces of {shorter:.3g} s"
+            doubts.append(_short_sighted(shorter))
+        else:
+            shorter = None
     doubts = [*early, *doubts, *parameters_off(search)]
-    return _told(search, words, doubts, together, others, time.perf_counter() - begun)
+    return _told(search, words, doubts, together, others, time.perf_counter() - begun, sure=shorter is None)
+
+
+def _lost(search: Search) -> bool:
+    """Whether nothing was found although much is left."""
+    if search.fitted.effects != search.base.effects:
+        return False
+    return whiteness_of(tests_of(search.problem, search.fitted)) <= WHITE
+
+
+def _short_sighted(horizon: float) -> Doubt:
+    return Doubt(
+        "short-horizon",
+        f"over whole runs no cause paid; the causes named were found in pieces of {horizon:.3g} s",
+        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+    )
 
 
 def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, model: ExtendedModel | None) -> Form:
@@ -138,13 +169,15 @@ def _told(
     runs: Sequence[Trial],
     unseen: Sequence[Trial],
     seconds: float,
+    *,
+    sure: bool = True,
 ) -> Diagnosis:
     problem, base, final = search.problem, search.base, search.fitted
     gave_away, _ = signature_of(problem, base)
     left, _ = signature_of(problem, final)
     order = [own for own in _found_order(search) if own in final.effects]
     white = left.whiteness_p > WHITE
-    verdict = VERDICTS[bool(order), white]
+    verdict = VERDICTS[bool(order), white and sure]
     numbers = _numbers(problem, final)
     gains = _gains(search.base_unseen, search.present_unseen, words) if order else ()
     alike = _alike(search, order)
@@ -164,8 +197,8 @@ def _told(
         indistinguishable=alike,
         gain=_headline(gains),
         gains=gains,
-        base_model=replace(base.model, swing=problem.scene.swing),
-        extended_model=replace(final.model, swing=problem.scene.swing),
+        base_model=replace(base.model, swing=problem.scene.swing, units=problem.scene.inputs),
+        extended_model=replace(final.model, swing=problem.scene.swing, units=problem.scene.inputs),
         next_manoeuvre=_next(order, alike, verdict),
         left=left,
         gave_away=gave_away,

@@ -36,8 +36,8 @@ SAME = 0.1
 """Relative difference up to which a jump is a full turn."""
 
 LEADS, ALONE, HELD = 0.9, 0.25, 0.5
-"""The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when it
-is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
+"""The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when
+it is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
 
 
 def check_clock(run: Trial) -> None:

@@ -5,6 +5,7 @@ Unlike identification nothing is mended here on the way in: a wrong unit or sign
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,16 +14,16 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects.effect import Scene
 from gcs_autotune.effects.extended import Passage, passage_of
-from gcs_autotune.errors import MissingChannel, NotInformative
+from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.axis.record import INPUTS, MIN_SAMPLES
-from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of, prepare_coupled, signals_of
+from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of, prepare_coupled, signals_of, within_horizon
 from gcs_autotune.identify.coupled.smoothing import first_levels_of
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["Stretch", "only", "plain_form", "scene_of", "stretches_of"]
+__all__ = ["Stretch", "only", "plain_form", "scene_of", "stretches_of", "within"]
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,13 @@ class Stretch:
         return [
             _stretch(piece, self.passage.run, self.passage.measured, self.form)
             for piece in pieces_of(self.record, count)
+        ]
+
+    def within(self, horizon: float) -> list[Stretch]:
+        """Cut into stretches no longer than *horizon* [s], none shorter than can be fitted; commands stay whole."""
+        return [
+            _stretch(piece, self.passage.run, self.passage.measured, self.form)
+            for piece in within_horizon(self.record, horizon)
         ]
 
 
@@ -153,6 +161,19 @@ def stretches_of(
         for name, error in failures
     ]
     return found, doubts
+
+
+def within(stretches: Sequence[Stretch], horizon: float) -> list[Stretch]:
+    """Cut stretches into such no longer than *horizon* [s], each with initial states of its own.
+
+    Raises
+    ------
+    UsageError
+        A horizon that is not above zero.
+    """
+    if not horizon > 0.0:
+        raise UsageError(f"a horizon of {horizon} s makes no sense: give seconds above 0, or inf for whole runs")
+    return [piece for s in stretches for piece in (s.within(horizon) if math.isfinite(horizon) else [s])]
 
 
 def only(stretches: Sequence[Stretch], name: str) -> list[Stretch]:

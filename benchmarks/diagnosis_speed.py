@@ -1,0 +1,105 @@
+"""How fast a diagnosis is over the whole book: yaw under 10 s, three degrees of freedom under 60 s.
+
+Run: ``python3 -m benchmarks.diagnosis_speed``. Each is three runs of 600 samples, with a dead zone hidden on every input
+(several passes over the book) and with nothing hidden. Wall seconds depend on what else the machine does; beside them
+stand CPU seconds, and how many plain simulations by ``scipy.integrate.solve_ivp`` of one such run take as long.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.trial import Channel, Trial
+
+Array = NDArray[np.float64]
+
+SAMPLES, STEP = 600, 0.1
+CRAFT: Mapping[str, tuple[float, float, float, float]] = {
+    "surge": (12.0, 8.0, 15.0, 0.01),
+    "sway": (16.0, 14.0, 10.0, 0.01),
+    "yaw": (0.6, 0.5, 0.8, 0.005),
+}
+"""Degree of freedom -> inertia, drag, largest command, noise; SI."""
+
+GOALS = {("yaw",): 10.0, ("surge", "sway", "yaw"): 60.0}
+
+
+def flown(dofs: tuple[str, ...], width: float, seed: int) -> Trial:
+    """Return a run of uncoupled craft under steps of random size and length; *width*: share lost in a dead zone."""
+    rng = np.random.default_rng(seed)
+    t = STEP * np.arange(SAMPLES)
+    commands = {d: _steps(rng, CRAFT[d][2]) for d in dofs}
+
+    def rate(s: float, x: Array) -> Array:
+        k, n = min(int(s / STEP + 1e-9), SAMPLES - 1), len(dofs)
+        nu = dict(zip(dofs, x[n:], strict=True))
+        psi = x[n - 1]
+        nu_dot = []
+        for d in dofs:
+            inertia, drag, most, _ = CRAFT[d]
+            u = commands[d][k]
+            force = np.sign(u) * max(abs(u) - width * most, 0.0)
+            nu_dot.append((force - drag * nu[d]) / inertia)
+        if n == 1:
+            return np.array([nu["yaw"], *nu_dot])
+        u, v = nu["surge"], nu["sway"]
+        along, across = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+        return np.array([along, across, nu["yaw"], *nu_dot])
+
+    x = np.zeros((SAMPLES, 2 * len(dofs)))
+    for k in range(SAMPLES - 1):
+        span = (t[k], t[k + 1] - 1e-9)
+        x[k + 1] = solve_ivp(rate, span, x[k], rtol=1e-8, atol=1e-10).y[:, -1]
+    channels = {}
+    for i, d in enumerate(dofs):
+        channels[DOFS[d].force] = commands[d]
+        for name, column in ((DOFS[d].position, x[:, i]), (DOFS[d].velocity, x[:, len(dofs) + i])):
+            channels[name] = column + rng.normal(0.0, CRAFT[d][3], SAMPLES)
+    return Trial(f"run{seed}", {n: Channel(n, SIGNALS[n][0].split(",")[0], t, v) for n, v in channels.items()})
+
+
+def _steps(rng: np.random.Generator, most: float) -> Array:
+    found = np.zeros(SAMPLES)
+    at = 0
+    while at < SAMPLES:
+        held = int(rng.uniform(20, 60))
+        found[at : at + held] = most * rng.uniform(-1.0, 1.0)
+        at += held
+    return found
+
+
+def timed(runs: list[Trial]) -> tuple[Diagnosis, float, float]:
+    """Return a diagnosis, its wall seconds and its CPU seconds."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    found = diagnose(runs)
+    return found, time.perf_counter() - wall, time.process_time() - cpu
+
+
+def main() -> None:
+    """Print the table."""
+    for dofs, goal in GOALS.items():
+        begun = time.process_time()
+        flown(dofs, 0.0, 0)
+        peer = time.process_time() - begun
+        for width in (0.15, 0.0):
+            runs = [flown(dofs, width, seed) for seed in range(3)]
+            diagnose(runs[:1], effects=["input-bias"])  # compiles what is not yet
+            found, wall, cpu = timed(runs)
+            causes = ", ".join(c.applied.slug for c in found.causes) or "nothing"
+            hidden = "dead zone" if width else "nothing"
+            print(
+                f"{', '.join(dofs):18} {hidden:10} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal {goal:g}), "
+                f"{cpu / peer:5.1f} simulations by solve_ivp; {found.verdict}: {causes}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

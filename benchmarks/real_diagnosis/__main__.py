@@ -1,0 +1,65 @@
+"""Print the diagnosis of every real craft and of the published tables; see the package's docstring."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+
+import benchmarks.real_diagnosis as package
+from benchmarks.real_diagnosis.cases import CASES, DATA
+from benchmarks.real_diagnosis.published import lines_of, tables_of
+from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.errors import AutotuneError
+
+__all__ = ["main", "told"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Diagnose and print."""
+    about = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("benchmarks.real_diagnosis", description=package.__doc__, formatter_class=about)
+    parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
+    parser.add_argument("--no-tables", action="store_true")
+    chosen = parser.parse_args(arguments)
+    if not DATA.is_dir():
+        print(f"no measured runs at {DATA}", file=sys.stderr)
+        return 2
+    for name in chosen.case:
+        case = CASES[name]
+        print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {', '.join(case.unseen)}", flush=True)
+        runs, unseen = case.load()
+        try:
+            lines = told(diagnose(runs, unseen=unseen, dof=case.dof))
+        except AutotuneError as error:
+            lines = [f"refused: {error}"]
+        print("\n".join(f"  {line}" for line in lines), flush=True)
+    if not chosen.no_tables:
+        published = json.loads((DATA / "published_tables.json").read_text(encoding="utf-8"))
+        for table in tables_of(published):
+            print("\n" + "\n".join(lines_of(table)))
+    return 0
+
+
+def told(diagnosis: Diagnosis) -> list[str]:
+    """Return a diagnosis in a few lines."""
+    lines = [f"{diagnosis.verdict}, {diagnosis.seconds:.0f} s, {diagnosis.tried} candidates"]
+    for cause in diagnosis.causes:
+        numbers = ", ".join(f"{n} = {v.value:.3g} +- {v.std:.1g} {v.unit}" for n, v in cause.parameters.items())
+        lines.append(f"{cause.applied.slug} at {cause.applied.place}: {numbers}")
+    lines += ["cannot be told apart: " + ", ".join(group) for group in diagnosis.indistinguishable]
+    for g in diagnosis.gains:
+        low, high = g.ci95
+        lines.append(
+            f"{g.signal}: {g.before:.3g} -> {g.after:.3g} {g.unit}, ratio {g.ratio:.2f} [{low:.2f}, {high:.2f}]"
+        )
+    if diagnosis.gains:
+        lines.append(diagnosis.gains[0].held_out)
+    lines += [f"left: {words}" for words in diagnosis.left.findings[:2]]
+    lines += [f"doubt: {d.cause}" for d in diagnosis.doubts]
+    return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())

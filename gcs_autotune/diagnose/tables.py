@@ -1,0 +1,263 @@
+"""Tables of identified parameters, a row per experiment: do they describe one craft, and if not, what is in the way?
+
+A craft has one inertia and one drag law, whatever was commanded. Where rows contradict each other the pattern tells the
+kind of cause: inertia and drag off alike are a thrust that is not what it was said to be (both are force over motion),
+inertia alone is another load or a slow actuator, drag alone another drag law. All tests are of logarithms (differences
+are shares); rows at one input are a group; what the scatter hides is told as "cannot tell".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from gcs_autotune.diagnose.table_reading import reading_of_level, reading_of_order, reading_of_sign, reading_of_trend
+from gcs_autotune.errors import NotInformative
+
+__all__ = ["ParameterTable", "TableFinding", "diagnose_table"]
+
+Array = NDArray[np.float64]
+
+Answer = Literal["yes", "no", "cannot tell"]
+
+LEAST = 4
+"""Fewest rows of a table that anything is said about."""
+
+SURE = 0.01
+"""Chance of calling something off that is not, over all levels (or rows) of one question."""
+
+POOLED = 0.25
+"""Chance above which levels count as differing by no more than their rows do (Bancroft 1964, sometimes-pooling)."""
+
+MATTERS = 0.1
+"""Share below which a difference that could still be there would not matter: then the answer is "no"."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParameterTable:
+    """What was identified, a row per experiment.
+
+    level : (n,) input, its sign where it has one. inertia, drag : (n,) in any unit; ``drag`` is that of the law the
+    table assumes (usually quadratic). rate : (n,) a typical rate of turn or speed, and linear_drag : (n,) the
+    equivalent linear drag there; both for the order of the drag law.
+    """
+
+    name: str
+    level: Array
+    inertia: Array
+    drag: Array
+    linear_drag: Array | None = None
+    rate: Array | None = None
+
+    @property
+    def quantities(self) -> Mapping[str, Array]:
+        """What should be constant."""
+        return {"inertia": self.inertia, "drag": self.drag}
+
+
+@dataclass(frozen=True, slots=True)
+class TableFinding:
+    """The answer to one question about a table.
+
+    ``share`` how much more the quantity is there than elsewhere (0.2: 20 %; of ``drag-order`` the exponent of rate in
+    the drag force), ``ci95`` its interval, ``p`` the chance of so much by scatter alone (over all levels tried).
+    """
+
+    question: str
+    quantity: str
+    where: str
+    answer: Answer
+    share: float
+    ci95: tuple[float, float]
+    p: float
+    reading: str = ""
+
+
+def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
+    """Ask a table whether its rows are of one craft: each level, the smallest input, the sign, single rows, drag law.
+
+    Raises
+    ------
+    NotInformative
+        Fewer than four rows, or values that are not positive.
+    """
+    if len(table.level) < LEAST:
+        raise NotInformative(
+            f"table '{table.name}' has {len(table.level)} rows: at least {LEAST} can contradict each other"
+        )
+    bad = [n for n, v in table.quantities.items() if not np.all(v > 0.0)]
+    if bad:
+        raise NotInformative(f"{' and '.join(bad)} of table '{table.name}' must be positive in every row")
+    return (*_levels(table), *_sign(table), *_rows(table), *_order(table))
+
+
+def _levels(table: ParameterTable) -> Iterator[TableFinding]:
+    """Yield for every input level how far it is from the others, the smallest first; what departs spoils no mean."""
+    size = np.abs(table.level)
+    levels = np.unique(size).tolist()
+    if len(levels) < 3:
+        return
+    departing = {n: _departing(np.log(v), size) for n, v in table.quantities.items()}
+    for level in levels:
+        smallest = level == levels[0]
+        tried = 1 if smallest else len(levels) - 1
+        found = {}
+        for name, values in table.quantities.items():
+            use = np.array([s == level or s not in departing[name] for s in size])
+            off, half, p = _apart(np.log(values)[use], size[use], level)
+            p = min(1.0, p * tried)
+            found[name] = (off, half, p, _answer(off, half, p))
+        reading = reading_of_level(
+            {n: math.expm1(f[0]) for n, f in found.items()}, {n: f[3] for n, f in found.items()}, smallest=smallest
+        )
+        for name, (off, half, p, answer) in found.items():
+            question = "smallest-input" if smallest else "level"
+            yield _finding(question, name, f"|input| = {level:.4g}", answer, off, half, p, reading)
+    kept = {n: np.array([s not in departing[n] for s in size]) for n in departing}
+    yield from _trend(table, kept)
+
+
+def _departing(y: Array, size: Array) -> set[float]:
+    """Return the levels that depart from all others, the clearest first, each judged without those before it."""
+    found: set[float] = set()
+    tried = len(np.unique(size))
+    while len(np.unique(size)) > 3:
+        levels = np.unique(size).tolist()
+        chances = {level: _apart(y, size, level)[2] * tried for level in levels}
+        clearest = min(chances, key=lambda level: chances[level])
+        if chances[clearest] >= SURE:
+            break
+        found.add(clearest)
+        y, size = y[size != clearest], size[size != clearest]
+    return found
+
+
+def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iterator[TableFinding]:
+    """Yield how the level means go with the input: the share by which doubling it changes them."""
+    size = np.abs(table.level)
+    found = {}
+    for name, values in table.quantities.items():
+        levels = np.unique(size[kept[name]])
+        if len(levels) < LEAST:
+            return
+        means = np.array([np.log(values)[size == s].mean() for s in levels])
+        fit = stats.linregress(np.log2(levels), means)
+        half = float(stats.t.isf(0.025, len(levels) - 2)) * float(fit.stderr)
+        found[name] = (float(fit.slope), half, float(fit.pvalue), _answer(float(fit.slope), half, float(fit.pvalue)))
+    reading = reading_of_trend({n: f[0] for n, f in found.items()}, {n: f[3] for n, f in found.items()})
+    for name, (off, half, p, answer) in found.items():
+        yield _finding("trend", name, "per doubling of the input", answer, off, half, p, reading)
+
+
+def _apart(y: Array, size: Array, level: float) -> tuple[float, float, float]:
+    """Return how far the mean at one level is from the others' mean, half its 95 % interval, and its probability.
+
+    The variance has two parts: rows about their level's mean, and levels (but this one) about theirs.
+    """
+    others = [y[size == s] for s in np.unique(size) if s != level]
+    own = y[size == level]
+    groups = [own, *others]
+    freedom = sum(len(g) - 1 for g in groups)
+    means = np.array([g.mean() for g in others])
+    between = float(np.var(means, ddof=1)) if len(means) > 1 else 0.0
+    if freedom > 0:
+        within = sum(float(np.sum((g - g.mean()) ** 2)) for g in groups) / freedom
+        expected = within * float(np.mean([1.0 / len(g) for g in others]))
+        ratio = between / expected if expected > 0.0 else math.inf
+        differ = len(others) > 1 and float(stats.f.sf(ratio, len(others) - 1, freedom)) < POOLED
+        between = between - expected if differ else 0.0
+        weights = np.array([1.0 / (between + within / len(g)) if between + within > 0.0 else 1.0 for g in others])
+        variance = between + within / len(own) + 1.0 / float(weights.sum())
+        freedom = freedom if between == 0.0 else min(freedom, len(others) - 1)
+    else:
+        weights, freedom = np.ones(len(others)), len(others) - 1
+        variance = between * (1.0 + 1.0 / len(others))
+    off = float(own.mean() - weights @ means / weights.sum())
+    return off, *_t(off, variance, freedom)
+
+
+def _t(off: float, variance: float, freedom: int) -> tuple[float, float]:
+    """Return half the 95 % interval of a mean and the probability that it is zero."""
+    if freedom < 1 or variance <= 0.0:
+        return math.inf, 1.0
+    s = math.sqrt(variance)
+    return float(stats.t.isf(0.025, freedom)) * s, float(2.0 * stats.t.sf(abs(off) / s, freedom))
+
+
+def _answer(off: float, half: float, p: float) -> Answer:
+    if p < SURE:
+        return "yes"
+    return "no" if abs(off) + half < MATTERS else "cannot tell"
+
+
+def _finding(
+    question: str, quantity: str, where: str, answer: Answer, off: float, half: float, p: float, reading: str
+) -> TableFinding:
+    ends = (math.expm1(off - half), math.expm1(min(off + half, 700.0)))
+    return TableFinding(question, quantity, where, answer, math.expm1(off), ends, p, reading)
+
+
+def _sign(table: ParameterTable) -> Iterator[TableFinding]:
+    """Yield how positive inputs differ from negative ones of the same size."""
+    size = np.abs(table.level)
+    both = [s for s in np.unique(size) if np.any(table.level == s) and np.any(table.level == -s) and s > 0.0]
+    if len(both) < 3:
+        return
+    found = {}
+    for name, values in table.quantities.items():
+        y = np.log(values)
+        off = np.array([y[table.level == s].mean() - y[table.level == -s].mean() for s in both])
+        mean = float(off.mean())
+        half, p = _t(mean, float(np.var(off, ddof=1)) / len(off), len(off) - 1)
+        found[name] = (mean, half, p, _answer(mean, half, p))
+    reading = reading_of_sign({n: math.expm1(f[0]) for n, f in found.items()}, {n: f[3] for n, f in found.items()})
+    for name, (mean, half, p, answer) in found.items():
+        yield _finding("sign", name, f"{len(both)} pairs of + and -", answer, mean, half, p, reading)
+
+
+def _rows(table: ParameterTable) -> Iterator[TableFinding]:
+    """Yield rows that contradict all others of their level: deleted studentised residuals."""
+    size = np.abs(table.level)
+    for name, values in table.quantities.items():
+        y = np.log(values)
+        left = y - np.array([np.mean(y[size == s]) for s in size])
+        counts = np.array([np.sum(size == s) for s in size])
+        share = 1.0 - 1.0 / counts
+        freedom = int(len(y) - len(np.unique(size)))
+        for i in np.flatnonzero(counts > 2):
+            rest = (float(left @ left) - left[i] ** 2 / share[i]) / max(freedom - 1, 1)
+            half, p = _t(float(left[i] / share[i]), max(rest, 1e-300) / float(share[i]), freedom - 1)
+            p = min(1.0, p * len(y))
+            if p < SURE:
+                where = f"row {i + 1} (input {table.level[i]:.4g})"
+                off = float(left[i] / share[i])
+                reading = "this row contradicts the others at its input: repeat that experiment"
+                yield _finding("row", name, where, "yes", off, half, p, reading)
+
+
+def _order(table: ParameterTable) -> Iterator[TableFinding]:
+    """Yield the power of rate that the drag force goes with: 1 plus that of the equivalent linear drag."""
+    if table.rate is None or table.linear_drag is None or np.ptp(np.log(table.rate)) < math.log(1.3):
+        return
+    fit = stats.linregress(np.log(table.rate), np.log(table.linear_drag))
+    groups = len(np.unique(np.abs(table.level)))
+    half = float(stats.t.isf(0.025, max(groups - 2, 1))) * float(fit.stderr)
+    order = 1.0 + float(fit.slope)
+    either = [law for law in (1.0, 2.0) if abs(order - law) <= half]
+    answer: Answer = "cannot tell" if len(either) == 2 else ("no" if either == [2.0] else "yes")
+    yield TableFinding(
+        "drag-order",
+        "linear drag",
+        f"{len(table.level)} rows",
+        answer,
+        order,
+        (order - half, order + half),
+        float(fit.pvalue),
+        reading_of_order(order, half),
+    )
