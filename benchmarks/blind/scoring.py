@@ -104,9 +104,9 @@ def _matrix(singles: Sequence[Outcome]) -> list[str]:
     counts = Counter((o.slug, o.first) for o in singles)
     truths = sorted({o.slug for o in singles})
     named = sorted({o.first for o in singles})
-    lines = ["confusion: truth down, first name (or verdict) across"]
-    lines += [f"  {chr(97 + i) if i < 26 else 'A' if i < 27 else chr(65 + i - 26)} = {n}" for i, n in enumerate(named)]
     marks = [chr(97 + i) if i < 26 else chr(65 + i - 26) for i in range(len(named))]
+    lines = ["confusion: truth down, first name (or verdict) across"]
+    lines += [f"  {mark} = {name}" for mark, name in zip(marks, named, strict=True)]
     lines.append(f"  {'':24} " + " ".join(f"{m:>2}" for m in marks))
     for truth in truths:
         cells = [counts[truth, name] for name in named]

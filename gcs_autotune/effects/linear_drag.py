@@ -32,8 +32,9 @@ class LinearDrag(Effect):
         return tuple(d for d in scene.form.dofs if drag_names(d)[0] not in scene.form.parameters)
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """Half the largest force at the largest speed; the effect is nearly linear."""
-        return ({"coefficient": 0.5 * force_scale(place, scene) / top_speed(place, scene)},)
+        """Shares of the largest force at the largest speed: a heading integrates, so only small ones act linearly."""
+        full = force_scale(place, scene) / top_speed(place, scene)
+        return tuple({"coefficient": share * full} for share in (0.02, 0.1, 0.5))
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """Drag damps."""

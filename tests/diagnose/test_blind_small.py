@@ -16,7 +16,7 @@ def the(outcome: Outcome) -> str:
     return f"{outcome.truth} at {outcome.places} -> {outcome.verdict} {outcome.causes} {outcome.error}"
 
 
-@pytest.mark.parametrize("slug", ["dead-zone", "gain-drift", "gyro-bias", "linear-drag"])
+@pytest.mark.parametrize("slug", ["dead-zone", "gain-drift", "gyro-bias", "wind-moment"])
 def test_a_hidden_effect_is_named_first(slug: str) -> None:
     outcome = play("single", SEED, 0, slug)
     assert outcome.right, the(outcome)
