@@ -275,6 +275,12 @@ def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], .
         names = tuple(dict.fromkeys(same))
         if len(names) > 1:
             groups.append(names)
+    for usual, other in search.renamed:
+        known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
+        if known is None:
+            groups.append((usual, other))
+        else:
+            groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
     return tuple(groups)
 
 

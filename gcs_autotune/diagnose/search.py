@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.effect import Applied, Scene
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
@@ -45,6 +45,15 @@ SIGNIFICANCE = 0.005
 
 MATERIAL = 0.02
 """Share by which a cause must lower the held-out error to be worth a name."""
+
+LUCK = 0.05
+"""Chance that a gain on unseen data is luck, all that was tried counted, above which it is not believed."""
+
+DONE = 0.5
+"""Whiteness at which the search is over."""
+
+AHEAD = 3
+"""Candidates that are followed one cause further when none pays alone."""
 
 ASTRAY = 0.05
 """Whiteness below which bookkeeping errors are also looked for from fits to one signal alone."""
@@ -89,6 +98,7 @@ class Search:
     progress: Progress | None = None
     tried: int = 0
     steps: list[Found] = field(default_factory=list)
+    renamed: list[tuple[str, str]] = field(default_factory=list)
     _alone: list[Fitted] | None = None
 
     def __post_init__(self) -> None:
@@ -99,17 +109,68 @@ class Search:
     # -- the whole
 
     def run(self) -> None:
-        """Look for causes until none pays."""
-        for step in range(MOST_CAUSES):
-            found = self.step(f"cause {step + 1}")
-            self.steps.append(found)
-            if found.accepted is None:
-                return
-            self._take(found.accepted)
-            if step:
+        """Look for causes until none pays, then call each by its most usual name."""
+        while len(self.steps) < MOST_CAUSES and self._one_more():
+            if len(self.steps) > 1:
                 self._reconsider()
-            if whiteness_of(tests_of(self.problem, self.fitted)) > 0.5:
-                return
+        self._usual_names()
+
+    def _one_more(self) -> bool:
+        """Take one more step (or two, where only two causes together pay); whether anything was found."""
+        stage = f"cause {len(self.steps) + 1}"
+        white = whiteness_of(tests_of(self.problem, self.fitted))
+        slugs = [s for s in self.slugs if BOOK[s].overrides("learn")] if self.steps and white > DONE else None
+        found = self.step(stage, slugs=slugs)
+        taken: tuple[Found, ...] = (found,)
+        if found.accepted is None and white < SIGNIFICANCE:
+            taken = self._look_ahead(found, stage) or taken
+        self.steps.extend(taken)
+        accepted = taken[-1].accepted
+        if accepted is not None:
+            self._take(accepted)
+        return accepted is not None
+
+    def _usual_names(self) -> None:
+        """Replace every cause by the more usual one that explains the runs as well."""
+        for own in self.fitted.effects[:]:
+            for slug in BOOK[own.slug].yields_to:
+                for other in _in_other_words(own, slug, self.problem.scene):
+                    if any((e.slug, e.place) == (other.slug, other.place) for e in self.fitted.effects):
+                        continue
+                    effects = tuple(other if e is own else e for e in self.fitted.effects)
+                    fit = self.problem.fit(self.fitted.theta, effects, self.fitted.initial, trials=12)
+                    if fit is not None and fit.cost < self.fitted.cost + ALIKE:
+                        self.renamed.append((other.slug, own.slug))
+                        self.fitted, self.present_unseen = fit, self.unseen(fit)
+                        break
+                else:
+                    continue
+                break
+
+    def _coloured(self) -> bool:
+        return whiteness_of(tests_of(self.problem, self.fitted)) < SIGNIFICANCE
+
+    def _look_ahead(self, found: Found, stage: str) -> tuple[Found, Found] | None:
+        """Return two causes that only pay together: each of the likeliest, with the best second one on top of it."""
+        pairs: list[tuple[float, Judged, Found]] = []
+        tried = max(self.tried, 2) * (max(self.tried, 2) - 1) // 2
+        for one in [j for j in found.judged if j.evidence > 0.0][:AHEAD]:
+            second = self.step(f"{stage} and another", one.fitted, quick=True)
+            if second.judged and second.judged[0].evidence > 0.0:
+                both = second.judged[0].fitted
+                pairs.append((both.cost + self._price(both, self.fitted), one, second))
+        if not pairs:
+            return None
+        _, one, second = min(pairs, key=lambda p: p[0])
+        top = second.judged[0]
+        paired = self._judged(top.own, top.fitted, self.fitted, tried)
+        if self._winner([paired], tried, self.fitted) is None:
+            return None
+        first = next(e for e in top.fitted.effects if (e.slug, e.place) == (one.own.slug, one.own.place))
+        judged = tuple(replace(j, own=first) if j is one else j for j in found.judged)
+        accepted = next(j for j in judged if j.own is first)
+        others = tuple(j for j in second.judged if j is not top)
+        return Found(judged, accepted), Found((paired, *others), paired)
 
     def _take(self, judged: Judged) -> None:
         self.fitted = judged.fitted
@@ -117,10 +178,12 @@ class Search:
 
     # -- one step
 
-    def step(self, stage: str, against: Fitted | None = None, slugs: Sequence[str] | None = None) -> Found:
-        """Judge every candidate on top of *against* (the present model when None)."""
+    def step(
+        self, stage: str, against: Fitted | None = None, *, slugs: Sequence[str] | None = None, quick: bool = False
+    ) -> Found:
+        """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone."""
         present = self.fitted if against is None else against
-        choices = candidates(self.problem, present.effects, slugs or self.slugs)
+        choices = candidates(self.problem, present.effects, self.slugs if slugs is None else slugs)
         choices = [c for c in choices if not _contradicts(present.effects, c[0])]
         self.tried = max(self.tried, len(choices))
         self._say(stage + ": screening", 0, len(choices))
@@ -132,9 +195,10 @@ class Search:
         rough = self._rough(listed[:SHORT_LIST], present, stage)
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
         fitted = [(c.own, self._finished(c, f)) for c, f in rough[:RUNNERS]]
-        judged = [self._judged(own, f, present, len(choices)) for own, f in fitted]
-        judged = _ordered(judged)
-        return Found(tuple(judged), self._winner(judged, len(choices), present))
+        best = min((f for _, f in fitted), key=lambda f: f.cost + self._price(f, present), default=present)
+        raised = correlation_of(best)
+        judged = _ordered([self._judged(own, f, present, len(choices), raised, quick=quick) for own, f in fitted])
+        return Found(tuple(judged), None if quick else self._winner(judged, len(choices), present))
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Candidate, Fitted]]:
         found = []
@@ -170,12 +234,22 @@ class Search:
         """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
         return (fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)) * math.log(fitted.samples)
 
-    def _judged(self, own: Applied, fitted: Fitted, present: Fitted, tried: int) -> Judged:
+    def _judged(
+        self,
+        own: Applied,
+        fitted: Fitted,
+        present: Fitted,
+        tried: int,
+        common: float | None = None,
+        *,
+        quick: bool = False,
+    ) -> Judged:
+        """Judge a fit: against its rivals with the *common* number of samples that make one independent one."""
         raised = correlation_of(fitted)
         likelihood = (present.cost - fitted.cost) / raised
-        evidence = likelihood - self._price(fitted, present)
+        evidence = (present.cost - fitted.cost) / (common or raised) - self._price(fitted, present)
         now = next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
-        if evidence <= 0.0:
+        if evidence <= 0.0 or quick:
             return Judged(now, fitted, evidence, likelihood, 0.0, 1.0, None)
         unseen = self.unseen(fitted)
         before = self.present_unseen
@@ -186,12 +260,24 @@ class Search:
         return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
 
     def _winner(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
-        for one in judged:
-            more = max(1, one.fitted.parameters - present.parameters + _learnt(one.fitted) - _learnt(present))
-            needed = float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
-            if one.likelihood > needed and one.evidence > 0.0 and one.gain > MATERIAL and one.p < 0.05:
-                return one
-        return None
+        """Return the likeliest candidate that pays; a disturbance only when no cause foretells more than it does."""
+        paying = [
+            j
+            for j in judged
+            if j.evidence > 0.0 and self._is_needed(j.likelihood, j.fitted, present, tried)
+            if j.gain > MATERIAL and j.p < LUCK
+        ]
+        if not paying:
+            return None
+        best = paying[0]
+        if BOOK[best.own.slug].overrides("learn"):
+            foretold = [j for j in paying if not BOOK[j.own.slug].overrides("learn") and j.gain > best.gain]
+            best = foretold[0] if foretold else best
+        return best
+
+    def _is_needed(self, likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:
+        more = max(1, fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present))
+        return likelihood > float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
 
     # -- second thoughts
 
@@ -204,17 +290,18 @@ class Search:
             without = self.problem.fit(self.fitted.theta, rest, self.fitted.initial, trials=12)
             if without is None:
                 continue
-            kept, seen = self.fitted, self.present_unseen
-            self.fitted, self.present_unseen = without, self.unseen(without)
-            again = self.step(f"second thoughts on {own.slug}", without)
-            best = again.judged[0] if again.judged else None
-            if again.accepted is None and again.judged:
-                continue  # it no longer pays: leave it out
-            better = best is not None and best.fitted.cost + self._price(best.fitted, kept) < kept.cost - 1e-6
-            if better and best is not None and again.accepted is best and best.own.slug != own.slug:
-                self._take(best)
-            else:
-                self.fitted, self.present_unseen = kept, seen
+            kept = self.fitted
+            likelihood = (without.cost - kept.cost) / correlation_of(kept)
+            if not self._is_needed(likelihood, kept, without, self.tried):
+                self.fitted, self.present_unseen = without, self.unseen(without)
+                continue
+            again = self.step(f"second thoughts on {own.slug}", without, quick=True)
+            rival = next((j for j in again.judged if j.own.slug != own.slug), None)
+            if rival is None:
+                continue
+            ahead = kept.cost - rival.fitted.cost - self._price(rival.fitted, kept)
+            if ahead > ALIKE and not BOOK[rival.own.slug].overrides("learn"):
+                self._take(rival)
 
     # -- helpers
 
@@ -269,6 +356,20 @@ def _ratio(before: HeldOut, after: HeldOut) -> float:
     old, new = rms_of(before.rests), rms_of(after.rests)
     logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
     return math.exp(float(np.mean(logs))) if logs else 1.0
+
+
+def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
+    """Return the effect called *slug* at every place, its one number that of *own*; none when they have more."""
+    entry = BOOK[slug]
+    if len(own.values) != 1 or len(entry.parameters) != 1:
+        return []
+    name, value = entry.parameters[0].name, next(iter(own.values.values()))
+    found = []
+    for place in entry.places(scene):
+        low, high = entry.bounds(place, scene).get(name, (-math.inf, math.inf))
+        if low <= value <= high:
+            found.append(Applied(slug, place, {name: value}, dict(entry.constants(place, scene))))
+    return found
 
 
 def replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:

@@ -46,6 +46,8 @@ def _words(test: Test, fitted: Fitted) -> str:
     rms = fitted.levels[test.signal]
     if test.what == "one frequency":
         return f"{test.signal}: {100 * test.size:.0f} % of the residual's power is one frequency"
+    if test.what == "heavy tails":
+        return f"{test.signal}: single samples are far off, tails heavier than noise has (kurtosis {test.size:+.1f})"
     if test.what == "slow drift":
         wide = math.sqrt(test.size)
         return f"{test.signal}: the residual (rms {rms:.3g} {unit}) wanders slowly: {wide:.1f} times as far as noise"

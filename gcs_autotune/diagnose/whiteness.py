@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, kurtosis, kurtosistest
 
 from gcs_autotune.effects.extended import ExtendedSimulator
 from gcs_autotune.errors import BadFile
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 SHORT, LONG = 8, 40
 """Lags of the two portmanteau tests."""
+
+FEWEST_FOR_TAILS = 50
 
 BLOCK = 25
 """Samples of a block whose mean is looked at."""
@@ -92,6 +94,7 @@ def _portmanteaus(fitted: Fitted) -> Iterator[Test]:
                 first.append(float(rho[0]))
             yield Test(words, name, float(chi2.sf(total, freedom)), float(np.mean(first)))
         yield _drift(series, name)
+        yield _tails(series, name)
         yield _line(series, name)
 
 
@@ -103,6 +106,15 @@ def _drift(series: list[Array], name: str) -> Test:
         total += sum(len(p) * float(p.mean()) ** 2 for p in parts) / float(np.mean(s**2) or 1.0)
         freedom += count
     return Test("slow drift", name, float(chi2.sf(total, freedom)), total / freedom)
+
+
+def _tails(series: list[Array], name: str) -> Test:
+    """Return the test of kurtosis (D'Agostino 1970), one-sided: tails heavier than noise has."""
+    joined = np.concatenate(series)
+    if len(joined) < FEWEST_FOR_TAILS:
+        return Test("heavy tails", name, 1.0)
+    found = kurtosistest(joined, alternative="greater")
+    return Test("heavy tails", name, float(found.pvalue), float(kurtosis(joined)))
 
 
 def _line(series: list[Array], name: str) -> Test:

@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 FLOOR = 1e-3
 """Least noise level, in shares of a signal's standard deviation: what is smaller is nobody's trouble on the water."""
 
+ANGLES, TURN = ("phi", "theta", "psi"), 2.0
+"""A heading that goes round and round is not measured the worse for it: its spread counts up to this [rad]."""
+
 TOLERANCE = 1e-8
 """Relative decrease of the cost that ends a search; the cost is some ten times the number of samples."""
 
@@ -133,7 +136,7 @@ class Problem:
         self.scene = scene
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
-        self.floors = {n: FLOOR * s for n, s in scene.spread.items()}
+        self.floors = {n: FLOOR * min(s, TURN if n in ANGLES else np.inf) for n, s in scene.spread.items()}
 
     def on(self, stretches: Sequence[Stretch], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other stretches (or with other base parameters free)."""
