@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Effect, Observed
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
@@ -58,27 +59,27 @@ def screen(
     fits: Sequence[Fitted],
     choices: Sequence[Sequence[Applied]],
     progress: Callable[[int, int], None] | None = None,
+    jobs: int = 1,
 ) -> list[Candidate]:
     """Return the most promising start of each choice, the best promise first.
 
     fits : where fits may begin: the present model first, then others with the same effects for bookkeeping.
     """
     grounds = [_Ground(problem, fitted) for fitted in fits]
-    found = []
-    for i, choice in enumerate(choices):
-        entry = BOOK[choice[0].slug]
-        own_grounds = grounds if entry.family == "bookkeeping" else grounds[:1]
-        best: Candidate | None = None
-        for ground in own_grounds:
-            for own in choice:
+
+    def best_of(i: int) -> tuple[int, Applied, float, Array] | None:
+        entry = BOOK[choices[i][0].slug]
+        best: tuple[int, Applied, float, Array] | None = None
+        for k, ground in enumerate(grounds if entry.family == "bookkeeping" else grounds[:1]):
+            for own in choices[i]:
                 promise = ground.promise(entry, own)
-                if promise is not None and (best is None or promise.promised < best.promised):
-                    best = promise
-        if best is not None:
-            found.append(best)
-        if progress is not None:
-            progress(i + 1, len(choices))
-    return sorted(found, key=lambda c: c.promised)
+                if promise is not None and (best is None or promise.promised < best[2]):
+                    best = k, promise.own, promise.promised, promise.adapted
+        return best
+
+    found = [best for best in in_parallel(best_of, len(choices), jobs, progress) if best is not None]
+    listed = [Candidate(own, fits[k], promised, adapted) for k, own, promised, adapted in found]
+    return sorted(listed, key=lambda c: c.promised)
 
 
 class _Ground:

@@ -19,6 +19,7 @@ from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_v
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.errors import AutotuneError
@@ -87,6 +88,7 @@ class Search:
     slugs: Sequence[str]
     given: Fitted | None = None
     progress: Progress | None = None
+    jobs: int = 1
     tried: int = 0
     steps: list[Found] = field(default_factory=list)
     _alone: list[Fitted] | None = None
@@ -126,25 +128,25 @@ class Search:
         self._say(stage + ": screening", 0, len(choices))
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
         fits = [present, *(self._others() if astray else ())]
-        listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n))
+        listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs)
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
-        fitted = [self._finished(own, f) for own, f in rough[:RUNNERS]]
-        judged = [self._judged(own, f, present, len(choices)) for own, f in fitted]
+
+        def finished(i: int) -> Judged:
+            return self._judged(*self._finished(*rough[i]), present, len(choices))
+
+        judged = in_parallel(finished, min(RUNNERS, len(rough)), self.jobs)
         judged = _ordered(judged)
         return Found(tuple(judged), self._winner(judged, len(choices), present))
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Applied, Fitted]]:
-        found = []
-        for i, candidate in enumerate(listed):
-            self._say(stage + ": fitting", i, len(listed))
-            fit = self._begun(candidate)
-            if fit is not None:
-                found.append((candidate.own, fit))
-        self._say(stage + ": fitting", len(listed), len(listed))
-        return found
+        self._say(stage + ": fitting", 0, len(listed))
+        fits = in_parallel(
+            lambda i: self._begun(listed[i]), len(listed), self.jobs, lambda i, n: self._say(stage + ": fitting", i, n)
+        )
+        return [(c.own, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def _begun(self, candidate: Candidate) -> Fitted | None:
         """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
@@ -245,6 +247,7 @@ def begin_search(
     *,
     given: Fitted | None = None,
     progress: Progress | None = None,
+    jobs: int = 1,
 ) -> tuple[Search, str]:
     """Return a search ready to run, and in words what its errors are measured on.
 
@@ -255,7 +258,7 @@ def begin_search(
     at = {id(s): i for i, s in enumerate([*pool, *unseen])}
     starts = [tuple(states[i] for i in fold.train_at) for fold in folds]
     tests = [tuple(states[at[id(s)]] for s in fold.test) for fold in folds]
-    return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress), words
+    return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress, jobs=jobs), words
 
 
 def _ratio(before: HeldOut, after: HeldOut) -> float:
