@@ -59,12 +59,14 @@ class Passage:
 class ExtendedModel:
     """A coupled model and the effects that stand between it and the measurements, in the book's order.
 
-    ``swing``: largest magnitude of each input in the runs it comes from, what "full" means to whoever flies it.
+    ``swing``: largest magnitude of each input in the runs it comes from, what "full" means to whoever flies it;
+    ``units`` of the inputs ("1": fractions of full output). Both empty when nobody said.
     """
 
     base: CoupledModel
     effects: tuple[Applied, ...] = ()
     swing: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for a model file."""
@@ -73,7 +75,7 @@ class ExtendedModel:
             "model": "extended",
             "base": self.base.to_dict(),
             "effects": [e.to_dict() for e in self.effects],
-            "constants": {"swing": dict(self.swing)},
+            "constants": {"swing": dict(self.swing), "units": dict(self.units)},
         }
 
     @classmethod
@@ -98,12 +100,14 @@ class ExtendedModel:
                 for e in data["effects"]
             )
             base = CoupledModel.from_dict(data["base"])
-            swing = {str(k): float(v) for k, v in data.get("constants", {}).get("swing", {}).items()}
+            constants = data.get("constants", {})
+            swing = {str(k): float(v) for k, v in constants.get("swing", {}).items()}
+            units = {str(k): str(v) for k, v in constants.get("units", {}).items()}
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadFile(f"not a model file with effects: {error!r}") from error
         for effect in effects:
             lookup(BOOK, effect.slug, "effect")
-        return cls(base, in_order(effects), swing)
+        return cls(base, in_order(effects), swing, units)
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
         """Return every signal at its own stamps from *initial* states (0 where not given); None if it runs away."""

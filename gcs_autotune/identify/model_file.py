@@ -75,7 +75,7 @@ def load_model(path: Path) -> ModelFile:
     inner, around = _model_in(data, path)
     model, axis = _built(inner, path)
     names, covariance = _uncertainty(around, path)
-    inputs = {str(k): str(v) for k, v in (around.get("inputs") or {}).items()}
+    inputs = dict(model.units) or {str(k): str(v) for k, v in (around.get("inputs") or {}).items()}
     if axis is not None:
         inputs = dict.fromkeys(model.base.form.inputs, axis.input_unit)
     noise = {str(k): float(v) for k, v in (around.get("noise") or {}).items() if isinstance(v, (int, float))}

@@ -41,12 +41,17 @@ def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
     if unit != "1" and full_scale is None:
         raise UsageError(
             f"the input {reduction.channel} of '{file.name}' is in {unit}: say with --full-scale how many {unit} full "
-            "output gives, or identify the model from runs with the input as a fraction"
+            f"output gives{_hint(file, reduction.channel)}, or identify from runs with the input as a fraction"
         )
     if full_scale is not None and not (math.isfinite(full_scale) and full_scale != 0.0):
         raise UsageError(f"--full-scale {full_scale:g}: give the input at full output, not zero")
     noise = file.noise.get(reduction.model.axis.position, 0.0)
     return Given(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
+
+
+def _hint(file: ModelFile, channel: str) -> str:
+    swing = file.model.swing.get(channel, 0.0)
+    return f" (its runs went up to {swing:.3g})" if swing else ""
 
 
 def explained(given: Given, step: Trial) -> float:

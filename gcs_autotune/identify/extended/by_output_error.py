@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +80,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
     solution = solution_of(problem, fitted)
     parameters, covariance = _parameters(problem.scene, fitted, solution)
     doubts = [*notes, *general_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
-    model = fitted.model
+    model = replace(fitted.model, swing=problem.scene.swing, units=problem.scene.inputs)
     return Fit(
         dof="+".join(fitted.form.dofs),
         structure=" + ".join((fitted.form.name, *(f"{e.slug}@{e.place}" for e in fitted.effects))),

@@ -99,7 +99,9 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
     elif isinstance(model, SingleDof) and isinstance(fit, AxisFit):
         form, theta, free, names, signs = _of_axis(fit, model, runs)
     else:
-        raise UsageError(f"a {type(model).__name__} cannot be simulated, so its limits cannot be told")
+        raise UsageError(
+            f"what runs can tell of a {type(model).__name__} is not worked out here; diagnose says what to fly next"
+        )
     if not free:
         raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
     records = tuple(r for run in runs for r in prepare_coupled(run, form, _signals(fit, form, run)))
