@@ -16,9 +16,6 @@ __all__ = ["RESOLUTION", "Actuator", "Characteristic", "Gradual", "horizon", "la
 
 Array = NDArray[np.float64]
 
-TWINS = ("force_left", "force_right")
-"""Inputs that come in pairs of one make."""
-
 FAINT = 1e-3
 """What a craft may notice of held values standing for a continuous motion, in shares of the largest command."""
 
@@ -51,22 +48,14 @@ class Characteristic(Actuator):
         """Return what acts (n,) at the commands *u* (n,), both in the input's unit."""
         raise NotImplementedError
 
-    def places(self, scene: Scene) -> tuple[str, ...]:
-        """Every input that was used; first both of two thrusters of one make, which share their curve."""
-        single = super().places(scene)
-        twins = "+".join(TWINS)
-        return (twins, *single) if set(TWINS) <= set(single) and twins in scene.swing else single
-
     def drive(self, own: Applied, drive: Drive) -> Drive:
         """Pass every command through the curve."""
-        for name in own.place.split("+"):
-            drive = drive.with_channel(name, self.acting(own, drive.channels[name]))
-        return drive
+        return drive.with_channel(own.place, self.acting(own, drive.channels[own.place]))
 
     def curve(self, own: Applied, scene: Scene) -> Curve:
         """Acting over commanded."""
         u = np.linspace(-scene.swing[own.place], scene.swing[own.place], 201)
-        unit = scene.inputs[own.place.split("+")[0]]
+        unit = scene.inputs[own.place]
         x_label, y_label = f"{own.place} commanded [{unit}]", f"{own.place} acting [{unit}]"
         return Curve(u, self.acting(own, u), x_label, y_label, self.title, plain=u)
 

@@ -236,14 +236,6 @@ def _stretch(record: CoupledRecord, run: str, measured: Mapping[str, Channel], f
     return Stretch(record, passage, form)
 
 
-def _swing(form: Form, stretches: Sequence[Stretch]) -> dict[str, float]:
-    """Return the largest magnitude of each input, and of two thrusters together, for effects that sit on both."""
-    found = {n: max(float(np.abs(s.passage.commands[n]).max()) for s in stretches) for n in form.inputs}
-    if set(THRUSTERS) <= found.keys():
-        found["+".join(THRUSTERS)] = max(found[n] for n in THRUSTERS)
-    return found
-
-
 def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float] | None = None) -> Scene:
     """Return what may be known of the runs before any effect is fitted; *base*: values of the base model."""
     records = [s.record for s in stretches]
@@ -264,7 +256,7 @@ def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float]
         form=form,
         inputs=units,
         signals=signals,
-        swing=_swing(form, stretches),
+        swing={n: max(float(np.abs(s.passage.commands[n]).max()) for s in stretches) for n in form.inputs},
         spread={n: max(float(np.std(v)), 1e-12) for n, v in values.items()},
         level=first_levels_of(records),
         channels=frozenset(joined),
