@@ -22,6 +22,12 @@ __all__ = ["Candidate", "candidates", "screen"]
 
 Array = NDArray[np.float64]
 
+ALSO = 2
+"""Values kept beside the most promising ones."""
+
+TRACE = 0.02
+"""A trace of an effect, in shares of the size it is tried at: small enough to act in proportion."""
+
 LONGEST_SCALE = 4.0
 """An effect that acts linearly may turn out so many times the size it was tried at."""
 
@@ -30,13 +36,15 @@ LONGEST_SCALE = 4.0
 class Candidate:
     """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises.
 
-    ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian.
+    ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian;
+    ``also``: values next in promise.
     """
 
     own: Applied
     begin: Fitted
     promised: float
     adapted: Array
+    also: tuple[Applied, ...] = ()
 
 
 def candidates(problem: Problem, present: Sequence[Applied], slugs: Sequence[str]) -> list[list[Applied]]:
@@ -67,18 +75,19 @@ def screen(
     """
     grounds = [_Ground(problem, fitted) for fitted in fits]
 
-    def best_of(i: int) -> tuple[int, Applied, float, Array] | None:
+    def best_of(i: int) -> list[tuple[int, Applied, float, Array]]:
         entry = BOOK[choices[i][0].slug]
-        best: tuple[int, Applied, float, Array] | None = None
+        found = []
         for k, ground in enumerate(grounds if entry.family == "bookkeeping" else grounds[:1]):
-            for own in choices[i]:
-                promise = ground.promise(entry, own)
-                if promise is not None and (best is None or promise.promised < best[2]):
-                    best = k, promise.own, promise.promised, promise.adapted
-        return best
+            promises = (ground.promise(entry, own) for own in choices[i])
+            found += [(k, p.own, p.promised, p.adapted) for p in promises if p is not None]
+        return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
 
-    found = [best for best in in_parallel(best_of, len(choices), jobs, progress) if best is not None]
-    listed = [Candidate(own, fits[k], promised, adapted) for k, own, promised, adapted in found]
+    listed = []
+    for best in in_parallel(best_of, len(choices), jobs, progress):
+        if best:
+            k, own, promised, adapted = best[0]
+            listed.append(Candidate(own, fits[k], promised, adapted, tuple(other[1] for other in best[1:])))
     return sorted(listed, key=lambda c: c.promised)
 
 
@@ -124,25 +133,40 @@ class _Ground:
         return float(total)
 
     def promise(self, entry: Effect, own: Applied) -> Candidate | None:
-        """Return what adding *own* promises; None when the motion runs away with it."""
+        """Return what adding *own* promises; None when the motion runs away with it.
+
+        At the size it comes with; and, where an effect grows with its numbers, at the size that suits the residual
+        best if it grew in proportion: from its full size, and from a trace of it (the score test).
+        """
         if entry.overrides("learn"):
             return self._learnt(own)
         changed = self._residual_with(own)
-        if changed is None:
-            return None
-        cost, scale, left = self.cost(self._rest(changed)), 1.0, changed
-        if own.values and entry.family != "bookkeeping":
-            moved = self._rest(self.residual - changed)
-            power = float(moved @ moved)
-            if power > 0.0:
-                wanted = float(moved @ self.free) / power
-                wanted = float(np.clip(wanted, -LONGEST_SCALE if _two_sided(entry, own, self) else 0.0, LONGEST_SCALE))
-                other = self.cost(self.free - wanted * moved)
-                if other < cost:
-                    cost, scale, left = other, wanted, self.residual - wanted * (self.residual - changed)
-        if scale != 1.0:
-            own = own.with_values({n: own.values[n] * scale for n in entry.grows_with if n in own.values})
-        return Candidate(own, self.fitted, cost, self.back @ (self.Q.T @ left))
+        best = None if changed is None else self._promised(own, changed)
+        growing = tuple(n for n in entry.grows_with if n in own.values)
+        for share in (1.0, TRACE) if growing else ():
+            some = own.with_values({n: own.values[n] * share for n in growing})
+            moved = changed if share == 1.0 else self._residual_with(some)
+            if moved is None:
+                continue
+            scale, left = self._scaled(entry, some, moved, LONGEST_SCALE / share)
+            sized = some.with_values({n: some.values[n] * scale for n in growing})
+            other = self._promised(sized, left)
+            if scale != 0.0 and (best is None or other.promised < best.promised):
+                best = other
+        return best
+
+    def _promised(self, own: Applied, left: Array) -> Candidate:
+        return Candidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
+
+    def _scaled(self, entry: Effect, own: Applied, changed: Array, most: float) -> tuple[float, Array]:
+        """Return by how much *own* would have to grow to suit the residual, and what would then be left."""
+        moved = self._rest(self.residual - changed)
+        power = float(moved @ moved)
+        if power <= 0.0:
+            return 0.0, self.residual
+        least = -most if _two_sided(entry, own, self) else 0.0
+        scale = float(np.clip(float(moved @ self.free) / power, least, most))
+        return scale, self.residual - scale * (self.residual - changed)
 
     def _learnt(self, own: Applied) -> Candidate | None:
         tried = self.problem.fit(self.fitted.theta, (*self.fitted.effects, own), self.fitted.initial, trials=1)

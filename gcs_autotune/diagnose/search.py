@@ -135,18 +135,19 @@ class Search:
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
 
         def finished(i: int) -> Judged:
-            return self._judged(*self._finished(*rough[i]), present, len(choices))
+            candidate, fit = rough[i]
+            return self._judged(candidate.own, self._finished(candidate, fit), present, len(choices))
 
         judged = in_parallel(finished, min(RUNNERS, len(rough)), self.jobs)
         judged = _ordered(judged)
         return Found(tuple(judged), self._winner(judged, len(choices), present))
 
-    def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Applied, Fitted]]:
+    def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Candidate, Fitted]]:
         self._say(stage + ": fitting", 0, len(listed))
         fits = in_parallel(
             lambda i: self._begun(listed[i]), len(listed), self.jobs, lambda i, n: self._say(stage + ": fitting", i, n)
         )
-        return [(c.own, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
+        return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def _begun(self, candidate: Candidate) -> Fitted | None:
         """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
@@ -158,9 +159,15 @@ class Search:
             found = again if found is None or (again is not None and again.cost < found.cost) else found
         return found
 
-    def _finished(self, own: Applied, rough: Fitted) -> tuple[Applied, Fitted]:
-        fit = self.problem.fit(rough.theta, rough.effects, rough.initial, trials=30, learn=False) or rough
-        return own, (fit if fit.cost <= rough.cost else rough)
+    def _finished(self, candidate: Candidate, rough: Fitted) -> Fitted:
+        """Fit to the end; an effect that acts on commands also from other values, as its cost has many valleys."""
+        best = rough
+        if BOOK[candidate.own.slug].overrides("drive") and candidate.own.values:
+            for own in candidate.also:
+                other = self.problem.fit(rough.theta, replaced(rough.effects, own), rough.initial, trials=ROUGH)
+                best = other if other is not None and other.cost < best.cost else best
+        fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False)
+        return fit if fit is not None and fit.cost <= best.cost else best
 
     def _price(self, fitted: Fitted, present: Fitted) -> float:
         """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
@@ -266,6 +273,11 @@ def _ratio(before: HeldOut, after: HeldOut) -> float:
     old, new = rms_of(before.rests), rms_of(after.rests)
     logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
     return math.exp(float(np.mean(logs))) if logs else 1.0
+
+
+def replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:
+    """Return *effects* with the one of the same slug and place replaced."""
+    return tuple(own if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)
 
 
 def _ordered(judged: Sequence[Judged]) -> list[Judged]:
