@@ -2,6 +2,10 @@
 
 ===========  =======================================================================
 door         from runs to a verdict
+intake       runs made fit, or refused with the reason (implausible, worth, follows)
+pieces       a second look where free runs are lost
+workers      work shared among processes
+tables       tables of identified parameters (table_reading)
 result       what comes out
 screen       which effects are worth a fit
 heldout      errors on data left out

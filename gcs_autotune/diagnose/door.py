@@ -64,6 +64,7 @@ def diagnose(
     effects: Sequence[str] | None = None,
     progress: Progress | None = None,
     horizon: float | None = None,
+    jobs: int = 1,
 ) -> Diagnosis:
     """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
 
@@ -80,6 +81,7 @@ def diagnose(
     progress : called with a stage, how much of it is done, and how much there is.
     horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
         whole runs, and pieces where nothing pays over whole runs but much is left.
+    jobs : processes to share the work among; the answer is the same.
 
     Raises
     ------
@@ -110,11 +112,13 @@ def diagnose(
     whole = held or stretches
     if horizon is not None:
         stretches, held = within(stretches, horizon), within(held, horizon)
-    search, words = _search(base_form, stretches, held, model, slugs, progress)
+    search, words = _search(base_form, stretches, held, model, slugs, progress, jobs)
     search.run()
     shorter = horizon_for(search) if horizon is None and _lost(search) else None
     if shorter is not None:
-        again, other = _search(base_form, within(stretches, shorter), within(held, shorter), model, slugs, progress)
+        again, other = _search(
+            base_form, within(stretches, shorter), within(held, shorter), model, slugs, progress, jobs
+        )
         again.run()
         if again.fitted.effects != again.base.effects and holds_over(again, whole):
             search, words = again, f"{other}; in pieces of {shorter:.3g} s"
@@ -153,13 +157,14 @@ def _search(
     model: ExtendedModel | None,
     slugs: Sequence[str],
     progress: Progress | None,
+    jobs: int,
 ) -> tuple[Search, str]:
     given = None
     if model is None:
         problem, fitted = fit_base(form, stretches)
     else:
         problem, given, fitted = given_base(model.base, model.effects, stretches)
-    return begin_search(problem, fitted, unseen, slugs, given=given, progress=progress)
+    return begin_search(problem, fitted, unseen, slugs, given=given, progress=progress, jobs=jobs)
 
 
 def _told(

@@ -7,11 +7,12 @@ after everything the model could adapt (its own parameters, initial states) has 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Effect, Observed
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
@@ -66,23 +67,28 @@ def screen(
     fits: Sequence[Fitted],
     choices: Sequence[Sequence[Applied]],
     progress: Callable[[int, int], None] | None = None,
+    jobs: int = 1,
 ) -> list[Candidate]:
     """Return the most promising start of each choice, the best promise first.
 
     fits : where fits may begin: the present model first, then others with the same effects for bookkeeping.
     """
     grounds = [_Ground(problem, fitted) for fitted in fits]
-    found = []
-    for i, choice in enumerate(choices):
-        entry = BOOK[choice[0].slug]
-        own_grounds = grounds if entry.family == "bookkeeping" else grounds[:1]
-        promises = [ground.promise(entry, own) for ground in own_grounds for own in choice]
-        known = sorted((p for p in promises if p is not None), key=lambda p: p.promised)
-        if known:
-            found.append(replace(known[0], also=tuple(p.own for p in known[1 : 1 + ALSO])))
-        if progress is not None:
-            progress(i + 1, len(choices))
-    return sorted(found, key=lambda c: c.promised)
+
+    def best_of(i: int) -> list[tuple[int, Applied, float, Array]]:
+        entry = BOOK[choices[i][0].slug]
+        found = []
+        for k, ground in enumerate(grounds if entry.family == "bookkeeping" else grounds[:1]):
+            promises = (ground.promise(entry, own) for own in choices[i])
+            found += [(k, p.own, p.promised, p.adapted) for p in promises if p is not None]
+        return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
+
+    listed = []
+    for best in in_parallel(best_of, len(choices), jobs, progress):
+        if best:
+            k, own, promised, adapted = best[0]
+            listed.append(Candidate(own, fits[k], promised, adapted, tuple(other[1] for other in best[1:])))
+    return sorted(listed, key=lambda c: c.promised)
 
 
 class _Ground:

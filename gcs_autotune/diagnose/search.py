@@ -19,6 +19,7 @@ from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_v
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Scene
 from gcs_autotune.errors import AutotuneError
@@ -96,6 +97,7 @@ class Search:
     slugs: Sequence[str]
     given: Fitted | None = None
     progress: Progress | None = None
+    jobs: int = 1
     tried: int = 0
     steps: list[Found] = field(default_factory=list)
     renamed: list[tuple[str, str]] = field(default_factory=list)
@@ -189,26 +191,27 @@ class Search:
         self._say(stage + ": screening", 0, len(choices))
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
         fits = [present, *(self._others() if astray else ())]
-        listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n))
+        listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs)
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
         rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
-        fitted = [(c.own, self._finished(c, f)) for c, f in rough[:RUNNERS]]
-        best = min((f for _, f in fitted), key=lambda f: f.cost + self._price(f, present), default=present)
+        ends = in_parallel(lambda i: self._finished(*rough[i]), min(RUNNERS, len(rough)), self.jobs)
+        best = min(ends, key=lambda f: f.cost + self._price(f, present), default=present)
         raised = correlation_of(best)
-        judged = _ordered([self._judged(own, f, present, len(choices), raised, quick=quick) for own, f in fitted])
+
+        def judged_one(i: int) -> Judged:
+            return self._judged(rough[i][0].own, ends[i], present, len(choices), raised, quick=quick)
+
+        judged = _ordered(in_parallel(judged_one, len(ends), 1 if quick else self.jobs))
         return Found(tuple(judged), None if quick else self._winner(judged, len(choices), present))
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Candidate, Fitted]]:
-        found = []
-        for i, candidate in enumerate(listed):
-            self._say(stage + ": fitting", i, len(listed))
-            fit = self._begun(candidate)
-            if fit is not None:
-                found.append((candidate, fit))
-        self._say(stage + ": fitting", len(listed), len(listed))
-        return found
+        self._say(stage + ": fitting", 0, len(listed))
+        fits = in_parallel(
+            lambda i: self._begun(listed[i]), len(listed), self.jobs, lambda i, n: self._say(stage + ": fitting", i, n)
+        )
+        return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def _begun(self, candidate: Candidate) -> Fitted | None:
         """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
@@ -338,6 +341,7 @@ def begin_search(
     *,
     given: Fitted | None = None,
     progress: Progress | None = None,
+    jobs: int = 1,
 ) -> tuple[Search, str]:
     """Return a search ready to run, and in words what its errors are measured on.
 
@@ -348,7 +352,7 @@ def begin_search(
     at = {id(s): i for i, s in enumerate([*pool, *unseen])}
     starts = [tuple(states[i] for i in fold.train_at) for fold in folds]
     tests = [tuple(states[at[id(s)]] for s in fold.test) for fold in folds]
-    return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress), words
+    return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress, jobs=jobs), words
 
 
 def _ratio(before: HeldOut, after: HeldOut) -> float:

@@ -1,0 +1,38 @@
+"""Work shared among processes: the same results in the same order, and the same diagnosis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.workers import in_parallel
+from gcs_autotune.trial import Channel, Trial
+
+
+def run_with_dead_zone(seed: int) -> Trial:
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(300)
+    N = np.repeat(rng.uniform(-0.6, 0.6, 10), 30)
+    acting = np.sign(N) * np.maximum(np.abs(N) - 0.12, 0.0)
+    r = np.zeros(300)
+    for k in range(299):
+        r[k + 1] = 0.8 * acting[k] + np.exp(-0.1) * (r[k] - 0.8 * acting[k])
+    seen = r + rng.normal(0.0, 0.004, 300)
+    return Trial(f"run{seed}", {"N": Channel("N", "N m", t, N), "r": Channel("r", "rad/s", t, seen)})
+
+
+def test_results_come_in_order_and_progress_to_its_end() -> None:
+    said: list[tuple[int, int]] = []
+    assert in_parallel(lambda i: i * i, 7, 2, lambda done, total: said.append((done, total))) == [
+        i * i for i in range(7)
+    ]
+    assert said == [(i, 7) for i in range(1, 8)]
+
+
+def test_a_diagnosis_does_not_depend_on_the_number_of_processes() -> None:
+    runs = [run_with_dead_zone(seed) for seed in (1, 2)]
+    effects = ("dead-zone", "input-bias", "saturation", "quadratic-actuator")
+    one, two = (diagnose(runs, effects=effects, jobs=jobs) for jobs in (1, 2))
+    assert [c.applied for c in one.causes] == [c.applied for c in two.causes]
+    assert [c.applied.slug for c in one.causes] == ["dead-zone"]
+    assert one.ranking == two.ranking
