@@ -2,52 +2,33 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.pieces import holds_over, horizon_for
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
-from gcs_autotune.diagnose.search import ALIKE, Judged, Search, begin_search
-from gcs_autotune.diagnose.signature import portraits_of, signature_of
+from gcs_autotune.diagnose.result import Diagnosis
+from gcs_autotune.diagnose.search import Search, begin_search
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
-from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.telling import METRIC, WHITE, told_of
+from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Leftover
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base, given_base
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of, within
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
-from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = ["METRIC", "diagnose"]
 
 Array = NDArray[np.float64]
-
-METRIC = "held-out simulation RMSE"
-
-WHITE = 0.005
-"""Chance of calling a complete model incomplete."""
-
-VERDICTS: Mapping[tuple[bool, bool], Verdict] = {
-    (True, True): "effect-found",
-    (True, False): "partly-explained",
-    (False, False): "unexplained",
-    (False, True): "no-effect",
-}
-"""(Some cause was accepted, what is left is white) -> verdict."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -126,7 +107,7 @@ def diagnose(
         else:
             shorter = None
     doubts = [*early, *doubts, *parameters_off(search)]
-    return _told(search, words, doubts, together, others, time.perf_counter() - begun, sure=shorter is None)
+    return told_of(search, words, doubts, together, others, time.perf_counter() - begun, sure=shorter is None)
 
 
 def _lost(search: Search) -> bool:
@@ -165,197 +146,3 @@ def _search(
     else:
         problem, given, fitted = given_base(model.base, model.effects, stretches)
     return begin_search(problem, fitted, unseen, slugs, given=given, progress=progress, jobs=jobs)
-
-
-def _told(
-    search: Search,
-    words: str,
-    doubts: Sequence[Doubt],
-    runs: Sequence[Trial],
-    unseen: Sequence[Trial],
-    seconds: float,
-    *,
-    sure: bool = True,
-) -> Diagnosis:
-    problem, base, final = search.problem, search.base, search.fitted
-    gave_away, _ = signature_of(problem, base)
-    left, _ = signature_of(problem, final)
-    order = [own for own in _found_order(search) if own in final.effects]
-    white = left.whiteness_p > WHITE
-    verdict = VERDICTS[bool(order), white and sure]
-    numbers = _numbers(problem, final)
-    gains = _gains(search.base_unseen, search.present_unseen, words) if order else ()
-    alike = _alike(search, order)
-    return Diagnosis(
-        verdict=verdict,
-        causes=tuple(
-            Cause(
-                own,
-                numbers[own.slug, own.place],
-                BOOK[own.slug].meaning,
-                _share(search, own),
-                BOOK[own.slug].curve(own, problem.scene),
-            )
-            for own in order
-        ),
-        ranking=_ranking(search),
-        indistinguishable=alike,
-        gain=_headline(gains),
-        gains=gains,
-        base_model=replace(base.model, swing=problem.scene.swing, units=problem.scene.inputs),
-        extended_model=replace(final.model, swing=problem.scene.swing, units=problem.scene.inputs),
-        next_manoeuvre=_next(order, alike, verdict),
-        left=left,
-        gave_away=gave_away,
-        before=portraits_of(problem, base),
-        after=portraits_of(problem, final) if order else (),
-        used=tuple(r.name for r in runs),
-        held_out=tuple(r.name for r in unseen),
-        noise=dict(final.levels),
-        tried=search.tried,
-        seconds=seconds,
-        doubts=tuple(doubts),
-    )
-
-
-def _found_order(search: Search) -> list[Applied]:
-    """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
-    order: list[tuple[str, str]] = []
-    for step in search.steps:
-        if step.accepted is not None:
-            order.append((step.accepted.own.slug, step.accepted.own.place))
-    now = {(e.slug, e.place): e for e in search.fitted.effects}
-    kept = [now[key] for key in order if key in now]
-    given = {(e.slug, e.place) for e in search.base.effects}
-    late = [e for key, e in now.items() if key not in order and key not in given]
-    missing = [i for i, key in enumerate(order) if key not in now]
-    for e in late:
-        kept.insert(missing[0] if missing else len(kept), e)
-    return kept
-
-
-def _numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
-    covariance = fitted.covariance(correlation_of(fitted))
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    first = len(fitted.free)
-    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
-    found = {}
-    left = [
-        Leftover(problem.stretches[r.stretch].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
-        for r in fitted.rests
-        for own_level in (fitted.levels[r.signal],)
-    ]
-    for i, own in enumerate(fitted.effects):
-        entry = BOOK[own.slug]
-        learnt = entry.uncertainty(own, left) if entry.overrides("uncertainty") else {}
-        found[own.slug, own.place] = {
-            n: Value(
-                v,
-                entry.unit_of(n, own.place, problem.scene),
-                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
-            )
-            for n, v in own.values.items()
-        }
-    return found
-
-
-def _ranking(search: Search) -> tuple[Ranked, ...]:
-    found = []
-    for k, step in enumerate(search.steps):
-        for judged in step.judged:
-            numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
-            found.append(
-                Ranked(judged.own.slug, judged.own.place, judged.gain, judged.p, judged.evidence, numbers, k + 1)
-            )
-    return tuple(found)
-
-
-def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], ...]:
-    groups = []
-    for step in search.steps:
-        if step.accepted is None or step.accepted.own.slug not in {e.slug for e in order}:
-            continue
-        best = step.accepted
-        same = [best.own.slug, *(j.own.slug for j in step.judged if _is_alike(search, j, best))]
-        names = tuple(dict.fromkeys(same))
-        if len(names) > 1:
-            groups.append(names)
-    for usual, other in search.renamed:
-        known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
-        if known is None:
-            groups.append((usual, other))
-        else:
-            groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
-    return tuple(groups)
-
-
-def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
-    """Whether these runs cannot tell *other* from *best*.
-
-    Its evidence is as good; or it is as likely and only pays for numbers that the runs say nothing about.
-    """
-    if other is best or other.gain <= 0.0:
-        return False
-    if best.evidence - other.evidence < ALIKE:
-        return True
-    return best.likelihood - other.likelihood < ALIKE and _is_vague(search, other)
-
-
-def _is_vague(search: Search, judged: Judged) -> bool:
-    """Whether some number of a candidate is less certain than its whole range."""
-    entry, scene = BOOK[judged.own.slug], search.problem.scene
-    bounds = entry.bounds(judged.own.place, scene)
-    numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
-    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
-    return any(numbers[n].std > span for n, span in spans.items())
-
-
-def _gains(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:
-    old, new = rms_of(before.rests), rms_of(after.rests)
-    found = []
-    for name in old:
-        if name not in new or not old[name] > 0.0 or not before.complete or not after.complete:
-            continue
-        pairs = [(a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.signal == name]
-        interval = ratio_interval([a for a, _ in pairs], [b for _, b in pairs])
-        found.append(Gain(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words))
-    return tuple(found)
-
-
-def _headline(gains: Sequence[Gain]) -> Gain | None:
-    """Return the gain of the signal that gains most."""
-    return min(gains, key=lambda g: g.ratio, default=None)
-
-
-def _share(search: Search, own: Applied) -> float:
-    """Return the share of the mean square error above the noise, over all signals, that this step removed."""
-    for k, step in enumerate(search.steps):
-        if step.accepted is None or (step.accepted.own.slug, step.accepted.own.place) != (own.slug, own.place):
-            continue
-        earlier = [s.accepted for s in search.steps[:k] if s.accepted is not None and s.accepted.unseen is not None]
-        before = earlier[-1].unseen if earlier and earlier[-1].unseen is not None else search.base_unseen
-        after = step.accepted.unseen
-        if after is None:
-            return math.nan
-        base, old, new = (rms_of(h.rests) for h in (search.base_unseen, before, after))
-        shares = []
-        for n, level in search.fitted.levels.items():
-            above = base.get(n, 0.0) ** 2 - level**2
-            if above > 0.05 * level**2 and n in old and n in new:
-                shares.append((old[n] ** 2 - new[n] ** 2) / above)
-        return float(np.clip(max(shares, default=math.nan), 0.0, 1.0)) if shares else math.nan
-    return math.nan
-
-
-def _next(order: Sequence[Applied], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
-    """Return the manoeuvre worth flying next."""
-    if alike:
-        return BOOK[alike[0][0]].separated_by
-    if verdict in ("unexplained", "partly-explained"):
-        return (
-            "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "
-            "is the craft, what turns with the heading is wind, current or compass, what does neither is disturbance"
-        )
-    if order:
-        return BOOK[order[0].slug].separated_by
-    return "nothing more is needed for this model; a run with larger commands would try it harder"

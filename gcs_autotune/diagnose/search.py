@@ -13,9 +13,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value, rms_of
+from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value
+from gcs_autotune.diagnose.judging import (
+    ALIKE,
+    SIGNIFICANCE,
+    Found,
+    Judged,
+    error_ratio,
+    is_needed,
+    ordered,
+    price_of,
+    winner_of,
+)
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
@@ -27,7 +37,7 @@ from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch, only
 
-__all__ = ["ALIKE", "Found", "Judged", "Search", "begin_search"]
+__all__ = ["Search", "begin_search"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -41,15 +51,6 @@ SHORT_LIST, RUNNERS = 14, 5
 ROUGH = 8
 """Trials of a rough fit."""
 
-SIGNIFICANCE = 0.005
-"""Chance of any false finding on data the base model explains."""
-
-MATERIAL = 0.02
-"""Share by which a cause must lower the held-out error to be worth a name."""
-
-LUCK = 0.05
-"""Chance that a gain on unseen data is luck, all that was tried counted, above which it is not believed."""
-
 DONE = 0.5
 """Whiteness at which the search is over."""
 
@@ -58,31 +59,6 @@ AHEAD = 3
 
 ASTRAY = 0.05
 """Whiteness below which bookkeeping errors are also looked for from fits to one signal alone."""
-
-ALIKE = 6.0
-"""Difference of twice the log-likelihood (less the cost of parameters) within which two causes cannot be told apart:
-odds of twenty to one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """A candidate fitted: evidence against the model before it, error on unseen data, and its chance to be luck."""
-
-    own: Applied
-    fitted: Fitted
-    evidence: float
-    likelihood: float
-    gain: float
-    p: float
-    unseen: HeldOut | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """One step of the search: everything judged, best first; ``accepted`` the winner, None when none paid."""
-
-    judged: tuple[Judged, ...]
-    accepted: Judged | None
 
 
 @dataclass(eq=False)
@@ -160,13 +136,13 @@ class Search:
             second = self.step(f"{stage} and another", one.fitted, quick=True)
             if second.judged and second.judged[0].evidence > 0.0:
                 both = second.judged[0].fitted
-                pairs.append((both.cost + self._price(both, self.fitted), one, second))
+                pairs.append((both.cost + price_of(both, self.fitted), one, second))
         if not pairs:
             return None
         _, one, second = min(pairs, key=lambda p: p[0])
         top = second.judged[0]
         paired = self._judged(top.own, top.fitted, self.fitted, tried)
-        if self._winner([paired], tried, self.fitted) is None:
+        if winner_of([paired], tried, self.fitted) is None:
             return None
         first = next(e for e in top.fitted.effects if (e.slug, e.place) == (one.own.slug, one.own.place))
         judged = tuple(replace(j, own=first) if j is one else j for j in found.judged)
@@ -195,16 +171,16 @@ class Search:
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
-        rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
+        rough.sort(key=lambda f: f[1].cost + price_of(f[1], present))
         ends = in_parallel(lambda i: self._finished(*rough[i]), min(RUNNERS, len(rough)), self.jobs)
-        best = min(ends, key=lambda f: f.cost + self._price(f, present), default=present)
+        best = min(ends, key=lambda f: f.cost + price_of(f, present), default=present)
         raised = correlation_of(best)
 
         def judged_one(i: int) -> Judged:
             return self._judged(rough[i][0].own, ends[i], present, len(choices), raised, quick=quick)
 
-        judged = _ordered(in_parallel(judged_one, len(ends), 1 if quick else self.jobs))
-        return Found(tuple(judged), None if quick else self._winner(judged, len(choices), present))
+        judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.jobs))
+        return Found(tuple(judged), None if quick else winner_of(judged, len(choices), present))
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Candidate, Fitted]]:
         self._say(stage + ": fitting", 0, len(listed))
@@ -233,10 +209,6 @@ class Search:
         fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False)
         return fit if fit is not None and fit.cost <= best.cost else best
 
-    def _price(self, fitted: Fitted, present: Fitted) -> float:
-        """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
-        return (fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)) * math.log(fitted.samples)
-
     def _judged(
         self,
         own: Applied,
@@ -250,7 +222,7 @@ class Search:
         """Judge a fit: against its rivals with the *common* number of samples that make one independent one."""
         raised = correlation_of(fitted)
         likelihood = (present.cost - fitted.cost) / raised
-        evidence = (present.cost - fitted.cost) / (common or raised) - self._price(fitted, present)
+        evidence = (present.cost - fitted.cost) / (common or raised) - price_of(fitted, present)
         now = next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
         if evidence <= 0.0 or quick:
             return Judged(now, fitted, evidence, likelihood, 0.0, 1.0, None)
@@ -258,29 +230,9 @@ class Search:
         before = self.present_unseen
         gain, p = 0.0, 1.0
         if unseen.complete and before.rests:
-            gain = 1.0 - _ratio(before, unseen)
+            gain = 1.0 - error_ratio(before, unseen)
             p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
         return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
-
-    def _winner(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
-        """Return the likeliest candidate that pays; a disturbance only when no cause foretells more than it does."""
-        paying = [
-            j
-            for j in judged
-            if j.evidence > 0.0 and self._is_needed(j.likelihood, j.fitted, present, tried)
-            if j.gain > MATERIAL and j.p < LUCK
-        ]
-        if not paying:
-            return None
-        best = paying[0]
-        if BOOK[best.own.slug].overrides("learn"):
-            foretold = [j for j in paying if not BOOK[j.own.slug].overrides("learn") and j.gain > best.gain]
-            best = foretold[0] if foretold else best
-        return best
-
-    def _is_needed(self, likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:
-        more = max(1, fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present))
-        return likelihood > float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
 
     # -- second thoughts
 
@@ -295,14 +247,14 @@ class Search:
                 continue
             kept = self.fitted
             likelihood = (without.cost - kept.cost) / correlation_of(kept)
-            if not self._is_needed(likelihood, kept, without, self.tried):
+            if not is_needed(likelihood, kept, without, self.tried):
                 self.fitted, self.present_unseen = without, self.unseen(without)
                 continue
             again = self.step(f"second thoughts on {own.slug}", without, quick=True)
             rival = next((j for j in again.judged if j.own.slug != own.slug), None)
             if rival is None:
                 continue
-            ahead = kept.cost - rival.fitted.cost - self._price(rival.fitted, kept)
+            ahead = kept.cost - rival.fitted.cost - price_of(rival.fitted, kept)
             if ahead > ALIKE and not BOOK[rival.own.slug].overrides("learn"):
                 self._take(rival)
 
@@ -355,13 +307,6 @@ def begin_search(
     return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress, jobs=jobs), words
 
 
-def _ratio(before: HeldOut, after: HeldOut) -> float:
-    """Return the geometric mean over signals of the ratio of held-out errors."""
-    old, new = rms_of(before.rests), rms_of(after.rests)
-    logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
-    return math.exp(float(np.mean(logs))) if logs else 1.0
-
-
 def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
     """Return the effect called *slug* at every place, its one number that of *own*; none when they have more."""
     entry = BOOK[slug]
@@ -379,20 +324,6 @@ def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
 def replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:
     """Return *effects* with the one of the same slug and place replaced."""
     return tuple(own if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)
-
-
-def _ordered(judged: Sequence[Judged]) -> list[Judged]:
-    """Return candidates by evidence; of those that cannot be told from the best, the more usual cause first."""
-    ranked = sorted(judged, key=lambda j: -j.evidence)
-    alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
-    slugs = {j.own.slug for j in alike}
-    alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
-    return [*alike, *ranked[len(alike) :]]
-
-
-def _learnt(fitted: Fitted) -> int:
-    """Return how many numbers were learnt from what was left over."""
-    return sum(len(e.values) for e in fitted.effects if BOOK[e.slug].overrides("learn"))
 
 
 def _contradicts(present: Sequence[Applied], own: Applied) -> bool:

@@ -6,20 +6,21 @@ step is that of least squares weighted with ``n_s / RSS_s``. Initial states are 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Leftover, Scene
-from gcs_autotune.effects.extended import ExtendedModel, ExtendedSimulator, in_order
-from gcs_autotune.identify.coupled.objective import Limits, free_states
+from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.effects.extended import in_order
+from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.fitted import Fitted, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
-from gcs_autotune.identify.least_squares import Local, descend, inverse_of
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.identify.extended.task import Task, typical_of
+from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.models.coupled import Form
 
 __all__ = ["FLOOR", "Fitted", "Problem", "Rest", "typical_of"]
 
@@ -36,83 +37,6 @@ TOLERANCE = 1e-8
 
 LESSONS = 3
 """Rounds of fitting and learning where a disturbance is learnt from what is left over."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rest:
-    """What is left of one signal of one stretch: stamps, measured, predicted (n,), and the residual as judged;
-    ``penalty`` what a judging disturbance adds to minus twice the log-likelihood, ``fold`` which part was left out.
-    """
-
-    stretch: int
-    signal: str
-    t: Array
-    measured: Array
-    predicted: Array
-    judged: Array
-    penalty: float = 0.0
-    fold: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
-    """A fitted model.
-
-    ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch; ``cost`` minus twice the log-likelihood (up to a
-    constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
-    were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
-    for row the finite ``judged`` of ``rests``; ``converged``.
-    """
-
-    form: Form
-    theta: Array
-    effects: tuple[Applied, ...]
-    initial: tuple[Array, ...]
-    cost: float
-    levels: Mapping[str, float]
-    rests: tuple[Rest, ...]
-    free: tuple[str, ...]
-    free_effects: tuple[tuple[int, str], ...]
-    jacobian: Array
-    samples: int
-    converged: bool
-
-    @property
-    def model(self) -> ExtendedModel:
-        """The model."""
-        values = dict(zip(self.form.parameters, self.theta.tolist(), strict=True))
-        return ExtendedModel(CoupledModel(self.form, values), self.effects)
-
-    @property
-    def shared(self) -> Array:
-        """The fitted numbers (f,): base parameters, then those of the effects."""
-        places = [self.form.parameters.index(n) for n in self.free]
-        return np.concatenate([self.theta[places], [self.effects[i].values[n] for i, n in self.free_effects]])
-
-    @property
-    def parameters(self) -> int:
-        """How many numbers were fitted besides initial states."""
-        return len(self.free) + len(self.free_effects)
-
-    @property
-    def residual(self) -> Array:
-        """All finite judged residuals over their noise levels (n,), in the order of ``jacobian``."""
-        return np.concatenate([r.judged[np.isfinite(r.judged)] / self.levels[r.signal] for r in self.rests])
-
-    def covariance(self, raised: float = 1.0) -> Array:
-        """Return the covariance of the fitted numbers, times *raised* for coloured residuals."""
-        return raised * inverse_of(self.jacobian.T @ self.jacobian)
-
-
-def typical_of(own: Applied, scene: Scene) -> dict[str, float]:
-    """Return the size of each parameter of an effect: the largest of its starts, or of its value."""
-    entry = BOOK[own.slug]
-    starts = entry.starts(own.place, scene)
-    sizes = {}
-    for name in own.values:
-        largest = max((abs(s.get(name, 0.0)) for s in starts), default=0.0)
-        sizes[name] = max(largest, abs(own.values[name])) or 1.0
-    return sizes
 
 
 class Problem:
@@ -160,7 +84,7 @@ class Problem:
         learn: bool = True,
     ) -> Fitted | None:
         """Fit from these values on; None when the motion runs away at the start already."""
-        task = _Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
+        task = Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
         learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
@@ -180,7 +104,7 @@ class Problem:
 
     def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[Applied, ...], tuple[Array, ...]]:
         """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
-        task = _Task(self, fitted.theta, fitted.effects, fitted.initial, False)
+        task = Task(self, fitted.theta, fitted.effects, fitted.initial, False)
         low, high = task.limits()
         theta, effects, initial = task.unpack(np.clip(task.pack() + by, low, high))
         return theta, effects, tuple(initial)
@@ -193,176 +117,3 @@ class Problem:
         """Fit the initial states only: how a given model predicts these stretches."""
         alone = self.on(self.stretches, free=())
         return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15)
-
-
-class _Task:
-    """One fit: packs numbers into a vector, simulates, weighs."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        theta: Array,
-        effects: tuple[Applied, ...],
-        initial: tuple[Array, ...],
-        fixed_effects: bool,
-    ) -> None:
-        self.problem, self.theta, self.effects, self.initial = problem, theta, effects, initial
-        self.levels: dict[str, float] = {}
-        scene = problem.scene
-        self.free_effects = tuple(
-            (i, name)
-            for i, own in enumerate(effects)
-            for name in own.values
-            if not fixed_effects and name not in BOOK[own.slug].fixed and not (BOOK[own.slug].overrides("learn"))
-        )
-        sizes = [typical_of(own, scene) for own in effects]
-        typical = [sizes[i][name] for i, name in self.free_effects]
-        self.places = [problem.form.parameters.index(n) for n in problem.free]
-        self.simulators, self.columns, self.state_places = [], [], []
-        used = len(self.places) + len(self.free_effects)
-        self.shared = used
-        by_names: dict[tuple[str, ...], ExtendedSimulator] = {}
-        for stretch in problem.stretches:
-            names = self._states(stretch)
-            if names not in by_names:
-                by_names[names] = ExtendedSimulator(
-                    problem.form, effects, problem.free, self.free_effects, names, typical
-                )
-            simulator = by_names[names]
-            self.simulators.append(simulator)
-            self.columns.append(np.r_[np.arange(self.shared), used + np.arange(len(names))])
-            self.state_places.append([simulator.states.index(n) for n in names])
-            used += len(names)
-        self.size = used
-
-    def _states(self, stretch: Stretch) -> tuple[str, ...]:
-        form = ExtendedSimulator(self.problem.form, self.effects).form
-        names = free_states(form, stretch.record)
-        return tuple(n for n in names if not n.startswith("lagged"))
-
-    def pack(self) -> Array:
-        own = [self.effects[i].values[n] for i, n in self.free_effects]
-        states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
-        return np.concatenate([self.theta[self.places], own, *states])
-
-    def limits(self) -> tuple[Array, Array]:
-        low, high = self.problem.edges(self.effects, self.free_effects)
-        rest = np.full(self.size - self.shared, np.inf)
-        return np.concatenate([low, -rest]), np.concatenate([high, rest])
-
-    def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array]]:
-        p = len(self.places)
-        theta = self.theta.copy()
-        theta[self.places] = x[:p]
-        values: list[dict[str, float]] = [{} for _ in self.effects]
-        for (i, name), value in zip(self.free_effects, x[p : self.shared].tolist(), strict=True):
-            values[i][name] = value
-        effects = tuple(e.with_values(v) for e, v in zip(self.effects, values, strict=True))
-        initial = []
-        for x_0, at, columns in zip(self.initial, self.state_places, self.columns, strict=True):
-            mine = x_0.copy()
-            mine[at] = x[columns[self.shared :]]
-            initial.append(mine)
-        return theta, effects, initial
-
-    def rests(self, x: Array, *, sensitivities: bool) -> tuple[list[Rest], list[Array], float] | None:
-        """Return what is left of every signal, Jacobians of the prediction (n, own columns), and penalties."""
-        theta, effects, initial = self.unpack(x)
-        judges = [e for e in effects if BOOK[e.slug].overrides("judge")]
-        rests, tables, penalty = [], [], 0.0
-        for i, stretch in enumerate(self.problem.stretches):
-            found = self.simulators[i].run(theta, effects, initial[i], stretch.passage, sensitivities=sensitivities)
-            if found is None:
-                return None
-            for name, signal in stretch.record.signals.items():
-                predicted, by = found[name]
-                error, columns, fee = signal.values - predicted, by, 0.0
-                for own in judges:
-                    left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
-                    error, columns, more = BOOK[own.slug].judge(own, left, columns)
-                    fee += more
-                penalty += fee
-                rests.append(Rest(i, name, signal.t, signal.values, predicted, error, fee))
-                tables.append(columns)
-        return rests, tables, penalty
-
-    def _level(self, name: str) -> float:
-        return self.levels.get(name, self.problem.scene.level.get(name, 1.0))
-
-    def local(self, x: Array) -> Local | None:
-        found = self.rests(x, sensitivities=True)
-        if found is None:
-            return None
-        rests, tables, cost = found
-        sums, counts = self._sums(rests)
-        gradient, curvature = np.zeros(self.size), np.zeros((self.size, self.size))
-        for name, total in sums.items():
-            n, floor = counts[name], self.problem.floors[name]
-            cost += n * np.log((total + n * floor**2) / n / floor**2)
-        for rest, J in zip(rests, tables, strict=True):
-            n, floor = counts[rest.signal], self.problem.floors[rest.signal]
-            weight = n / (sums[rest.signal] + n * floor**2)
-            good = np.isfinite(rest.judged)
-            e, own = rest.judged[good], J[good]
-            at = self.columns[rest.stretch]
-            gradient[at] -= weight * (own.T @ e)
-            curvature[np.ix_(at, at)] += weight * (own.T @ own)
-        if not np.isfinite(cost) or not np.all(np.isfinite(gradient)):
-            return None
-        return Local(float(cost), gradient, curvature)
-
-    def _sums(self, rests: Sequence[Rest]) -> tuple[dict[str, float], dict[str, int]]:
-        sums: dict[str, float] = {}
-        counts: dict[str, int] = {}
-        for rest in rests:
-            good = rest.judged[np.isfinite(rest.judged)]
-            sums[rest.signal] = sums.get(rest.signal, 0.0) + float(good @ good)
-            counts[rest.signal] = counts.get(rest.signal, 0) + len(good)
-        return sums, counts
-
-    def learn(self, x: Array) -> None:
-        """Let disturbances learn from what is left over."""
-        theta, effects, initial = self.unpack(x)
-        plain = tuple(e for e in effects if not BOOK[e.slug].overrides("judge"))
-        task = _Task(self.problem, theta, plain, tuple(initial), True)
-        found = task.rests(task.pack(), sensitivities=False)
-        if found is None:
-            return
-        rests = found[0]
-        sums, counts = self._sums(rests)
-        levels = {n: max(float(np.sqrt(sums[n] / max(counts[n], 1))), self.problem.floors[n]) for n in sums}
-        runs = self.problem.stretches
-        left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
-        self.effects = tuple(BOOK[e.slug].learn(e, left) if BOOK[e.slug].overrides("learn") else e for e in effects)
-        self.theta, self.initial, self.levels = theta, tuple(initial), levels
-
-    def fitted(self, x: Array, converged: bool) -> Fitted | None:
-        found = self.rests(x, sensitivities=True)
-        if found is None:
-            return None
-        rests, tables, cost = found
-        sums, counts = self._sums(rests)
-        floors = self.problem.floors
-        levels = {n: float(np.sqrt(s / max(counts[n], 1) + floors[n] ** 2)) for n, s in sums.items()}
-        cost += sum(counts[n] * np.log(levels[n] ** 2 / floors[n] ** 2) for n in sums)
-        rows = []
-        for rest, J in zip(rests, tables, strict=True):
-            good = np.isfinite(rest.judged)
-            wide = np.zeros((int(good.sum()), self.size))
-            wide[:, self.columns[rest.stretch]] = J[good] / levels[rest.signal]
-            rows.append(wide)
-        theta, effects, initial = self.unpack(x)
-        return Fitted(
-            form=self.problem.form,
-            theta=theta,
-            effects=effects,
-            initial=tuple(initial),
-            cost=float(cost),
-            levels=levels,
-            rests=tuple(rests),
-            free=self.problem.free,
-            free_effects=self.free_effects,
-            jacobian=np.vstack(rows),
-            samples=sum(counts.values()),
-            converged=converged,
-        )

@@ -1,0 +1,110 @@
+"""Judging candidates: evidence against the model before, gain on unseen data, and who wins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from gcs_autotune.diagnose.heldout import HeldOut, rms_of
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.extended.fitting import Fitted
+
+__all__ = [
+    "ALIKE",
+    "SIGNIFICANCE",
+    "Found",
+    "Judged",
+    "error_ratio",
+    "is_needed",
+    "ordered",
+    "price_of",
+    "winner_of",
+]
+
+SIGNIFICANCE = 0.005
+"""Chance of any false finding on data the base model explains."""
+
+MATERIAL = 0.02
+"""Share by which a cause must lower the held-out error to be worth a name."""
+
+LUCK = 0.05
+"""Chance that a gain on unseen data is luck, all that was tried counted, above which it is not believed."""
+
+ALIKE = 6.0
+"""Difference of twice the log-likelihood (less the cost of parameters) within which two causes cannot be told apart:
+odds of twenty to one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """A candidate fitted: evidence against the model before it, error on unseen data, and its chance to be luck."""
+
+    own: Applied
+    fitted: Fitted
+    evidence: float
+    likelihood: float
+    gain: float
+    p: float
+    unseen: HeldOut | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """One step of the search: everything judged, best first; ``accepted`` the winner, None when none paid."""
+
+    judged: tuple[Judged, ...]
+    accepted: Judged | None
+
+
+def price_of(fitted: Fitted, present: Fitted) -> float:
+    """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
+    return (fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)) * math.log(fitted.samples)
+
+
+def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
+    """Return the likeliest candidate that pays; a disturbance only when no cause foretells more than it does."""
+    paying = [
+        j
+        for j in judged
+        if j.evidence > 0.0 and is_needed(j.likelihood, j.fitted, present, tried)
+        if j.gain > MATERIAL and j.p < LUCK
+    ]
+    if not paying:
+        return None
+    best = paying[0]
+    if BOOK[best.own.slug].overrides("learn"):
+        foretold = [j for j in paying if not BOOK[j.own.slug].overrides("learn") and j.gain > best.gain]
+        best = foretold[0] if foretold else best
+    return best
+
+
+def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:
+    """Whether so much of twice the log-likelihood is more than so many numbers gain by chance, all tries counted."""
+    more = max(1, fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present))
+    return likelihood > float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
+
+
+def ordered(judged: Sequence[Judged]) -> list[Judged]:
+    """Return candidates by evidence; of those that cannot be told from the best, the more usual cause first."""
+    ranked = sorted(judged, key=lambda j: -j.evidence)
+    alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
+    slugs = {j.own.slug for j in alike}
+    alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
+    return [*alike, *ranked[len(alike) :]]
+
+
+def error_ratio(before: HeldOut, after: HeldOut) -> float:
+    """Return the geometric mean over signals of the ratio of held-out errors."""
+    old, new = rms_of(before.rests), rms_of(after.rests)
+    logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
+    return math.exp(float(np.mean(logs))) if logs else 1.0
+
+
+def _learnt(fitted: Fitted) -> int:
+    """Return how many numbers were learnt from what was left over."""
+    return sum(len(e.values) for e in fitted.effects if BOOK[e.slug].overrides("learn"))
