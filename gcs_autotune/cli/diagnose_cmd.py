@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -45,6 +46,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="runs to measure the gain on (default: parts of the runs are left out in turn)",
     )
+    parser.add_argument(
+        "--horizon",
+        type=float,
+        metavar="S",
+        help="seconds a simulation runs before it starts again at what was measured (default: whole runs first)",
+    )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to use; 0: all cores (default 1)")
     add_reading(parser)
     out = parser.add_argument_group("output")
     out.add_argument(
@@ -73,6 +81,8 @@ def _run(args: argparse.Namespace) -> int:
         simulations=tuple(read_others(args, args.simulation)),
         effects=None if args.effects is None else _names(args.effects),
         without=_names(args.without),
+        jobs=args.jobs if args.jobs > 0 else os.cpu_count() or 1,
+        horizon=args.horizon,
     )
     with StageBar(Console(stderr=True, quiet=args.json)) as bar:
         told = run_diagnosis(runs, read_others(args, args.validate), settings, bar)

@@ -87,9 +87,9 @@ class ExtendedModel:
         BadFile
             Something is missing or of the wrong kind. UnknownName: an effect that is not in the book.
         """
-        if data.get("model") == "coupled":
-            return cls(CoupledModel.from_dict(data))
         try:
+            if data.get("model") == "coupled":
+                return cls(CoupledModel.from_dict(data))
             effects = tuple(
                 Applied(
                     str(e["slug"]),

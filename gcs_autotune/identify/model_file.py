@@ -95,7 +95,10 @@ def _model_in(data: Any, path: Path) -> tuple[Mapping[str, Any], Mapping[str, An
 
 def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDof | None]:
     if data["model"] != "single-dof":
-        return ExtendedModel.from_dict(data), None
+        try:
+            return ExtendedModel.from_dict(data), None
+        except BadFile as error:
+            raise BadFile(f"{path}: {error}") from error
     try:
         axis = SingleDof.from_dict(data)
     except (KeyError, TypeError, ValueError) as error:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.model_file import load_model
 from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.model_file import load_model
 from gcs_autotune.registry import lookup
 from gcs_autotune.report.diagnosis_page import MODEL_FILE, render_diagnosis
 from gcs_autotune.trial import Trial
@@ -22,7 +22,8 @@ __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 class DiagnosisSettings:
     """What ``diagnose`` was asked for; the names as in :func:`gcs_autotune.diagnose.diagnose`.
 
-    ``model``: a model file; ``effects``: slugs to try, the whole book when None; ``without``: slugs to leave out.
+    ``model``: a model file; ``effects``: slugs to try, the whole book when None; ``without``: slugs to leave out;
+    ``jobs``: processes.
     """
 
     dof: str | None = None
@@ -31,6 +32,8 @@ class DiagnosisSettings:
     simulations: tuple[Trial, ...] = ()
     effects: tuple[str, ...] | None = None
     without: tuple[str, ...] = ()
+    jobs: int = 1
+    horizon: float | None = None
 
     def slugs(self) -> tuple[str, ...] | None:
         """Return the effects to try; None for all.
@@ -70,10 +73,12 @@ def run_diagnosis(
         unseen=unseen,
         dof=settings.dof,
         use=settings.use,
-        model=None if settings.model is None else load_model(settings.model),
+        model=None if settings.model is None else load_model(settings.model).model,
         simulations=settings.simulations,
         effects=settings.slugs(),
         progress=watch,
+        jobs=settings.jobs,
+        horizon=settings.horizon,
     )
 
 
