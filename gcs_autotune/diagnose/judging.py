@@ -30,7 +30,7 @@ SIGNIFICANCE = 0.005
 """Chance of any false finding on data the base model explains."""
 
 MATERIAL = 0.02
-"""Share by which a cause must lower the held-out error to be worth a name."""
+"""Share by which a cause must lower the held-out error of one signal to be worth a name."""
 
 LUCK = 0.05
 """Chance that a gain on unseen data is luck, all that was tried counted, above which it is not believed."""
@@ -72,7 +72,7 @@ def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged |
         j
         for j in judged
         if j.evidence > 0.0 and is_needed(j.likelihood, j.fitted, present, tried)
-        if j.gain > MATERIAL and j.p < LUCK
+        if is_material(j) and j.p < LUCK
     ]
     if not paying:
         return None
@@ -81,6 +81,11 @@ def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged |
         foretold = [j for j in paying if not BOOK[j.own.slug].overrides("learn") and j.gain > best.gain]
         best = foretold[0] if foretold else best
     return best
+
+
+def is_material(judged: Judged) -> bool:
+    """Whether a gain on unseen data is worth a name: all signals count, but one may show it while the others do not."""
+    return judged.gain > 0.0 and -len(judged.fitted.levels) * math.log1p(-min(judged.gain, 0.999)) > MATERIAL
 
 
 def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:

@@ -106,6 +106,7 @@ class _Ground:
         self.free = self._rest(self.residual)
         self.slices = self._slices()
         self.truths: dict[int, Observed | None] = {}
+        self.traced: set[tuple[object, ...]] = set()
 
     def _slices(self) -> list[tuple[str, slice]]:
         found, at = [], 0
@@ -143,13 +144,16 @@ class _Ground:
         changed = self._residual_with(own)
         best = None if changed is None else self._promised(own, changed)
         growing = tuple(n for n in entry.grows_with if n in own.values)
-        for share in (1.0, TRACE) if growing else ():
-            some = own.with_values({n: own.values[n] * share for n in growing})
+        rest = (own.slug, own.place, *(v for n, v in own.values.items() if n not in growing))
+        shares = (1.0, TRACE) if growing and rest not in self.traced else (1.0,) if growing else ()
+        self.traced.add(rest)
+        for share in shares:
+            some = _grown(entry, own, growing, share)
             moved = changed if share == 1.0 else self._residual_with(some)
             if moved is None:
                 continue
             scale, left = self._scaled(entry, some, moved, LONGEST_SCALE / share)
-            sized = some.with_values({n: some.values[n] * scale for n in growing})
+            sized = _grown(entry, some, growing, scale)
             other = self._promised(sized, left)
             if scale != 0.0 and (best is None or other.promised < best.promised):
                 best = other
@@ -205,11 +209,17 @@ class _Ground:
         return None if truth is None else simulator.seen(effects, truth, passage)
 
 
+def _grown(entry: Effect, own: Applied, growing: Sequence[str], share: float) -> Applied:
+    """Return an effect so many times as large."""
+    zero = {n: entry.neutral.get(n, 0.0) for n in growing}
+    return own.with_values({n: zero[n] + share * (own.values[n] - zero[n]) for n in growing})
+
+
 def _two_sided(entry: Effect, own: Applied, ground: _Ground) -> bool:
     """Whether an effect may act either way."""
     bounds = entry.bounds(own.place, ground.problem.scene)
     growing = [n for n in entry.grows_with if n in own.values]
-    return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < 0.0 for n in growing)
+    return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < entry.neutral.get(n, 0.0) for n in growing)
 
 
 def _of(fitted: Fitted, own: Applied) -> Applied:

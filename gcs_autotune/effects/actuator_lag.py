@@ -26,6 +26,7 @@ class ActuatorLag(Gradual):
     parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("time_constant", "s", "time until 63 % of a step in command acts"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("time_constant",)
     shown_by: ClassVar[str] = "residual after every change of command: the motion bends in gently where it should kink"
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "input-delay",

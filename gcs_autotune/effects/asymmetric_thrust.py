@@ -25,6 +25,8 @@ class AsymmetricThrust(Characteristic):
     parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("ratio", "1", "gain of negative over gain of positive commands"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("ratio",)
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     shown_by: ClassVar[str] = "residual against command: a kink at zero, straight on either side of it"
     mistaken_for: ClassVar[tuple[str, ...]] = ("input-bias", "backlash", "gyro-bias", "wind-moment")
     separated_by: ClassVar[str] = (

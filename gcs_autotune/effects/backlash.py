@@ -36,6 +36,7 @@ class Backlash(Actuator):
         "play in the linkage: after every reversal the command moves a while before anything follows"
     )
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("width", INPUT, "play from one flank to the other"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("width",)
     shown_by: ClassVar[str] = (
         "residual against command makes a loop: above the line while the command falls, below it while it rises"
     )

@@ -20,6 +20,7 @@ class DeadZone(Characteristic):
     title: ClassVar[str] = "Dead zone"
     meaning: ClassVar[str] = "commands smaller than a threshold do nothing, larger ones lose that much"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("width", INPUT, "half-width of the dead zone"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("width",)
     shown_by: ClassVar[str] = "residual against command: a kink either side of zero"
     mistaken_for: ClassVar[tuple[str, ...]] = ("backlash", "quadratic-actuator", "linear-drag")
     separated_by: ClassVar[str] = (

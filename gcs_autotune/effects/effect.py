@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -218,6 +219,8 @@ class Effect:
     """Slugs named before this one where runs cannot tell them apart: the more usual cause."""
     grows_with: ClassVar[tuple[str, ...]] = ()
     """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
+    neutral: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Values at which those of ``grows_with`` have no effect, where that is not 0; they grow from there."""
 
     # -- where it may sit, and where a search for it begins
 

@@ -20,6 +20,7 @@ class InputDelay(Actuator):
     slug: ClassVar[str] = "input-delay"
     meaning: ClassVar[str] = "commands act later than they were sent: radio, autopilot loops, motor controller"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("delay", "s", "time from command to action"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("delay",)
     shown_by: ClassVar[str] = "residual right after every change of command: the motion begins late, then runs in step"
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "actuator-lag",

@@ -27,6 +27,8 @@ class MassChange(Effect):
         Quantity("ratio", "1", "inertia after over inertia before"),
         Quantity("time", "s", "when, after the start of the run"),
     )
+    grows_with: ClassVar[tuple[str, ...]] = ("ratio",)
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     shown_by: ClassVar[str] = "residual against time: right up to a moment, then every acceleration off by one factor"
     mistaken_for: ClassVar[tuple[str, ...]] = ("gain-drift", "actuator-lag", "quadratic-drag")
     separated_by: ClassVar[str] = "the same pair of steps at the beginning, in the middle and at the end of the run"

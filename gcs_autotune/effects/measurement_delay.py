@@ -24,6 +24,7 @@ class MeasurementDelay(Effect):
     meaning: ClassVar[str] = "a signal is reported late: filtering in the sensor, a slow bus"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("delay", "s", "age of what is reported"),)
     yields_to: ClassVar[tuple[str, ...]] = ("input-delay", "time-offset")
+    grows_with: ClassVar[tuple[str, ...]] = ("delay",)
     shown_by: ClassVar[str] = "residual in proportion to the signal's own rate of change; one signal later than its kin"
     mistaken_for: ClassVar[tuple[str, ...]] = ("time-offset", "input-delay", "actuator-lag")
     separated_by: ClassVar[str] = (

@@ -18,6 +18,7 @@ class TimeOffset(Effect):
     meaning: ClassVar[str] = "commands and motion were stamped by two clocks that disagree"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("offset", "s", "lateness of the signals' stamps"),)
     yields_to: ClassVar[tuple[str, ...]] = ("input-delay",)
+    grows_with: ClassVar[tuple[str, ...]] = ("offset",)
     shown_by: ClassVar[str] = "the same residual after every change of command, in every signal; correlated at one lag"
     mistaken_for: ClassVar[tuple[str, ...]] = ("input-delay", "measurement-delay", "actuator-lag")
     separated_by: ClassVar[str] = "the same manoeuvre in two recordings: a delay stays, the offset of clocks changes"

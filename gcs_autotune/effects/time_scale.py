@@ -18,6 +18,8 @@ class TimeScale(Effect):
     family: ClassVar[Family] = "bookkeeping"
     meaning: ClassVar[str] = "the clock of the file runs fast or slow: a wrong sample rate, or not real time"
     parameters: ClassVar[tuple[Quantity, ...]] = (Quantity("factor", "1", "seconds in the file per true second"),)
+    grows_with: ClassVar[tuple[str, ...]] = ("factor",)
+    neutral: ClassVar[Mapping[str, float]] = {"factor": 1.0}
     shown_by: ClassVar[str] = "every position changes by the same factor more (or less) than its velocity says"
     mistaken_for: ClassVar[tuple[str, ...]] = ("unit-error", "time-offset", "mass-change")
     separated_by: ClassVar[str] = (
