@@ -35,7 +35,7 @@ from gcs_autotune.effects.effect import Applied, Scene
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import Stretch, only
+from gcs_autotune.identify.extended.stretches import Stretch, without
 
 __all__ = ["Search", "begin_search"]
 
@@ -58,7 +58,7 @@ AHEAD = 3
 """Candidates that are followed one cause further when none pays alone."""
 
 ASTRAY = 0.05
-"""Whiteness below which bookkeeping errors are also looked for from fits to one signal alone."""
+"""Whiteness below which bookkeeping errors are also looked for from fits that leave out one signal."""
 
 
 @dataclass(eq=False)
@@ -109,21 +109,28 @@ class Search:
         return accepted is not None
 
     def _usual_names(self) -> None:
-        """Replace every cause by the more usual one that explains the runs as well."""
+        """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
         for own in self.fitted.effects[:]:
-            for slug in BOOK[own.slug].yields_to:
-                for other in _in_other_words(own, slug, self.problem.scene):
-                    if any((e.slug, e.place) == (other.slug, other.place) for e in self.fitted.effects):
-                        continue
-                    effects = tuple(other if e is own else e for e in self.fitted.effects)
-                    fit = self.problem.fit(self.fitted.theta, effects, self.fitted.initial, trials=12)
-                    if fit is not None and fit.cost < self.fitted.cost + ALIKE:
-                        self.renamed.append((other.slug, own.slug))
-                        self.fitted, self.present_unseen = fit, self.unseen(fit)
-                        break
-                else:
+            usual = self._as_likely(own, BOOK[own.slug].yields_to)
+            if usual is not None:
+                self.fitted, self.present_unseen = usual[1], self.unseen(usual[1])
+                self.renamed.append((usual[0].slug, own.slug))
+        for own in self.fitted.effects:
+            for slug, entry in BOOK.items():
+                if own.slug in entry.yields_to and self._as_likely(own, (slug,)) is not None:
+                    self.renamed.append((own.slug, slug))
+
+    def _as_likely(self, own: Applied, slugs: Sequence[str]) -> tuple[Applied, Fitted] | None:
+        """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *own*."""
+        for slug in slugs:
+            for other in _in_other_words(own, slug, self.problem.scene):
+                if any((e.slug, e.place) == (other.slug, other.place) for e in self.fitted.effects):
                     continue
-                break
+                effects = tuple(other if e is own else e for e in self.fitted.effects)
+                fit = self.problem.fit(self.fitted.theta, effects, self.fitted.initial, trials=12)
+                if fit is not None and fit.cost < self.fitted.cost + ALIKE:
+                    return other, fit
+        return None
 
     def _coloured(self) -> bool:
         return whiteness_of(tests_of(self.problem, self.fitted)) < SIGNIFICANCE
@@ -161,13 +168,16 @@ class Search:
     ) -> Found:
         """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone."""
         present = self.fitted if against is None else against
+        astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
+        others = self._others() if astray else []
+        present = self.fitted if against is None else against
         choices = candidates(self.problem, present.effects, self.slugs if slugs is None else slugs)
         choices = [c for c in choices if not _contradicts(present.effects, c[0])]
         self.tried = max(self.tried, len(choices))
         self._say(stage + ": screening", 0, len(choices))
-        astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
-        fits = [present, *(self._others() if astray else ())]
-        listed = screen(self.problem, fits, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs)
+        listed = screen(
+            self.problem, [present, *others], choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs
+        )
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
@@ -265,19 +275,30 @@ class Search:
         return held_out(self.problem, self.folds, self.fold_states, fitted, refit=refit, test_states=self.test_states)
 
     def _others(self) -> list[Fitted]:
-        """Return other places for bookkeeping fits to begin: the base fitted to one signal alone."""
+        """Return other places for bookkeeping fits to begin: the base fitted to all signals but one.
+
+        Where one of these leads to a better base for all signals, that becomes the base.
+        """
         if self._alone is None:
             self._alone = []
+            better = self.base
             names = list(self.problem.scene.signals)
             for name in names if len(names) > 1 and self.given is None else ():
                 try:
-                    _, alone = fit_base(self.problem.form, only(self.problem.stretches, name))
+                    _, alone = fit_base(self.problem.form, without(self.problem.stretches, name))
                 except AutotuneError:
                     continue
                 again = self.problem.states(alone.theta, (), self.base.initial)
-                full = None if again is None else self.problem.fit(again.theta, (), again.initial, trials=0)
-                if full is not None:
-                    self._alone.append(full)
+                if again is None:
+                    continue
+                self._alone += [
+                    f for f in (self.problem.fit(again.theta, (), again.initial, trials=0),) if f is not None
+                ]
+                whole = self.problem.fit(again.theta, (), again.initial)
+                better = whole if whole is not None and whole.cost < better.cost - ALIKE else better
+            if better is not self.base:
+                self.base = self.fitted = better
+                self.base_unseen = self.present_unseen = self.unseen(better)
         return self._alone
 
     def _say(self, stage: str, done: int, total: int) -> None:

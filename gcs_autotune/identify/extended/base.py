@@ -48,7 +48,9 @@ def fit_base(form: Form, stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]
     ground = ground_of(form, [s.record for s in stretches])
     problem = Problem(form, stretches, scene_of(form, stretches), limits)
     best: Fitted | None = None
-    for theta in ground.starts(limits):
+    with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
+        starts = list(ground.starts(limits))
+    for theta in starts:
         low, high = limits.of(form.parameters)
         found = problem.fit(np.clip(theta, low, high), (), ground.initial)
         if found is not None and (best is None or found.cost < best.cost):

@@ -23,7 +23,7 @@ from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["Stretch", "only", "plain_form", "scene_of", "stretches_of", "within"]
+__all__ = ["Stretch", "plain_form", "scene_of", "stretches_of", "within"]
 
 Array = NDArray[np.float64]
 
@@ -176,13 +176,13 @@ def within(stretches: Sequence[Stretch], horizon: float) -> list[Stretch]:
     return [piece for s in stretches for piece in (s.within(horizon) if math.isfinite(horizon) else [s])]
 
 
-def only(stretches: Sequence[Stretch], name: str) -> list[Stretch]:
-    """Return the stretches with one of their signals only; those without it are left out."""
+def without(stretches: Sequence[Stretch], name: str) -> list[Stretch]:
+    """Return the stretches without one of their signals; those that have no other are left out."""
     found = []
     for s in stretches:
-        if name in s.record.signals:
-            record = replace(s.record, signals={name: s.record.signals[name]})
-            found.append(_stretch(record, s.run, s.passage.measured, s.form))
+        others = {n: signal for n, signal in s.record.signals.items() if n != name}
+        if others:
+            found.append(_stretch(replace(s.record, signals=others), s.run, s.passage.measured, s.form))
     return found
 
 
