@@ -45,7 +45,7 @@ Progress = Callable[[str, int, int], None]
 MOST_CAUSES = 4
 """Causes looked for, at most."""
 
-SHORT_LIST, RUNNERS = 14, 5
+SHORT_LIST, RUNNERS = 18, 5
 """Candidates fitted roughly, and of these to the end."""
 
 ROUGH = 8

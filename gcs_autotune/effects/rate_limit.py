@@ -31,9 +31,9 @@ class RateLimit(Gradual):
     )
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
-        """From zero to full in three samples to twice the craft's pace."""
+        """From zero to full in less than a sample to twice the craft's pace."""
         shortest, longest = horizon(scene)
-        return tuple({"rate": float(scene.swing[place] / s)} for s in np.geomspace(3.0 * shortest, 2.0 * longest, 4))
+        return tuple({"rate": float(scene.swing[place] / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """From zero to full in a fiftieth of a sample to ten times the craft's pace."""
