@@ -37,7 +37,7 @@ class Saturation(Characteristic):
 
     def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
         """Shares of the largest command."""
-        return tuple({"limit": share * scene.swing[place]} for share in (0.2, 0.4, 0.6, 0.8))
+        return tuple({"limit": share * scene.swing[place]} for share in (0.2, 0.4, 0.6, 0.8, 0.93))
 
     def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
         """A twentieth of the largest command to all of it."""
