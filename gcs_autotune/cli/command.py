@@ -50,8 +50,8 @@ def add_connection(
         default=default,
         required=required,
         help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, or sitl:NAME for "
-        "a simulated vehicle started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it (see "
-        f"`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
+        "a simulated vehicle started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
+        f"(`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
     )
     group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
     group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")

@@ -86,8 +86,11 @@ class _Ground:
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
-        norms = np.linalg.norm(fitted.jacobian, axis=0)
-        scaled = fitted.jacobian / np.where(norms > 0.0, norms, 1.0)
+        moves = fitted.jacobian.copy()
+        if fitted.slack:
+            moves[:, -1] = 0.0  # a shift of stamps looks like a delay, but may only be small: what is left of it counts
+        norms = np.linalg.norm(moves, axis=0)
+        scaled = moves / np.where(norms > 0.0, norms, 1.0)
         U, s, V = np.linalg.svd(scaled, full_matrices=False)
         kept = s > 1e-8 * s[0]
         self.Q = U[:, kept]
@@ -144,7 +147,8 @@ class _Ground:
         return Candidate(own, self.fitted, cost, self.back @ (self.Q.T @ left))
 
     def _learnt(self, own: Applied) -> Candidate | None:
-        tried = self.problem.fit(self.fitted.theta, (*self.fitted.effects, own), self.fitted.initial, trials=1)
+        now = self.fitted
+        tried = self.problem.fit(now.theta, (*now.effects, own), now.initial, trials=1, shift=now.shift)
         return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
 
     def _residual_with(self, own: Applied) -> Array | None:
@@ -169,7 +173,7 @@ class _Ground:
         self, simulator: ExtendedSimulator, effects: tuple[Applied, ...], own: Applied, i: int
     ) -> Mapping[str, Array] | None:
         """Return the signals of a stretch with *own* among the effects; what only sensors do needs no simulation."""
-        passage, initial = self.problem.stretches[i].passage, self.fitted.initial[i]
+        passage, initial = self.problem.stretches[i].late(self.fitted.shift), self.fitted.initial[i]
         if any(BOOK[own.slug].overrides(hook) for hook in ("retime", "drive", "inputs", "derivatives")):
             found = simulator.run(self.fitted.theta, effects, initial, passage)
             return None if found is None else {n: y for n, (y, _) in found.items()}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value, rms_of
+from gcs_autotune.diagnose.pairs import pair_ahead
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
@@ -100,13 +101,16 @@ class Search:
 
     def run(self) -> None:
         """Look for causes until none pays."""
-        for step in range(MOST_CAUSES):
-            found = self.step(f"cause {step + 1}")
-            self.steps.append(found)
-            if found.accepted is None:
+        while len(self.steps) < MOST_CAUSES:
+            stage = f"cause {len(self.steps) + 1}"
+            found = self.step(stage)
+            steps = [found] if found.accepted else pair_ahead(self, found, MATERIAL, stage) or [found]
+            self.steps += steps
+            last = steps[-1].accepted
+            if last is None:
                 return
-            self._take(found.accepted)
-            if step:
+            self._take(last)
+            if len(self.steps) > 1:
                 self._reconsider()
             if whiteness_of(tests_of(self.problem, self.fitted)) > 0.5:
                 return
@@ -150,15 +154,16 @@ class Search:
         """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
         begin, fit = candidate.begin, self.problem.fit
         theta, effects, initial = self.problem.moved(begin, candidate.adapted)
-        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH)
+        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH, shift=begin.shift)
         if found is None or found.cost > begin.cost:
-            again = fit(begin.theta, (*begin.effects, candidate.own), begin.initial, trials=ROUGH)
+            own = (*begin.effects, candidate.own)
+            again = fit(begin.theta, own, begin.initial, trials=ROUGH, shift=begin.shift)
             found = again if found is None or (again is not None and again.cost < found.cost) else found
         return found
 
     def _finished(self, own: Applied, rough: Fitted) -> tuple[Applied, Fitted]:
-        fit = self.problem.fit(rough.theta, rough.effects, rough.initial, trials=30, learn=False) or rough
-        return own, (fit if fit.cost <= rough.cost else rough)
+        again = self.problem.fit(rough.theta, rough.effects, rough.initial, trials=30, learn=False, shift=rough.shift)
+        return own, (again if again is not None and again.cost <= rough.cost else rough)
 
     def _price(self, fitted: Fitted, present: Fitted) -> float:
         """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
@@ -195,7 +200,8 @@ class Search:
             if own not in self.fitted.effects:
                 continue
             rest = tuple(e for e in self.fitted.effects if e is not own)
-            without = self.problem.fit(self.fitted.theta, rest, self.fitted.initial, trials=12)
+            now = self.fitted
+            without = self.problem.fit(now.theta, rest, now.initial, trials=12, shift=now.shift)
             if without is None:
                 continue
             kept, seen = self.fitted, self.present_unseen
@@ -227,7 +233,9 @@ class Search:
                 except AutotuneError:
                     continue
                 again = self.problem.states(alone.theta, (), self.base.initial)
-                full = None if again is None else self.problem.fit(again.theta, (), again.initial, trials=0)
+                full = None
+                if again is not None:
+                    full = self.problem.fit(again.theta, (), again.initial, trials=0, shift=again.shift)
                 if full is not None:
                     self._alone.append(full)
         return self._alone

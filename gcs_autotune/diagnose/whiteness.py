@@ -186,7 +186,8 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
     theta = np.array([values.get(n, 0.0) for n in form.parameters])
     rows, at = [], 0
     for i, stretch in enumerate(problem.stretches):
-        found = simulator.run(theta, fitted.effects, fitted.initial[i], stretch.passage, sensitivities=True)
+        passage = stretch.late(fitted.shift)
+        found = simulator.run(theta, fitted.effects, fitted.initial[i], passage, sensitivities=True)
         if found is None:
             return None
         for name in stretch.record.signals:

@@ -1,7 +1,9 @@
 """Fitting a model with effects by output error: every signal's noise level is part of the likelihood.
 
 Minus twice the log-likelihood with the noise levels at their best is ``sum_s n_s log(RSS_s / n_s)``; its Gauss-Newton
-step is that of least squares weighted with ``n_s / RSS_s``. Initial states are fitted per stretch.
+step is that of least squares weighted with ``n_s / RSS_s``. Initial states are fitted per stretch. Where changes of the
+inputs are dated midway between two messages (decision 3), so is one shift of all their stamps, no farther than the
+messages allow: a misdating is no effect of the craft's. What tells it from a delay is only that it is small.
 """
 
 from __future__ import annotations
@@ -31,6 +33,13 @@ FLOOR = 1e-3
 TOLERANCE = 1e-8
 """Relative decrease of the cost that ends a search; the cost is some ten times the number of samples."""
 
+REACH = 1.5
+"""How far a shift of input stamps may go, in units of ``Stretch.dating``: to the end of what the messages allow, and a
+little beyond for an autopilot that acts on its next loop only."""
+
+NUDGE = 1e-3
+"""Difference quotient for the shift of input stamps, in shares of how far they may be off."""
+
 LESSONS = 3
 """Rounds of fitting and learning where a disturbance is learnt from what is left over."""
 
@@ -58,7 +67,8 @@ class Fitted:
     ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch; ``cost`` minus twice the log-likelihood (up to a
     constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
     were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
-    for row the finite ``judged`` of ``rests``; ``converged``.
+    for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated midway turned
+    out too early, the last column of ``jacobian`` when there are such; known beforehand to be 0 +- ``slack``.
     """
 
     form: Form
@@ -73,6 +83,8 @@ class Fitted:
     jacobian: Array
     samples: int
     converged: bool
+    shift: float = 0.0
+    slack: float = 0.0
 
     @property
     def model(self) -> ExtendedModel:
@@ -98,7 +110,19 @@ class Fitted:
 
     def covariance(self, raised: float = 1.0) -> Array:
         """Return the covariance of the fitted numbers, times *raised* for coloured residuals."""
-        return raised * inverse_of(self.jacobian.T @ self.jacobian)
+        return raised * inverse_of(self.information(raised))
+
+    def information(self, raised: float = 1.0) -> Array:
+        """Return the information matrix (q, q), that of what is known of the shift beforehand taken times *raised*."""
+        information = np.asarray(self.jacobian.T @ self.jacobian)
+        if self.slack:
+            information[-1, -1] += raised / self.slack**2
+        return information
+
+
+def slack_of(dating: float) -> float:
+    """Return the standard deviation [s] with which a shift is known to be none: it may well be all of *dating*."""
+    return dating
 
 
 def typical_of(own: Applied, scene: Scene) -> dict[str, float]:
@@ -134,6 +158,7 @@ class Problem:
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
         self.floors = {n: FLOOR * s for n, s in scene.spread.items()}
+        self.dating = max((s.dating for s in stretches), default=0.0)
 
     def on(self, stretches: Sequence[Stretch], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other stretches (or with other base parameters free)."""
@@ -155,9 +180,10 @@ class Problem:
         trials: int = 30,
         fixed_effects: bool = False,
         learn: bool = True,
+        shift: float = 0.0,
     ) -> Fitted | None:
         """Fit from these values on; None when the motion runs away at the start already."""
-        task = _Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
+        task = _Task(self, theta, in_order(effects), tuple(initial), fixed_effects, shift)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
         learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
@@ -177,19 +203,21 @@ class Problem:
 
     def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[Applied, ...], tuple[Array, ...]]:
         """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
-        task = _Task(self, fitted.theta, fitted.effects, fitted.initial, False)
+        task = _Task(self, fitted.theta, fitted.effects, fitted.initial, False, fitted.shift)
         low, high = task.limits()
-        theta, effects, initial = task.unpack(np.clip(task.pack() + by, low, high))
+        theta, effects, initial, _ = task.unpack(np.clip(task.pack() + by, low, high))
         return theta, effects, tuple(initial)
 
     def first_states(self, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
         """Return initial states of any stretches, read off their first samples."""
         return ground_of(self.form, [s.record for s in stretches]).initial
 
-    def states(self, theta: Array, effects: Sequence[Applied], initial: Sequence[Array]) -> Fitted | None:
-        """Fit the initial states only: how a given model predicts these stretches."""
+    def states(
+        self, theta: Array, effects: Sequence[Applied], initial: Sequence[Array], shift: float = 0.0
+    ) -> Fitted | None:
+        """Fit the initial states (and the shift of input stamps) only: how a given model predicts these stretches."""
         alone = self.on(self.stretches, free=())
-        return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15)
+        return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
 
 
 class _Task:
@@ -202,8 +230,10 @@ class _Task:
         effects: tuple[Applied, ...],
         initial: tuple[Array, ...],
         fixed_effects: bool,
+        shift: float,
     ) -> None:
         self.problem, self.theta, self.effects, self.initial = problem, theta, effects, initial
+        self.shift, self.dated = shift, problem.dating > 0.0
         self.levels: dict[str, float] = {}
         scene = problem.scene
         self.free_effects = tuple(
@@ -230,7 +260,9 @@ class _Task:
             self.columns.append(np.r_[np.arange(self.shared), used + np.arange(len(names))])
             self.state_places.append([simulator.states.index(n) for n in names])
             used += len(names)
-        self.size = used
+        self.size = used + self.dated
+        if self.dated:
+            self.columns = [np.r_[own, used] for own in self.columns]
 
     def _states(self, stretch: Stretch) -> tuple[str, ...]:
         form = ExtendedSimulator(self.problem.form, self.effects).form
@@ -240,14 +272,16 @@ class _Task:
     def pack(self) -> Array:
         own = [self.effects[i].values[n] for i, n in self.free_effects]
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
-        return np.concatenate([self.theta[self.places], own, *states])
+        return np.concatenate([self.theta[self.places], own, *states, [self.shift] if self.dated else []])
 
     def limits(self) -> tuple[Array, Array]:
         low, high = self.problem.edges(self.effects, self.free_effects)
         rest = np.full(self.size - self.shared, np.inf)
+        if self.dated:
+            rest[-1] = REACH * self.problem.dating
         return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
-    def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array]]:
+    def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array], float]:
         p = len(self.places)
         theta = self.theta.copy()
         theta[self.places] = x[:p]
@@ -258,19 +292,26 @@ class _Task:
         initial = []
         for x_0, at, columns in zip(self.initial, self.state_places, self.columns, strict=True):
             mine = x_0.copy()
-            mine[at] = x[columns[self.shared :]]
+            mine[at] = x[columns[self.shared : self.shared + len(at)]]
             initial.append(mine)
-        return theta, effects, initial
+        return theta, effects, initial, float(x[-1]) if self.dated else 0.0
 
     def rests(self, x: Array, *, sensitivities: bool) -> tuple[list[Rest], list[Array], float] | None:
         """Return what is left of every signal, Jacobians of the prediction (n, own columns), and penalties."""
-        theta, effects, initial = self.unpack(x)
+        theta, effects, initial, shift = self.unpack(x)
         judges = [e for e in effects if BOOK[e.slug].overrides("judge")]
         rests, tables, penalty = [], [], 0.0
         for i, stretch in enumerate(self.problem.stretches):
-            found = self.simulators[i].run(theta, effects, initial[i], stretch.passage, sensitivities=sensitivities)
+            simulator, passage = self.simulators[i], stretch.late(shift)
+            found = simulator.run(theta, effects, initial[i], passage, sensitivities=sensitivities)
             if found is None:
                 return None
+            if sensitivities and self.dated:
+                h = NUDGE * self.problem.dating
+                later = simulator.run(theta, effects, initial[i], stretch.late(shift + h))
+                if later is None:
+                    return None
+                found = {n: (y, np.column_stack([by, (later[n][0] - y) / h])) for n, (y, by) in found.items()}
             for name, signal in stretch.record.signals.items():
                 predicted, by = found[name]
                 error, columns, fee = signal.values - predicted, by, 0.0
@@ -293,6 +334,10 @@ class _Task:
         rests, tables, cost = found
         sums, counts = self._sums(rests)
         gradient, curvature = np.zeros(self.size), np.zeros((self.size, self.size))
+        if self.dated:
+            weight = 1.0 / slack_of(self.problem.dating) ** 2
+            cost += weight * x[-1] ** 2
+            gradient[-1], curvature[-1, -1] = weight * x[-1], weight
         for name, total in sums.items():
             n, floor = counts[name], self.problem.floors[name]
             cost += n * np.log((total + n * floor**2) / n / floor**2)
@@ -319,9 +364,9 @@ class _Task:
 
     def learn(self, x: Array) -> None:
         """Let disturbances learn from what is left over."""
-        theta, effects, initial = self.unpack(x)
+        theta, effects, initial, shift = self.unpack(x)
         plain = tuple(e for e in effects if not BOOK[e.slug].overrides("judge"))
-        task = _Task(self.problem, theta, plain, tuple(initial), True)
+        task = _Task(self.problem, theta, plain, tuple(initial), True, shift)
         found = task.rests(task.pack(), sensitivities=False)
         if found is None:
             return
@@ -331,7 +376,7 @@ class _Task:
         runs = self.problem.stretches
         left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
         self.effects = tuple(BOOK[e.slug].learn(e, left) if BOOK[e.slug].overrides("learn") else e for e in effects)
-        self.theta, self.initial, self.levels = theta, tuple(initial), levels
+        self.theta, self.initial, self.shift, self.levels = theta, tuple(initial), shift, levels
 
     def fitted(self, x: Array, converged: bool) -> Fitted | None:
         found = self.rests(x, sensitivities=True)
@@ -342,13 +387,16 @@ class _Task:
         floors = self.problem.floors
         levels = {n: float(np.sqrt(s / max(counts[n], 1) + floors[n] ** 2)) for n, s in sums.items()}
         cost += sum(counts[n] * np.log(levels[n] ** 2 / floors[n] ** 2) for n in sums)
+        if self.dated:
+            cost += (x[-1] / slack_of(self.problem.dating)) ** 2
         rows = []
         for rest, J in zip(rests, tables, strict=True):
             good = np.isfinite(rest.judged)
             wide = np.zeros((int(good.sum()), self.size))
             wide[:, self.columns[rest.stretch]] = J[good] / levels[rest.signal]
             rows.append(wide)
-        theta, effects, initial = self.unpack(x)
+        theta, effects, initial, shift = self.unpack(x)
+        slack = slack_of(self.problem.dating)
         return Fitted(
             form=self.problem.form,
             theta=theta,
@@ -362,4 +410,6 @@ class _Task:
             jacobian=np.vstack(rows),
             samples=sum(counts.values()),
             converged=converged,
+            shift=shift,
+            slack=slack,
         )
