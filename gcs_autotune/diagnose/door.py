@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
-from gcs_autotune.diagnose.search import ALIKE, Judged, Search, begin_search
+from gcs_autotune.diagnose.search import ALIKE, CHANCE, Judged, Search, begin_search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
 from gcs_autotune.diagnose.whiteness import correlation_of
@@ -248,9 +248,10 @@ def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], .
 def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
     """Whether these runs cannot tell *other* from *best*.
 
-    Its evidence is as good; or it is as likely and only pays for numbers that the runs say nothing about.
+    It pays on unseen data too, and its evidence is as good; or it is as likely and only pays for numbers that the runs
+    say nothing about.
     """
-    if other is best or other.gain <= 0.0:
+    if other is best or other.gain <= 0.0 or other.p >= CHANCE:
         return False
     if best.evidence - other.evidence < ALIKE:
         return True

@@ -24,14 +24,12 @@ TRIED = 2
 LEFT = 0.005
 """Whiteness above which nothing is left that two causes could explain."""
 
-CHANCE = 0.05
-"""Chance of two causes that only seem to pay."""
 
-
-def pair_ahead(search: Search, found: Found, least: float, stage: str) -> tuple[Found, Found] | None:
+def pair_ahead(search: Search, found: Found, stage: str, *, least: float, chance: float) -> tuple[Found, Found] | None:
     """Return the two steps to a pair of causes that pays; None when there is none. *search* is left as it was.
 
     found : the step that nobody won. least : share by which a candidate must lower the held-out error to be tried.
+    chance : of a pair that pays on unseen data by luck alone.
     """
     if whiteness_of(tests_of(search.problem, search.fitted)) > LEFT:
         return None
@@ -46,6 +44,6 @@ def pair_ahead(search: Search, found: Found, least: float, stage: str) -> tuple[
             continue
         raised = correlation_of(second.fitted)
         p = p_value(unseen, second.unseen, second.fitted.levels, raised, fitted.parameters, tried * search.tried)
-        if p < CHANCE:
+        if p < chance:
             return replace(found, accepted=first), then
     return None

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Effect, Observed
+from gcs_autotune.effects.effect import Applied, Effect, Leftover, Observed
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
 __all__ = ["Candidate", "candidates", "screen"]
 
@@ -163,9 +163,11 @@ class _Ground:
             for name in stretch.record.signals:
                 rest = self.fitted.rests[at]
                 at += 1
-                shift = found[name] - rest.predicted
-                good = np.isfinite(rest.judged)
-                rows.append((rest.judged - shift)[good] / self.fitted.levels[name])
+                level = self.fitted.levels[name]
+                error = rest.measured - found[name]
+                left = Leftover(stretch.run, name, rest.t, error, rest.measured, level)
+                error, _, _ = judged_by(self.fitted.effects, left, np.empty((len(error), 0)))
+                rows.append(error[np.isfinite(rest.judged)] / level)
         joined = np.concatenate(rows)
         return joined if np.all(np.isfinite(joined)) else None
 

@@ -27,7 +27,7 @@ from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch, only
 
-__all__ = ["ALIKE", "Found", "Judged", "Search", "begin_search"]
+__all__ = ["ALIKE", "CHANCE", "Found", "Judged", "Search", "begin_search"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -46,6 +46,9 @@ SIGNIFICANCE = 0.005
 
 MATERIAL = 0.02
 """Share by which a cause must lower the held-out error to be worth a name."""
+
+CHANCE = 0.05
+"""Chance that a cause which is named pays on unseen data by luck alone."""
 
 ASTRAY = 0.05
 """Whiteness below which bookkeeping errors are also looked for from fits to one signal alone."""
@@ -104,7 +107,9 @@ class Search:
         while len(self.steps) < MOST_CAUSES:
             stage = f"cause {len(self.steps) + 1}"
             found = self.step(stage)
-            steps = [found] if found.accepted else pair_ahead(self, found, MATERIAL, stage) or [found]
+            steps: Sequence[Found] = (found,)
+            if found.accepted is None:
+                steps = pair_ahead(self, found, stage, least=MATERIAL, chance=CHANCE) or steps
             self.steps += steps
             last = steps[-1].accepted
             if last is None:
@@ -188,7 +193,7 @@ class Search:
         for one in judged:
             more = max(1, one.fitted.parameters - present.parameters + _learnt(one.fitted) - _learnt(present))
             needed = float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
-            if one.likelihood > needed and one.evidence > 0.0 and one.gain > MATERIAL and one.p < 0.05:
+            if one.likelihood > needed and one.evidence > 0.0 and one.gain > MATERIAL and one.p < CHANCE:
                 return one
         return None
 

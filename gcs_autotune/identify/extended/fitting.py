@@ -9,7 +9,7 @@ messages allow: a misdating is no effect of the craft's. What tells it from a de
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 
-__all__ = ["FLOOR", "Fitted", "Problem", "Rest", "typical_of"]
+__all__ = ["FLOOR", "Fitted", "Problem", "Rest", "judged_by", "typical_of"]
 
 Array = NDArray[np.float64]
 
@@ -118,6 +118,16 @@ class Fitted:
         if self.slack:
             information[-1, -1] += raised / self.slack**2
         return information
+
+
+def judged_by(effects: Sequence[Applied], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    """Return a residual (n,), its derivatives (n, k) and the penalty as all disturbances among *effects* leave them."""
+    fee = 0.0
+    for own in effects:
+        if BOOK[own.slug].overrides("judge"):
+            error, columns, more = BOOK[own.slug].judge(own, left, columns)
+            left, fee = replace(left, error=error), fee + more
+    return left.error, columns, fee
 
 
 def slack_of(dating: float) -> float:
@@ -299,7 +309,6 @@ class _Task:
     def rests(self, x: Array, *, sensitivities: bool) -> tuple[list[Rest], list[Array], float] | None:
         """Return what is left of every signal, Jacobians of the prediction (n, own columns), and penalties."""
         theta, effects, initial, shift = self.unpack(x)
-        judges = [e for e in effects if BOOK[e.slug].overrides("judge")]
         rests, tables, penalty = [], [], 0.0
         for i, stretch in enumerate(self.problem.stretches):
             simulator, passage = self.simulators[i], stretch.late(shift)
@@ -314,11 +323,9 @@ class _Task:
                 found = {n: (y, np.column_stack([by, (later[n][0] - y) / h])) for n, (y, by) in found.items()}
             for name, signal in stretch.record.signals.items():
                 predicted, by = found[name]
-                error, columns, fee = signal.values - predicted, by, 0.0
-                for own in judges:
-                    left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
-                    error, columns, more = BOOK[own.slug].judge(own, left, columns)
-                    fee += more
+                error = signal.values - predicted
+                left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
+                error, columns, fee = judged_by(effects, left, by)
                 penalty += fee
                 rests.append(Rest(i, name, signal.t, signal.values, predicted, error, fee))
                 tables.append(columns)
