@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 from gcs_autotune.diagnose.heldout import p_value
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
+from gcs_autotune.effects import BOOK
 
 if TYPE_CHECKING:
-    from gcs_autotune.diagnose.search import Found, Search
+    from gcs_autotune.diagnose.search import Found, Judged, Search
 
 __all__ = ["pair_ahead"]
 
-TRIED = 2
+TRIED = 3
 """Candidates taken on trial, at most."""
 
 LEFT = 0.005
@@ -33,7 +34,8 @@ def pair_ahead(search: Search, found: Found, stage: str, *, least: float, chance
     """
     if whiteness_of(tests_of(search.problem, search.fitted)) > LEFT:
         return None
-    promising = sorted((j for j in found.judged if j.evidence > 0.0 and j.gain > least), key=lambda j: -j.gain)
+    promising = [j for j in found.judged if j.evidence > 0.0 and j.gain > least and _foretells(j)]
+    promising.sort(key=lambda j: -j.gain)
     fitted, unseen, tried = search.fitted, search.present_unseen, search.tried
     for first in promising[:TRIED]:
         search.fitted, search.present_unseen = first.fitted, first.unseen or unseen
@@ -47,3 +49,8 @@ def pair_ahead(search: Search, found: Found, stage: str, *, least: float, chance
         if p < chance:
             return replace(found, accepted=first), then
     return None
+
+
+def _foretells(judged: Judged) -> bool:
+    """Whether a cause foretells motion; disturbances learnt from what is left over would stand in for any pair."""
+    return not BOOK[judged.own.slug].overrides("learn")

@@ -190,12 +190,13 @@ class Search:
         return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
 
     def _winner(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
+        paying = []
         for one in judged:
             more = max(1, one.fitted.parameters - present.parameters + _learnt(one.fitted) - _learnt(present))
             needed = float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
             if one.likelihood > needed and one.evidence > 0.0 and one.gain > MATERIAL and one.p < CHANCE:
-                return one
-        return None
+                paying.append(one)
+        return next((one for one in paying if not _outdone(one, paying)), None)
 
     # -- second thoughts
 
@@ -285,6 +286,13 @@ def _ordered(judged: Sequence[Judged]) -> list[Judged]:
     slugs = {j.own.slug for j in alike}
     alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
     return [*alike, *ranked[len(alike) :]]
+
+
+def _outdone(one: Judged, paying: Sequence[Judged]) -> bool:
+    """Whether *one* is a slip of the pen, and another cause leaves less: a slip that happened accounts for all."""
+    if BOOK[one.own.slug].family != "bookkeeping":
+        return False
+    return any(other.gain > one.gain and other.fitted.cost < one.fitted.cost for other in paying)
 
 
 def _learnt(fitted: Fitted) -> int:
