@@ -185,7 +185,8 @@ def _found_order(search: Search) -> list[Applied]:
     order: list[tuple[str, str]] = []
     for step in search.steps:
         if step.accepted is not None:
-            order.append((step.accepted.own.slug, step.accepted.own.place))
+            key = (step.accepted.own.slug, step.accepted.own.place)
+            order = [*(k for k in order if k != key), key]
     now = {(e.slug, e.place): e for e in search.fitted.effects}
     kept = [now[key] for key in order if key in now]
     given = {(e.slug, e.place) for e in search.base.effects}

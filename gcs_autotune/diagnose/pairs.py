@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["pair_ahead"]
 
-TRIED = 3
+TRIED = 2
 """Candidates taken on trial, at most."""
 
 LEFT = 0.005
@@ -27,7 +27,7 @@ LEFT = 0.005
 
 
 def pair_ahead(search: Search, found: Found, stage: str, *, least: float, chance: float) -> tuple[Found, Found] | None:
-    """Return the two steps to a pair of causes that pays; None when there is none. *search* is left as it was.
+    """Return the two steps to the best pair of causes that pays; None when there is none. *search* is left as it was.
 
     found : the step that nobody won. least : share by which a candidate must lower the held-out error to be tried.
     chance : of a pair that pays on unseen data by luck alone.
@@ -36,6 +36,7 @@ def pair_ahead(search: Search, found: Found, stage: str, *, least: float, chance
         return None
     promising = [j for j in found.judged if j.evidence > 0.0 and j.gain > least and _foretells(j)]
     promising.sort(key=lambda j: -j.gain)
+    best: tuple[float, Found, Found] | None = None
     fitted, unseen, tried = search.fitted, search.present_unseen, search.tried
     for first in promising[:TRIED]:
         search.fitted, search.present_unseen = first.fitted, first.unseen or unseen
@@ -46,9 +47,10 @@ def pair_ahead(search: Search, found: Found, stage: str, *, least: float, chance
             continue
         raised = correlation_of(second.fitted)
         p = p_value(unseen, second.unseen, second.fitted.levels, raised, fitted.parameters, tried * search.tried)
-        if p < chance:
-            return replace(found, accepted=first), then
-    return None
+        cost = second.fitted.cost + search.price(second.fitted, fitted)
+        if p < chance and (best is None or cost < best[0]):
+            best = cost, replace(found, accepted=first), then
+    return None if best is None else best[1:]
 
 
 def _foretells(judged: Judged) -> bool:

@@ -32,8 +32,8 @@ __all__ = ["ALIKE", "CHANCE", "Found", "Judged", "Search", "begin_search"]
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-MOST_CAUSES = 4
-"""Causes looked for, at most."""
+MOST_CAUSES = 6
+"""Causes looked for, at most: a craft over telemetry has three or four of its own."""
 
 SHORT_LIST, RUNNERS = 14, 5
 """Candidates fitted roughly, and of these to the end."""
@@ -139,7 +139,7 @@ class Search:
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
-        rough.sort(key=lambda f: f[1].cost + self._price(f[1], present))
+        rough.sort(key=lambda f: f[1].cost + self.price(f[1], present))
         fitted = [self._finished(own, f) for own, f in rough[:RUNNERS]]
         judged = [self._judged(own, f, present, len(choices)) for own, f in fitted]
         judged = _ordered(judged)
@@ -170,14 +170,14 @@ class Search:
         again = self.problem.fit(rough.theta, rough.effects, rough.initial, trials=30, learn=False, shift=rough.shift)
         return own, (again if again is not None and again.cost <= rough.cost else rough)
 
-    def _price(self, fitted: Fitted, present: Fitted) -> float:
+    def price(self, fitted: Fitted, present: Fitted) -> float:
         """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
         return (fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)) * math.log(fitted.samples)
 
     def _judged(self, own: Applied, fitted: Fitted, present: Fitted, tried: int) -> Judged:
         raised = correlation_of(fitted)
         likelihood = (present.cost - fitted.cost) / raised
-        evidence = likelihood - self._price(fitted, present)
+        evidence = likelihood - self.price(fitted, present)
         now = next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
         if evidence <= 0.0:
             return Judged(now, fitted, evidence, likelihood, 0.0, 1.0, None)
@@ -216,7 +216,7 @@ class Search:
             best = again.judged[0] if again.judged else None
             if again.accepted is None and again.judged:
                 continue  # it no longer pays: leave it out
-            better = best is not None and best.fitted.cost + self._price(best.fitted, kept) < kept.cost - 1e-6
+            better = best is not None and best.fitted.cost + self.price(best.fitted, kept) < kept.cost - 1e-6
             if better and best is not None and again.accepted is best and best.own.slug != own.slug:
                 self._take(best)
             else:
