@@ -50,7 +50,8 @@ def add_connection(
         default=default,
         required=required,
         help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, or sitl:NAME for "
-        f"a simulated vehicle started for you{fallback}",
+        "a simulated vehicle started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
+        f"(`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
     )
     group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
     group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")
@@ -135,5 +136,5 @@ def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:
     """Return ``--out``, or a new folder below ``runs/`` named for time, vehicle and axis."""
     if args.out is not None:
         return Path(args.out)
-    label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:")).strip("-")
+    label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
     return Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{args.axis}"

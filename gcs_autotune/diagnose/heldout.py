@@ -95,14 +95,14 @@ def held_out(
     rests: list[Rest] = []
     complete = True
     for k, (fold, initial, states) in enumerate(zip(folds, starts, test_states, strict=True)):
-        theta, effects = fitted.theta, fitted.effects
+        theta, effects, shift = fitted.theta, fitted.effects, fitted.shift
         if refit:
-            again = problem.on(fold.train).fit(theta, effects, initial, trials=8)
+            again = problem.on(fold.train).fit(theta, effects, initial, trials=8, shift=shift)
             if again is None:
                 complete = False
                 continue
-            theta, effects = again.theta, again.effects
-        predicted = problem.on(fold.test).states(theta, effects, states)
+            theta, effects, shift = again.theta, again.effects, again.shift
+        predicted = problem.on(fold.test).states(theta, effects, states, shift)
         if predicted is None:
             complete = False
             continue

@@ -16,6 +16,7 @@ from gcs_autotune.identify.extended.fitting import Fitted
 
 __all__ = [
     "ALIKE",
+    "LUCK",
     "SIGNIFICANCE",
     "Found",
     "Judged",
@@ -76,11 +77,19 @@ def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged |
     ]
     if not paying:
         return None
+    paying = [j for j in paying if not _outdone(j, paying)]
     best = paying[0]
     if BOOK[best.own.slug].overrides("learn"):
         foretold = [j for j in paying if not BOOK[j.own.slug].overrides("learn") and j.gain > best.gain]
         best = foretold[0] if foretold else best
     return best
+
+
+def _outdone(one: Judged, paying: Sequence[Judged]) -> bool:
+    """Whether *one* is a slip of the pen, and another cause leaves less: a slip that happened accounts for all."""
+    if BOOK[one.own.slug].family != "bookkeeping":
+        return False
+    return any(other.gain > one.gain and other.fitted.cost < one.fitted.cost for other in paying)
 
 
 def is_material(judged: Judged) -> bool:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Effect, Observed
+from gcs_autotune.effects.effect import Applied, Effect, Leftover, Observed
 from gcs_autotune.effects.extended import ExtendedSimulator, in_order
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
 __all__ = ["Candidate", "candidates", "screen"]
 
@@ -96,8 +96,11 @@ class _Ground:
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
-        norms = np.linalg.norm(fitted.jacobian, axis=0)
-        scaled = fitted.jacobian / np.where(norms > 0.0, norms, 1.0)
+        moves = fitted.jacobian.copy()
+        if fitted.slack:
+            moves[:, -1] = 0.0  # a shift of stamps looks like a delay, but may only be small: what is left of it counts
+        norms = np.linalg.norm(moves, axis=0)
+        scaled = moves / np.where(norms > 0.0, norms, 1.0)
         U, s, V = np.linalg.svd(scaled, full_matrices=False)
         kept = s > 1e-8 * s[0]
         self.Q = U[:, kept]
@@ -173,7 +176,8 @@ class _Ground:
         return scale, self.residual - scale * (self.residual - changed)
 
     def _learnt(self, own: Applied) -> Candidate | None:
-        tried = self.problem.fit(self.fitted.theta, (*self.fitted.effects, own), self.fitted.initial, trials=1)
+        now = self.fitted
+        tried = self.problem.fit(now.theta, (*now.effects, own), now.initial, trials=1, shift=now.shift)
         return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
 
     def _residual_with(self, own: Applied) -> Array | None:
@@ -188,9 +192,11 @@ class _Ground:
             for name in stretch.record.signals:
                 rest = self.fitted.rests[at]
                 at += 1
-                shift = found[name] - rest.predicted
-                good = np.isfinite(rest.judged)
-                rows.append((rest.judged - shift)[good] / self.fitted.levels[name])
+                level = self.fitted.levels[name]
+                error = rest.measured - found[name]
+                left = Leftover(stretch.run, name, rest.t, error, rest.measured, level)
+                error, _, _ = judged_by(self.fitted.effects, left, np.empty((len(error), 0)))
+                rows.append(error[np.isfinite(rest.judged)] / level)
         joined = np.concatenate(rows)
         return joined if np.all(np.isfinite(joined)) else None
 
@@ -198,7 +204,7 @@ class _Ground:
         self, simulator: ExtendedSimulator, effects: tuple[Applied, ...], own: Applied, i: int
     ) -> Mapping[str, Array] | None:
         """Return the signals of a stretch with *own* among the effects; what only sensors do needs no simulation."""
-        passage, initial = self.problem.stretches[i].passage, self.fitted.initial[i]
+        passage, initial = self.problem.stretches[i].late(self.fitted.shift), self.fitted.initial[i]
         if any(BOOK[own.slug].overrides(hook) for hook in ("retime", "drive", "inputs", "derivatives")):
             found = simulator.run(self.fitted.theta, effects, initial, passage)
             return None if found is None else {n: y for n, (y, _) in found.items()}

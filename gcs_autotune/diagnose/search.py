@@ -42,8 +42,8 @@ __all__ = ["Search", "begin_search"]
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-MOST_CAUSES = 4
-"""Causes looked for, at most."""
+MOST_CAUSES = 6
+"""Causes looked for, at most: a craft over telemetry has three or four of its own."""
 
 SHORT_LIST, RUNNERS = 18, 5
 """Candidates fitted roughly, and of these to the end."""
@@ -127,7 +127,8 @@ class Search:
                 if any((e.slug, e.place) == (other.slug, other.place) for e in self.fitted.effects):
                     continue
                 effects = tuple(other if e is own else e for e in self.fitted.effects)
-                fit = self.problem.fit(self.fitted.theta, effects, self.fitted.initial, trials=12)
+                now = self.fitted
+                fit = self.problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
                 if fit is not None and fit.cost < self.fitted.cost + ALIKE:
                     return other, fit
         return None
@@ -203,9 +204,10 @@ class Search:
         """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
         begin, fit = candidate.begin, self.problem.fit
         theta, effects, initial = self.problem.moved(begin, candidate.adapted)
-        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH)
+        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH, shift=begin.shift)
         if found is None or found.cost > begin.cost:
-            again = fit(begin.theta, (*begin.effects, candidate.own), begin.initial, trials=ROUGH)
+            own = (*begin.effects, candidate.own)
+            again = fit(begin.theta, own, begin.initial, trials=ROUGH, shift=begin.shift)
             found = again if found is None or (again is not None and again.cost < found.cost) else found
         return found
 
@@ -214,9 +216,10 @@ class Search:
         best = rough
         if BOOK[candidate.own.slug].overrides("drive") and candidate.own.values:
             for own in candidate.also:
-                other = self.problem.fit(rough.theta, replaced(rough.effects, own), rough.initial, trials=ROUGH)
+                effects = replaced(rough.effects, own)
+                other = self.problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
                 best = other if other is not None and other.cost < best.cost else best
-        fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False)
+        fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
         return fit if fit is not None and fit.cost <= best.cost else best
 
     def _judged(
@@ -252,7 +255,8 @@ class Search:
             if own not in self.fitted.effects:
                 continue
             rest = tuple(e for e in self.fitted.effects if e is not own)
-            without = self.problem.fit(self.fitted.theta, rest, self.fitted.initial, trials=12)
+            now = self.fitted
+            without = self.problem.fit(now.theta, rest, now.initial, trials=12, shift=now.shift)
             if without is None:
                 continue
             kept = self.fitted
@@ -291,10 +295,9 @@ class Search:
                 again = self.problem.states(alone.theta, (), self.base.initial)
                 if again is None:
                     continue
-                self._alone += [
-                    f for f in (self.problem.fit(again.theta, (), again.initial, trials=0),) if f is not None
-                ]
-                whole = self.problem.fit(again.theta, (), again.initial)
+                alone_fit = self.problem.fit(again.theta, (), again.initial, trials=0, shift=again.shift)
+                self._alone += [] if alone_fit is None else [alone_fit]
+                whole = self.problem.fit(again.theta, (), again.initial, shift=again.shift)
                 better = whole if whole is not None and whole.cost < better.cost - ALIKE else better
             if better is not self.base:
                 self.base = self.fitted = better

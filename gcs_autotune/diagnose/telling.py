@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
-from gcs_autotune.diagnose.judging import ALIKE, Judged
+from gcs_autotune.diagnose.judging import ALIKE, LUCK, Judged
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
@@ -97,7 +97,8 @@ def _found_order(search: Search) -> list[Applied]:
     order: list[tuple[str, str]] = []
     for step in search.steps:
         if step.accepted is not None:
-            order.append((step.accepted.own.slug, step.accepted.own.place))
+            key = (step.accepted.own.slug, step.accepted.own.place)
+            order = [*(k for k in order if k != key), key]
     now = {(e.slug, e.place): e for e in search.fitted.effects}
     kept = [now[key] for key in order if key in now]
     given = {(e.slug, e.place) for e in search.base.effects}
@@ -166,9 +167,10 @@ def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], .
 def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
     """Whether these runs cannot tell *other* from *best*.
 
-    Its evidence is as good; or it is as likely and only pays for numbers that the runs say nothing about.
+    It pays on unseen data too, and its evidence is as good; or it is as likely and only pays for numbers that the runs
+    say nothing about.
     """
-    if other is best or other.gain <= 0.0:
+    if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False
     if best.evidence - other.evidence < ALIKE:
         return True

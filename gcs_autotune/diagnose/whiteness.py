@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, kurtosis, kurtosistest
 
+from gcs_autotune.effects.effect import Leftover, columns_of
 from gcs_autotune.effects.extended import ExtendedSimulator
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.colour import autocorrelation
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import term_of
 from gcs_autotune.sname import DOFS
@@ -29,6 +30,10 @@ Array = NDArray[np.float64]
 
 SHORT, LONG = 8, 40
 """Lags of the two portmanteau tests."""
+
+LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
+"""What makes a sensor late; how long the response of a low-pass (Butterworth, second order) lasts, in units of its
+delay; lags left out of tests on that account, at most. The others are judged by Bartlett's (1946) variance."""
 
 FEWEST_FOR_TAILS = 50
 
@@ -84,26 +89,37 @@ def _portmanteaus(fitted: Fitted) -> Iterator[Test]:
         series = [s for s in _series(fitted, name) if len(s) > 2 * SHORT]
         if not series:
             continue
+        memory = _memory(fitted, name)
         for lags, words in ((SHORT, "short-term correlation"), (LONG, "correlation over many samples")):
             total, freedom, first = 0.0, 0, []
             for s in series:
                 n, own = len(s), min(lags, len(s) // 4)
                 rho = autocorrelation(s, own)
-                total += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, own + 1))))
-                freedom += own
-                first.append(float(rho[0]))
+                lag = np.arange(1, own + 1)
+                wider = 1.0 + 2.0 * float(np.sum(rho[:memory] ** 2))
+                total += n * (n + 2) * float(np.sum(rho[memory:] ** 2 / (n - lag[memory:]))) / wider
+                freedom += own - memory
+                first.append(float(rho[memory]))
             yield Test(words, name, float(chi2.sf(total, freedom)), float(np.mean(first)))
-        yield _drift(series, name)
+        yield _drift(series, name, memory)
         yield _tails(series, name)
         yield _line(series, name)
 
 
-def _drift(series: list[Array], name: str) -> Test:
+def _memory(fitted: Fitted, name: str) -> int:
+    """Return how many lags of a signal's noise are correlated by what makes the signal late: a filter does both."""
+    late = sum(e.values["delay"] for e in fitted.effects if e.slug == LATE and name in columns_of(e.place))
+    steps = [float(np.median(np.diff(r.t))) for r in fitted.rests if r.signal == name and len(r.t) > 1]
+    return min(int(RESPONSE * late / min(steps)), MOST_MEMORY) if late and steps else 0
+
+
+def _drift(series: list[Array], name: str, memory: int) -> Test:
     total, freedom = 0.0, 0
     for s in series:
         count = max(2, len(s) // BLOCK)
         parts = np.array_split(s, count)
-        total += sum(len(p) * float(p.mean()) ** 2 for p in parts) / float(np.mean(s**2) or 1.0)
+        wider = 1.0 + 2.0 * max(float(np.sum(autocorrelation(s, SHORT)[:memory])), 0.0)
+        total += sum(len(p) * float(p.mean()) ** 2 for p in parts) / float(np.mean(s**2) or 1.0) / wider
         freedom += count
     return Test("slow drift", name, float(chi2.sf(total, freedom)), total / freedom)
 
@@ -198,11 +214,14 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
     theta = np.array([values.get(n, 0.0) for n in form.parameters])
     rows, at = [], 0
     for i, stretch in enumerate(problem.stretches):
-        found = simulator.run(theta, fitted.effects, fitted.initial[i], stretch.passage, sensitivities=True)
+        passage = stretch.late(fitted.shift)
+        found = simulator.run(theta, fitted.effects, fitted.initial[i], passage, sensitivities=True)
         if found is None:
             return None
         for name in stretch.record.signals:
-            good = np.isfinite(fitted.rests[at].judged)
+            rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
-            rows.append(found[name][1][good] / fitted.levels[name])
+            left = Leftover(stretch.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
+            _, columns, _ = judged_by(fitted.effects, left, found[name][1])
+            rows.append(columns[np.isfinite(rest.judged)] / level)
     return np.vstack(rows)

@@ -10,18 +10,51 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from gcs_autotune.errors import AutotuneError, CannotOpenLink, LinkLost, UnknownName
+from gcs_autotune.errors import AutotuneError, CannotOpenLink, LinkLost, UnknownName, UsageError
 from gcs_autotune.link.stepped import SteppedTransport
 
-__all__ = ["ChildLink", "open_sitl"]
+__all__ = ["ChildLink", "Rehearsal", "open_sitl"]
 
 _HEAD = struct.Struct("<dI")
 _PATIENCE = 30.0
 """Chosen: wall seconds a step may take before the child is held to be stuck (a first import is slow)."""
 _GRACE = 2.0
-_UNKNOWN_VEHICLE = 2
-"""The child's exit code for a wrong command line, an unknown vehicle above all."""
+_USAGE = 2
+"""The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, a file it cannot fly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """What the embedded simulator is to fly: vehicle *name*, noise *seed* (its own when None), and behind the wire
+    ``effects`` (each ``SLUG[@PLACE].PARAM=VALUE,...``), ``parameters`` set before boot (``NAME=VALUE``) and the path of
+    a ``model`` file instead of the vehicle's own hull. All as the simulator's command line has them.
+    """
+
+    name: str
+    seed: int | None = None
+    effects: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    model: str | None = None
+
+    @property
+    def arguments(self) -> list[str]:
+        """The simulator's command line."""
+        line = [self.name, "--lockstep"]
+        if self.seed is not None:
+            line += ["--seed", str(self.seed)]
+        line += [f"--effect={text}" for text in self.effects]
+        line += [f"--param={text}" for text in self.parameters]
+        return line if self.model is None else [*line, f"--model={self.model}"]
+
+    @property
+    def uri(self) -> str:
+        """The connection string for it, but for the seed."""
+        told = [*(f"effect={e}" for e in self.effects), *(f"param={p}" for p in self.parameters)]
+        if self.model is not None:
+            told.append(f"model={self.model}")
+        return f"sitl:{self.name}{'?' if told else ''}{'&'.join(t.replace('&', '%26') for t in told)}"
 
 
 class ChildLink(SteppedTransport):
@@ -109,27 +142,28 @@ class ChildLink(SteppedTransport):
 
 
 def _not_started(description: str, said: str, code: int | None) -> AutotuneError:
-    if code == _UNKNOWN_VEHICLE and said:
+    if code == _USAGE and said:
         match = re.search(r"[Dd]id you mean (.*?)\?", said)
-        nearest = re.split(r",\s*|\s+or\s+", match[1]) if match else []
-        return UnknownName(said, name=description.partition(":")[2], nearest=[n.strip("'\" ") for n in nearest])
+        if match is None:
+            return UsageError(said)
+        nearest = re.split(r",\s*|\s+or\s+", match[1])
+        wrong = re.search(r"'(.*?)'", said)
+        name = wrong[1] if wrong else description.partition(":")[2]
+        return UnknownName(said, name=name, nearest=[n.strip("'\" ") for n in nearest])
     return CannotOpenLink(
         f"the simulator {description} did not start (exit code {code}): {said or 'it said nothing'}; "
         "is the package installed whole?"
     )
 
 
-def open_sitl(name: str, *, seed: int | None = None) -> ChildLink:
-    """Start the embedded simulator's vehicle *name* and return the link to it.
+def open_sitl(rehearsal: Rehearsal) -> ChildLink:
+    """Start the embedded simulator and return the link to it.
 
     Raises
     ------
-    UnknownName
-        There is no such vehicle; the message is the simulator's own.
+    UnknownName, UsageError
+        There is no such vehicle, effect or parameter, or the model cannot be flown; the message is the simulator's own.
     CannotOpenLink
         It could not be started.
     """
-    command = [sys.executable, "-m", "sitl", name, "--lockstep"]
-    if seed is not None:
-        command += ["--seed", str(seed)]
-    return ChildLink(command, f"sitl:{name}")
+    return ChildLink([sys.executable, "-m", "sitl", *rehearsal.arguments], rehearsal.uri)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from urllib.parse import parse_qsl
+from urllib.parse import unquote
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.link.address import parse_host_port
-from gcs_autotune.link.child import open_sitl
+from gcs_autotune.link.child import Rehearsal, open_sitl
 from gcs_autotune.link.serial_port import SerialPort
 from gcs_autotune.link.tcp import TcpIn, TcpOut
 from gcs_autotune.link.transport import Transport
@@ -53,12 +53,23 @@ def _serial(rest: str, options: LinkOptions) -> Transport:
 
 def _sitl(rest: str, options: LinkOptions) -> Transport:
     name, _, query = rest.partition("?")
-    seed = options.seed
-    for key, value in parse_qsl(query, keep_blank_values=True):
-        if key != "seed" or not re.fullmatch(r"\d+", value):
-            raise UsageError(f"'sitl:{rest}': only ?seed=NUMBER may follow the vehicle's name, not '{key}={value}'")
-        seed = int(value)
-    return open_sitl(name, seed=seed)
+    given: dict[str, list[str]] = {key: [] for key in ("seed", "effect", "param", "model")}
+    for piece in filter(None, query.split("&")):
+        key, equals, value = piece.partition("=")
+        if key not in given or not equals or not value:
+            raise UsageError(
+                f"'sitl:{rest}': what may follow the vehicle's name is ?seed=NUMBER, effect=SLUG[@PLACE].PARAM=VALUE, "
+                f"param=NAME=VALUE and model=FILE, joined by &; not '{piece}'"
+            )
+        given[key].append(unquote(value))
+    for key in ("seed", "model"):
+        if len(given[key]) > 1:
+            raise UsageError(f"'sitl:{rest}': give one {key} only")
+    if any(not re.fullmatch(r"\d+", seed) for seed in given["seed"]):
+        raise UsageError(f"'sitl:{rest}': a seed is a whole number of 0 or more, not '{given['seed'][0]}'")
+    seed = int(given["seed"][0]) if given["seed"] else options.seed
+    model = given["model"][0] if given["model"] else None
+    return open_sitl(Rehearsal(name, seed, tuple(given["effect"]), tuple(given["param"]), model))
 
 
 Opener = Callable[[str, LinkOptions], Transport]
@@ -83,7 +94,10 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None) -> Trans
 
     ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` calls; ``tcp:HOST:PORT`` calls,
     ``tcpin:HOST:PORT`` listens; ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port;
-    ``sitl:NAME`` (``sitl:NAME?seed=3``) starts the embedded simulator. ``scheme://`` is accepted too.
+    ``sitl:NAME`` starts the embedded simulator, and what follows a ``?`` is told to it, joined by ``&``:
+    ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` hides effects behind the wire
+    (as ``gcs-autotune sitl --effect``), ``model=FILE`` flies a model file, ``param=NAME=VALUE`` sets a parameter
+    before boot; a ``&`` in a value is written ``%26``. ``scheme://`` is accepted too.
 
     Parameters
     ----------
@@ -93,7 +107,7 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None) -> Trans
     Raises
     ------
     UsageError, UnknownName
-        The string cannot be understood; unknown scheme or simulated vehicle.
+        The string cannot be understood; unknown scheme, simulated vehicle or effect.
     CannotOpenLink
         It can, but the port or address cannot be had; the message says why and what to try.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile, UsageError
@@ -15,6 +16,12 @@ __all__ = ["READERS", "TRIALS_FOLDER", "load_runs"]
 
 TRIALS_FOLDER = "trials"
 """Where a run directory keeps its recorded manoeuvres."""
+
+LEAD_IN = "-with-lead-in"
+"""What a recording that begins earlier adds to the file name of its manoeuvre."""
+
+INPUTS = frozenset("XYZKMN") | {"delta"}
+"""Channels that drive a craft."""
 
 IDENTIFYING = "relay"
 """The manoeuvre (``meta["manoeuvre"]`` in a trial's side file) a run directory is identified from."""
@@ -38,7 +45,8 @@ def load_runs(
 
     * a CSV file: that trial;
     * a telemetry log (``.tlog``) or a log on board (``.bin``, ``.log``): one trial per stretch armed in one mode;
-    * a run directory: those of its ``trials/*.csv`` whose side file says ``"manoeuvre": "relay"``; when no side
+    * a run directory: those of its ``trials/*.csv`` whose side file says ``"manoeuvre": "relay"``, with what their
+      inputs were during the lead-in (recorded beside them); when no side
       file names any manoeuvre at all (files from elsewhere), every CSV there;
     * any other directory: its ``*.csv``, by the same rule, or its logs when it has no CSV.
 
@@ -81,6 +89,19 @@ def _picked(place: Path, runs: list[Trial], pick: Collection[int]) -> list[Trial
     return found
 
 
+def _with_history(trial: Trial, file: Path) -> Trial:
+    """Return *trial* with what its inputs were during its lead-in, recorded beside it.
+
+    An actuator that lags, plays or delays begins a manoeuvre where the commands before it have left it.
+    """
+    whole = file.with_name(f"{file.stem}{LEAD_IN}.csv")
+    if not whole.is_file():
+        return trial
+    before = load_trial(whole)
+    channels = {n: before[n] if n in INPUTS and n in before else c for n, c in trial.channels.items()}
+    return replace(trial, channels=channels)
+
+
 def _of_directory(
     place: Path, pick: Collection[int], system: int | None, columns: Mapping[str, str] | None
 ) -> list[Trial]:
@@ -94,7 +115,8 @@ def _of_directory(
     trials = [load_trial(file, columns) for file in files]
     if not any("manoeuvre" in t.meta for t in trials):
         return trials
-    relays = [t for t in trials if t.meta.get("manoeuvre") == IDENTIFYING]
+    flown = zip(trials, files, strict=True)
+    relays = [_with_history(t, file) for t, file in flown if t.meta.get("manoeuvre") == IDENTIFYING]
     if not relays:
         kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in trials}))
         raise BadFile(f"{folder} holds no relay experiment, only: {kinds}; name the CSV file to identify from it")

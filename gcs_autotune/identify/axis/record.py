@@ -25,7 +25,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["INPUTS", "MIN_SAMPLES", "Record", "Signal", "after_delay", "edges", "guess_dof", "prepare"]
+__all__ = ["INPUTS", "MIN_SAMPLES", "Record", "Signal", "after_delay", "dating_of", "edges", "guess_dof", "prepare"]
 
 Array = NDArray[np.float64]
 
@@ -195,7 +195,7 @@ def _stretches(
     trial: Trial, axis: Dof, drive: Channel, position: Channel | None, rate: Channel | None, notes: list[Doubt]
 ) -> tuple[Record, ...]:
     changes = np.concatenate([[True], np.diff(drive.values) != 0.0])
-    dating = _dating(drive, changes) if trial.meta.get("outputs_dated") == "midway" else 0.0
+    dating = dating_of(trial, drive)
     main = position if position is not None and len(position) >= MIN_SAMPLES else rate
     assert main is not None
     borders = edges(main.t)
@@ -233,14 +233,17 @@ def _stretches(
     return tuple(parts)
 
 
-def _dating(drive: Channel, changes: NDArray[np.bool_]) -> float:
-    """Return how far a jump may lie from its stamp when that is midway between two messages.
+def dating_of(trial: Trial, drive: Channel) -> float:
+    """Return how far [s] a jump of *drive* may lie from its stamp: 0 when stamps are exact, else (midway between two
+    messages) half their distance.
 
     The last message without it is as far before the stamp as the first with it comes after. An autopilot changes
     its outputs at its own loop only and a relay switches in step with the telemetry, so the error is the same at
     every jump: it does not average out.
     """
-    jumps = np.flatnonzero(changes)[1:]
+    if trial.meta.get("outputs_dated") != "midway":
+        return 0.0
+    jumps = np.flatnonzero(np.diff(drive.values) != 0.0) + 1
     return float(np.median(drive.t[jumps] - drive.t[jumps - 1])) if len(jumps) else 0.0
 
 

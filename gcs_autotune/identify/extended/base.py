@@ -80,7 +80,7 @@ def given_base(
         raise NotInformative(
             f"the model '{form.title}' runs away on these runs: is it about this craft, in these units?"
         )
-    refitted = problem.fit(theta, effects, given.initial) or given
+    refitted = problem.fit(theta, effects, given.initial, shift=given.shift) or given
     return _known(form, stretches, limits, refitted), given, refitted
 
 

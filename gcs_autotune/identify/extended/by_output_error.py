@@ -72,7 +72,7 @@ def fit_with_effects(case: ExtendedCase) -> Fit:
         base = CoupledModel(form, {n: values[n] for n in form.parameters})
         problem, _, fitted = given_base(base, start.effects, stretches)
     fitted = with_effects(problem, fitted, case.wishes)
-    fitted = problem.fit(fitted.theta, fitted.effects, fitted.initial) or fitted
+    fitted = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
     return _told(case, problem, fitted, doubts)
 
 

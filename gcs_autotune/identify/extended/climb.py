@@ -44,10 +44,12 @@ def _best(problem: Problem, fitted: Fitted, others: Sequence[Applied], wish: Wis
     for own in wish.candidates(problem.scene):
         if (own.slug, own.place) in taken:
             continue
-        found = problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FIRST_TRIALS)
+        found = problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FIRST_TRIALS, shift=fitted.shift)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
-    final = None if best is None else problem.fit(best.theta, best.effects, best.initial, trials=LAST_TRIALS)
+    final = None
+    if best is not None:
+        final = problem.fit(best.theta, best.effects, best.initial, trials=LAST_TRIALS, shift=best.shift)
     if final is None:
         raise NotInformative(f"no model with '{wish.slug}' can be simulated on these runs: leave it out")
     return final

@@ -25,7 +25,7 @@ def effect_doubts(
     for own in fitted.effects:
         entry = BOOK[own.slug]
         others = tuple(e for e in fitted.effects if e is not own)
-        without = problem.fit(fitted.theta, others, fitted.initial)
+        without = problem.fit(fitted.theta, others, fitted.initial, shift=fitted.shift)
         pays = math.inf if without is None else without.cost - fitted.cost
         numbers = max(len(entry.parameters), 1)
         if float(chi2.sf(max(pays, 0.0) / correlation, numbers)) > SIGNIFICANCE:

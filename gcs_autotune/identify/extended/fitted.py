@@ -41,7 +41,8 @@ class Fitted:
     ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch; ``cost`` minus twice the log-likelihood (up to a
     constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
     were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
-    for row the finite ``judged`` of ``rests``; ``converged``.
+    for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated midway turned
+    out too early, the last column of ``jacobian`` when there are such; known beforehand to be 0 +- ``slack``.
     """
 
     form: Form
@@ -56,6 +57,8 @@ class Fitted:
     jacobian: Array
     samples: int
     converged: bool
+    shift: float = 0.0
+    slack: float = 0.0
 
     @property
     def model(self) -> ExtendedModel:
@@ -81,4 +84,11 @@ class Fitted:
 
     def covariance(self, raised: float = 1.0) -> Array:
         """Return the covariance of the fitted numbers, times *raised* for coloured residuals."""
-        return raised * inverse_of(self.jacobian.T @ self.jacobian)
+        return raised * inverse_of(self.information(raised))
+
+    def information(self, raised: float = 1.0) -> Array:
+        """Return the information matrix (q, q), that of what is known of the shift beforehand taken times *raised*."""
+        information = np.asarray(self.jacobian.T @ self.jacobian)
+        if self.slack:
+            information[-1, -1] += raised / self.slack**2
+        return information

@@ -1,7 +1,9 @@
 """Fitting a model with effects by output error: every signal's noise level is part of the likelihood.
 
 Minus twice the log-likelihood with the noise levels at their best is ``sum_s n_s log(RSS_s / n_s)``; its Gauss-Newton
-step is that of least squares weighted with ``n_s / RSS_s``. Initial states are fitted per stretch.
+step is that of least squares weighted with ``n_s / RSS_s``. Initial states are fitted per stretch. Where changes of the
+inputs are dated midway between two messages (decision 3), so is one shift of all their stamps, no farther than the
+messages allow: a misdating is no effect of the craft's. What tells it from a delay is only that it is small.
 """
 
 from __future__ import annotations
@@ -18,11 +20,11 @@ from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
-from gcs_autotune.identify.extended.task import Task, typical_of
+from gcs_autotune.identify.extended.task import Task, judged_by, typical_of
 from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.models.coupled import Form
 
-__all__ = ["FLOOR", "Fitted", "Problem", "Rest", "typical_of"]
+__all__ = ["FLOOR", "Fitted", "Problem", "Rest", "judged_by", "typical_of"]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +63,7 @@ class Problem:
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
         self.floors = {n: FLOOR * min(s, TURN if n in ANGLES else np.inf) for n, s in scene.spread.items()}
+        self.dating = max((s.dating for s in stretches), default=0.0)
 
     def on(self, stretches: Sequence[Stretch], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other stretches (or with other base parameters free)."""
@@ -82,9 +85,10 @@ class Problem:
         trials: int = 30,
         fixed_effects: bool = False,
         learn: bool = True,
+        shift: float = 0.0,
     ) -> Fitted | None:
         """Fit from these values on; None when the motion runs away at the start already."""
-        task = Task(self, theta, in_order(effects), tuple(initial), fixed_effects)
+        task = Task(self, theta, in_order(effects), tuple(initial), fixed_effects, shift)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
         learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
@@ -104,16 +108,18 @@ class Problem:
 
     def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[Applied, ...], tuple[Array, ...]]:
         """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
-        task = Task(self, fitted.theta, fitted.effects, fitted.initial, False)
+        task = Task(self, fitted.theta, fitted.effects, fitted.initial, False, fitted.shift)
         low, high = task.limits()
-        theta, effects, initial = task.unpack(np.clip(task.pack() + by, low, high))
+        theta, effects, initial, _ = task.unpack(np.clip(task.pack() + by, low, high))
         return theta, effects, tuple(initial)
 
     def first_states(self, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
         """Return initial states of any stretches, read off their first samples."""
         return ground_of(self.form, [s.record for s in stretches]).initial
 
-    def states(self, theta: Array, effects: Sequence[Applied], initial: Sequence[Array]) -> Fitted | None:
-        """Fit the initial states only: how a given model predicts these stretches."""
+    def states(
+        self, theta: Array, effects: Sequence[Applied], initial: Sequence[Array], shift: float = 0.0
+    ) -> Fitted | None:
+        """Fit the initial states (and the shift of input stamps) only: how a given model predicts these stretches."""
         alone = self.on(self.stretches, free=())
-        return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15)
+        return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)

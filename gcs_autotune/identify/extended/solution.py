@@ -43,7 +43,10 @@ def solution_of(problem: Problem, fitted: Fitted) -> CoupledSolution:
         scores.append(rest.judged[good] / levels[rest.signal])
     low, high = problem.edges(fitted.effects, fitted.free_effects)
     at_bound = near_bound(names, fitted.shared, low, high)
-    whole, blind = _covariance(sum((J.T @ J for J in rows), np.zeros((fitted.jacobian.shape[1],) * 2)), names, at_bound)
+    information = sum((J.T @ J for J in rows), np.zeros((fitted.jacobian.shape[1],) * 2))
+    if fitted.slack:
+        information[-1, -1] += fitted.slack**-2
+    whole, blind = _covariance(information, names, at_bound)
     return CoupledSolution(
         form=fitted.form,
         theta=fitted.theta,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects.effect import Scene
 from gcs_autotune.effects.extended import Passage, passage_of
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
-from gcs_autotune.identify.axis.record import INPUTS, MIN_SAMPLES
+from gcs_autotune.identify.axis.record import INPUTS, MIN_SAMPLES, dating_of
 from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of, prepare_coupled, signals_of, within_horizon
 from gcs_autotune.identify.coupled.smoothing import first_levels_of
 from gcs_autotune.identify.result import Doubt
@@ -23,7 +23,7 @@ from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["Stretch", "plain_form", "scene_of", "stretches_of", "within"]
+__all__ = ["Stretch", "plain_form", "scene_of", "stretches_of", "within", "without"]
 
 Array = NDArray[np.float64]
 
@@ -35,28 +35,36 @@ FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """One uninterrupted stretch: its signals, and how a simulation passes over it."""
+    """One uninterrupted stretch: its signals, and how a simulation passes over it.
+
+    ``dating`` [s]: how far the stamps of its inputs may be off, all by the same (decision 3); 0 when they are exact.
+    """
 
     record: CoupledRecord
     passage: Passage
     form: Form
+    dating: float = 0.0
 
     @property
     def run(self) -> str:
         """Name of the run."""
         return self.passage.run
 
+    def late(self, shift: float) -> Passage:
+        """Return the passage with its inputs *shift* [s] later than stamped; as it is when stamps are exact."""
+        return replace(self.passage, t_in=self.passage.t_in + shift) if shift and self.dating else self.passage
+
     def pieces(self, count: int) -> list[Stretch]:
         """Cut into *count* stretches of about as many stamps each; commands stay whole."""
         return [
-            _stretch(piece, self.passage.run, self.passage.measured, self.form)
+            _stretch(piece, self.passage.run, self.passage.measured, self.form, self.dating)
             for piece in pieces_of(self.record, count)
         ]
 
     def within(self, horizon: float) -> list[Stretch]:
         """Cut into stretches no longer than *horizon* [s], none shorter than can be fitted; commands stay whole."""
         return [
-            _stretch(piece, self.passage.run, self.passage.measured, self.form)
+            _stretch(piece, self.passage.run, self.passage.measured, self.form, self.dating)
             for piece in within_horizon(self.record, horizon)
         ]
 
@@ -64,7 +72,7 @@ class Stretch:
 def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     """Return the base model: the degrees of freedom in the file, uncoupled, with linear drag.
 
-    dof : names joined by commas, to look at these only.
+    dof : names joined by commas, to look at these only; None: what the records say they swung, else all there are.
 
     Raises
     ------
@@ -75,7 +83,7 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     varies = {
         n for run in runs for n, c in run.channels.items() if len(c) and np.ptp(c.values[np.isfinite(c.values)]) > 0
     }
-    asked = None if dof is None else [d.strip() for d in dof.split(",")]
+    asked = swung(runs) if dof is None else [d.strip() for d in dof.split(",")]
     if asked is not None:
         strange = [d for d in asked if d not in DOFS]
         if strange:
@@ -109,6 +117,15 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
         )
     title = "uncoupled, linear drag: " + ", ".join(dofs)
     return Form("plain", title, tuple(dofs), tuple(free), known, inputs, coriolis=False)
+
+
+def swung(runs: Sequence[Trial]) -> list[str] | None:
+    """Return the degree of freedom the records of all *runs* say was swung; None when not all say the same.
+
+    The others were kept still by a controller meanwhile: what they tell is how well it did.
+    """
+    told = {run.meta.get("dof") for run in runs}
+    return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
 
 
 def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
@@ -151,8 +168,9 @@ def stretches_of(
             failures.append((run.name, error))
             continue
         measured = {n: c for n, c in ready.channels.items() if len(c)}
+        dating = max((dating_of(ready, ready[n]) for n in form.inputs), default=0.0)
         for record in records:
-            found.append(_stretch(record, run.name, measured, form))
+            found.append(_stretch(record, run.name, measured, form, dating))
             doubts += record.notes
     if not found:
         raise failures[0][1]
@@ -182,7 +200,8 @@ def without(stretches: Sequence[Stretch], name: str) -> list[Stretch]:
     for s in stretches:
         others = {n: signal for n, signal in s.record.signals.items() if n != name}
         if others:
-            found.append(_stretch(replace(s.record, signals=others), s.run, s.passage.measured, s.form))
+            record = replace(s.record, signals=others)
+            found.append(_stretch(record, s.run, s.passage.measured, s.form, s.dating))
     return found
 
 
@@ -230,10 +249,10 @@ def _unwrapped(values: Array, turn: float) -> Array:
     return unwrapped
 
 
-def _stretch(record: CoupledRecord, run: str, measured: Mapping[str, Channel], form: Form) -> Stretch:
+def _stretch(record: CoupledRecord, run: str, measured: Mapping[str, Channel], form: Form, dating: float) -> Stretch:
     commands = {n: np.ascontiguousarray(record.inputs[:, i]) for i, n in enumerate(form.inputs)}
     passage = passage_of(run, record.t_in, commands, {n: s.t for n, s in record.signals.items()}, measured)
-    return Stretch(record, passage, form)
+    return Stretch(record, passage, form, dating)
 
 
 def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float] | None = None) -> Scene:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,9 +20,31 @@ from gcs_autotune.identify.least_squares import Local
 if TYPE_CHECKING:
     from gcs_autotune.identify.extended.fitting import Problem
 
-__all__ = ["Task", "typical_of"]
+__all__ = ["Task", "judged_by", "typical_of"]
 
 Array = NDArray[np.float64]
+
+REACH = 1.5
+"""How far a shift of input stamps may go, in units of ``Stretch.dating``: to the end of what the messages allow, and a
+little beyond for an autopilot that acts on its next loop only."""
+
+NUDGE = 1e-3
+"""Difference quotient for the shift of input stamps, in shares of how far they may be off."""
+
+
+def judged_by(effects: Sequence[Applied], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    """Return a residual (n,), its derivatives (n, k) and the penalty as all disturbances among *effects* leave them."""
+    fee = 0.0
+    for own in effects:
+        if BOOK[own.slug].overrides("judge"):
+            error, columns, more = BOOK[own.slug].judge(own, left, columns)
+            left, fee = replace(left, error=error), fee + more
+    return left.error, columns, fee
+
+
+def slack_of(dating: float) -> float:
+    """Return the standard deviation [s] with which a shift is known to be none: it may well be all of *dating*."""
+    return dating
 
 
 def typical_of(own: Applied, scene: Scene) -> dict[str, float]:
@@ -45,8 +68,10 @@ class Task:
         effects: tuple[Applied, ...],
         initial: tuple[Array, ...],
         fixed_effects: bool,
+        shift: float,
     ) -> None:
         self.problem, self.theta, self.effects, self.initial = problem, theta, effects, initial
+        self.shift, self.dated = shift, problem.dating > 0.0
         self.levels: dict[str, float] = {}
         scene = problem.scene
         self.free_effects = tuple(
@@ -73,7 +98,9 @@ class Task:
             self.columns.append(np.r_[np.arange(self.shared), used + np.arange(len(names))])
             self.state_places.append([simulator.states.index(n) for n in names])
             used += len(names)
-        self.size = used
+        self.size = used + self.dated
+        if self.dated:
+            self.columns = [np.r_[own, used] for own in self.columns]
 
     def _states(self, stretch: Stretch) -> tuple[str, ...]:
         form = ExtendedSimulator(self.problem.form, self.effects).form
@@ -81,18 +108,20 @@ class Task:
         return tuple(n for n in names if not n.startswith("lagged"))
 
     def pack(self) -> Array:
-        """Return the vector (q,): base parameters, effects' parameters, initial states."""
+        """Return the vector (q,): base parameters, effects' parameters, initial states, shift of stamps."""
         own = [self.effects[i].values[n] for i, n in self.free_effects]
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
-        return np.concatenate([self.theta[self.places], own, *states])
+        return np.concatenate([self.theta[self.places], own, *states, [self.shift] if self.dated else []])
 
     def limits(self) -> tuple[Array, Array]:
         """Return the smallest and the largest vector allowed."""
         low, high = self.problem.edges(self.effects, self.free_effects)
         rest = np.full(self.size - self.shared, np.inf)
+        if self.dated:
+            rest[-1] = REACH * self.problem.dating
         return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
-    def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array]]:
+    def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array], float]:
         """Undo :meth:`pack`."""
         p = len(self.places)
         theta = self.theta.copy()
@@ -104,26 +133,30 @@ class Task:
         initial = []
         for x_0, at, columns in zip(self.initial, self.state_places, self.columns, strict=True):
             mine = x_0.copy()
-            mine[at] = x[columns[self.shared :]]
+            mine[at] = x[columns[self.shared : self.shared + len(at)]]
             initial.append(mine)
-        return theta, effects, initial
+        return theta, effects, initial, float(x[-1]) if self.dated else 0.0
 
     def rests(self, x: Array, *, sensitivities: bool) -> tuple[list[Rest], list[Array], float] | None:
         """Return what is left of every signal, Jacobians of the prediction (n, own columns), and penalties."""
-        theta, effects, initial = self.unpack(x)
-        judges = [e for e in effects if BOOK[e.slug].overrides("judge")]
+        theta, effects, initial, shift = self.unpack(x)
         rests, tables, penalty = [], [], 0.0
         for i, stretch in enumerate(self.problem.stretches):
-            found = self.simulators[i].run(theta, effects, initial[i], stretch.passage, sensitivities=sensitivities)
+            simulator, passage = self.simulators[i], stretch.late(shift)
+            found = simulator.run(theta, effects, initial[i], passage, sensitivities=sensitivities)
             if found is None:
                 return None
+            if sensitivities and self.dated:
+                h = NUDGE * self.problem.dating
+                later = simulator.run(theta, effects, initial[i], stretch.late(shift + h))
+                if later is None:
+                    return None
+                found = {n: (y, np.column_stack([by, (later[n][0] - y) / h])) for n, (y, by) in found.items()}
             for name, signal in stretch.record.signals.items():
                 predicted, by = found[name]
-                error, columns, fee = signal.values - predicted, by, 0.0
-                for own in judges:
-                    left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
-                    error, columns, more = BOOK[own.slug].judge(own, left, columns)
-                    fee += more
+                error = signal.values - predicted
+                left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
+                error, columns, fee = judged_by(effects, left, by)
                 penalty += fee
                 rests.append(Rest(i, name, signal.t, signal.values, predicted, error, fee))
                 tables.append(columns)
@@ -140,6 +173,10 @@ class Task:
         rests, tables, cost = found
         sums, counts = self._sums(rests)
         gradient, curvature = np.zeros(self.size), np.zeros((self.size, self.size))
+        if self.dated:
+            weight = 1.0 / slack_of(self.problem.dating) ** 2
+            cost += weight * x[-1] ** 2
+            gradient[-1], curvature[-1, -1] = weight * x[-1], weight
         for name, total in sums.items():
             n, floor = counts[name], self.problem.floors[name]
             cost += n * np.log((total + n * floor**2) / n / floor**2)
@@ -166,9 +203,9 @@ class Task:
 
     def learn(self, x: Array) -> None:
         """Let disturbances learn from what is left over."""
-        theta, effects, initial = self.unpack(x)
+        theta, effects, initial, shift = self.unpack(x)
         plain = tuple(e for e in effects if not BOOK[e.slug].overrides("judge"))
-        task = Task(self.problem, theta, plain, tuple(initial), True)
+        task = Task(self.problem, theta, plain, tuple(initial), True, shift)
         found = task.rests(task.pack(), sensitivities=False)
         if found is None:
             return
@@ -178,7 +215,7 @@ class Task:
         runs = self.problem.stretches
         left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
         self.effects = tuple(BOOK[e.slug].learn(e, left) if BOOK[e.slug].overrides("learn") else e for e in effects)
-        self.theta, self.initial, self.levels = theta, tuple(initial), levels
+        self.theta, self.initial, self.shift, self.levels = theta, tuple(initial), shift, levels
 
     def fitted(self, x: Array, converged: bool) -> Fitted | None:
         """Return the fit that ended at *x*."""
@@ -190,13 +227,16 @@ class Task:
         floors = self.problem.floors
         levels = {n: float(np.sqrt(s / max(counts[n], 1) + floors[n] ** 2)) for n, s in sums.items()}
         cost += sum(counts[n] * np.log(levels[n] ** 2 / floors[n] ** 2) for n in sums)
+        if self.dated:
+            cost += (x[-1] / slack_of(self.problem.dating)) ** 2
         rows = []
         for rest, J in zip(rests, tables, strict=True):
             good = np.isfinite(rest.judged)
             wide = np.zeros((int(good.sum()), self.size))
             wide[:, self.columns[rest.stretch]] = J[good] / levels[rest.signal]
             rows.append(wide)
-        theta, effects, initial = self.unpack(x)
+        theta, effects, initial, shift = self.unpack(x)
+        slack = slack_of(self.problem.dating)
         return Fitted(
             form=self.problem.form,
             theta=theta,
@@ -210,4 +250,6 @@ class Task:
             jacobian=np.vstack(rows),
             samples=sum(counts.values()),
             converged=converged,
+            shift=shift,
+            slack=slack,
         )
