@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.actuator import horizon
 from gcs_autotune.effects.effect import Applied, Leftover, Scene
-from gcs_autotune.effects.extended import ExtendedModel, ExtendedSimulator, in_order
+from gcs_autotune.effects.extended import STEP, ExtendedModel, ExtendedSimulator, in_order
 from gcs_autotune.identify.coupled.objective import Limits, free_states
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.extended.stretches import Stretch
@@ -36,9 +37,6 @@ TOLERANCE = 1e-8
 REACH = 1.5
 """How far a shift of input stamps may go, in units of ``Stretch.dating``: to the end of what the messages allow, and a
 little beyond for an autopilot that acts on its next loop only."""
-
-NUDGE = 1e-3
-"""Difference quotient for the shift of input stamps, in shares of how far they may be off."""
 
 LESSONS = 3
 """Rounds of fitting and learning where a disturbance is learnt from what is left over."""
@@ -316,7 +314,7 @@ class _Task:
             if found is None:
                 return None
             if sensitivities and self.dated:
-                h = NUDGE * self.problem.dating
+                h = STEP * horizon(self.problem.scene)[1]  # a delay's own: the two must not look different
                 later = simulator.run(theta, effects, initial[i], stretch.late(shift + h))
                 if later is None:
                     return None
