@@ -21,7 +21,7 @@ from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Channel
 
-__all__ = ["SCHEMA", "ExtendedModel", "ExtendedSimulator", "Passage", "in_order"]
+__all__ = ["SCHEMA", "STEP", "ExtendedModel", "ExtendedSimulator", "Passage", "in_order"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

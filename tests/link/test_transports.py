@@ -317,7 +317,7 @@ def test_a_simulator_that_does_not_start_is_said_so() -> None:
         ChildLink(["/no/such/program"], "sitl:x")
 
 
-def test_sitl_uris_start_the_simulator_with_name_and_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sitl_uris_start_the_simulator_with_all_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
     commands: list[list[str]] = []
 
     def popen(command: list[str], **options: object) -> None:
@@ -325,15 +325,35 @@ def test_sitl_uris_start_the_simulator_with_name_and_seed(monkeypatch: pytest.Mo
         raise OSError(errno.ENOENT, "gone")
 
     monkeypatch.setattr(subprocess, "Popen", popen)
-    for uri in ("sitl:charlie", "sitl:charlie?seed=3"):
+    hidden = "effect=steady-current@over%20ground.V_x=0.1,V_y=0&effect=dead-zone.width=0.1"
+    for uri in ("sitl:charlie", "sitl:charlie?seed=3", f"sitl:charlie?{hidden}&param=A=1&model=a%26b.json"):
         with pytest.raises(CannotOpenLink):
             open_link(uri, seed=9)
     assert [c[1:] for c in commands] == [
         ["-m", "sitl", "charlie", "--lockstep", "--seed", "9"],
         ["-m", "sitl", "charlie", "--lockstep", "--seed", "3"],
+        [
+            *["-m", "sitl", "charlie", "--lockstep", "--seed", "9"],
+            *["--effect=steady-current@over ground.V_x=0.1,V_y=0", "--effect=dead-zone.width=0.1"],
+            *["--param=A=1", "--model=a&b.json"],
+        ],
     ]
-    with pytest.raises(UsageError, match="seed"):
-        open_link("sitl:charlie?speed=3")
+
+
+@pytest.mark.parametrize(
+    "query", ["speed=3", "seed=x", "seed=-1", "effect", "model=", "seed=1&seed=2", "model=a&model=b"]
+)
+def test_what_a_sitl_uri_cannot_mean_is_refused(query: str) -> None:
+    with pytest.raises(UsageError, match=r"seed|model"):
+        open_link(f"sitl:charlie?{query}")
+
+
+def test_a_misspelt_effect_in_a_uri_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UnknownName, match="did you mean dead-zone") as caught:
+        open_link("sitl:charlie?effect=dead-zon.width=0.1")
+    assert (caught.value.name, caught.value.nearest) == ("dead-zon", ("dead-zone",))
+    with pytest.raises(UsageError, match="needs width"):
+        open_link("sitl:charlie?effect=dead-zone")
 
 
 # --- connection strings and what can go wrong ----------------------------------------------------------------

@@ -1,0 +1,60 @@
+"""Effects hidden in the simulator's process, flown over MAVLink in lock-step, named from the record.
+
+The hulls have effects of their own, named as well: the numbers on the right are those of ``sitl/vehicles``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.cli import main
+
+BOAT_BIAS = 0.008 / 0.5235987755982988
+"""Charlie's steady moment, in shares of full rudder."""
+
+FALCON_BUOYANCY, FALCON_DRAG = 10.0 / 300.0, 20.0 / 300.0
+"""Falcon's force down and quadratic drag in heave, in shares of full thrust."""
+
+
+def told(capsys: pytest.CaptureFixture[str], folder: Path, axis: str, uri: str) -> dict[str, Any]:
+    """Fly two relay experiments and return what ``diagnose`` says of them."""
+    assert main(["experiment", axis, "--connect", uri, "--out", str(folder), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["diagnose", str(folder), "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def numbers(found: dict[str, Any], cause: str) -> dict[str, tuple[float, float]]:
+    parameters = next(f["parameters"] for f in found["found"] if f["cause"] == cause)
+    return {n: (v["value"], v["std"]) for n, v in parameters.items()}
+
+
+def near(found: dict[str, Any], cause: str, name: str, truth: float) -> bool:
+    value, std = numbers(found, cause)[name]
+    return abs(value - truth) < 3.0 * std
+
+
+def test_a_bent_compass_on_a_boat_is_named_with_its_card(tmp_path, capsys):
+    uri = "sitl:charlie?effect=compass-deviation.B=0.1,C=-0.05&seed=3"
+    found = told(capsys, tmp_path / "run", "heading", uri)
+    assert found["verdict"] == "effect-found"
+    assert set(found["causes"]) == {"compass-deviation", "input-bias", "measurement-delay"}
+    assert near(found, "compass-deviation", "B", 0.1) and near(found, "compass-deviation", "C", -0.05)
+    assert numbers(found, "input-bias")["bias"][0] == pytest.approx(BOAT_BIAS, rel=0.02)
+
+
+def test_a_lagging_thruster_on_a_diving_rov_is_named_with_its_time_constant(tmp_path, capsys):
+    uri = "sitl:falcon?effect=actuator-lag@vertical.time_constant=0.5&seed=3"
+    found = told(capsys, tmp_path / "run", "depth", uri)
+    assert found["verdict"] == "effect-found"
+    assert {"actuator-lag", "net-buoyancy"} <= set(found["causes"])
+    assert set(found["causes"]) <= {"actuator-lag", "net-buoyancy", "quadratic-drag", "quantisation"}
+    assert near(found, "actuator-lag", "time_constant", 0.5)
+    assert numbers(found, "net-buoyancy")["force"][0] == pytest.approx(FALCON_BUOYANCY, rel=0.03)
+    if "quadratic-drag" in found["causes"]:
+        assert near(found, "quadratic-drag", "coefficient", FALCON_DRAG)
