@@ -1,10 +1,6 @@
 """How fast a diagnosis is over the whole book: yaw under 10 s, three degrees of freedom under 60 s.
 
-<<<<<<< HEAD
 ``python3 -m benchmarks.diagnosis_speed``: each is three runs of 600 samples, with a dead zone hidden on every input
-=======
-Run: ``python3 -m benchmarks.diagnosis_speed``. Each is three runs of 600 samples, a dead zone hidden on every input
->>>>>>> main
 (several passes over the book) and with nothing hidden. Wall seconds depend on what else the machine does; beside them
 stand CPU seconds, and how many plain simulations by ``scipy.integrate.solve_ivp`` of one such run take as long.
 """

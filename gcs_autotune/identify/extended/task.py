@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.actuator import horizon
 from gcs_autotune.effects.effect import Applied, Leftover, Scene
-from gcs_autotune.effects.extended import ExtendedSimulator
+from gcs_autotune.effects.extended import STEP, ExtendedSimulator
 from gcs_autotune.identify.coupled.objective import free_states
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
@@ -27,9 +28,6 @@ Array = NDArray[np.float64]
 REACH = 1.5
 """How far a shift of input stamps may go, in units of ``Stretch.dating``: to the end of what the messages allow, and a
 little beyond for an autopilot that acts on its next loop only."""
-
-NUDGE = 1e-3
-"""Difference quotient for the shift of input stamps, in shares of how far they may be off."""
 
 
 def judged_by(effects: Sequence[Applied], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
@@ -147,7 +145,7 @@ class Task:
             if found is None:
                 return None
             if sensitivities and self.dated:
-                h = NUDGE * self.problem.dating
+                h = STEP * horizon(self.problem.scene)[1]  # a delay's own: the two must not look different
                 later = simulator.run(theta, effects, initial[i], stretch.late(shift + h))
                 if later is None:
                     return None
