@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.ahead import look_ahead
 from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value
 from gcs_autotune.diagnose.judging import (
     ALIKE,
@@ -53,9 +54,6 @@ ROUGH = 8
 
 DONE = 0.5
 """Whiteness at which the search is over."""
-
-AHEAD = 3
-"""Candidates that are followed one cause further when none pays alone."""
 
 ASTRAY = 0.05
 """Whiteness below which bookkeeping errors are also looked for from fits that leave out one signal."""
@@ -101,7 +99,7 @@ class Search:
         found = self.step(stage, slugs=slugs)
         taken: tuple[Found, ...] = (found,)
         if found.accepted is None and white < SIGNIFICANCE:
-            taken = self._look_ahead(found, stage) or taken
+            taken = look_ahead(self, found, stage) or taken
         self.steps.extend(taken)
         accepted = taken[-1].accepted
         if accepted is not None:
@@ -133,31 +131,6 @@ class Search:
                     return other, fit
         return None
 
-    def _coloured(self) -> bool:
-        return whiteness_of(tests_of(self.problem, self.fitted)) < SIGNIFICANCE
-
-    def _look_ahead(self, found: Found, stage: str) -> tuple[Found, Found] | None:
-        """Return two causes that only pay together: each of the likeliest, with the best second one on top of it."""
-        pairs: list[tuple[float, Judged, Found]] = []
-        tried = max(self.tried, 2) * (max(self.tried, 2) - 1) // 2
-        for one in [j for j in found.judged if j.evidence > 0.0][:AHEAD]:
-            second = self.step(f"{stage} and another", one.fitted, quick=True)
-            if second.judged and second.judged[0].evidence > 0.0:
-                both = second.judged[0].fitted
-                pairs.append((both.cost + price_of(both, self.fitted), one, second))
-        if not pairs:
-            return None
-        _, one, second = min(pairs, key=lambda p: p[0])
-        top = second.judged[0]
-        paired = self._judged(top.own, top.fitted, self.fitted, tried)
-        if winner_of([paired], tried, self.fitted) is None:
-            return None
-        first = next(e for e in top.fitted.effects if (e.slug, e.place) == (one.own.slug, one.own.place))
-        judged = tuple(replace(j, own=first) if j is one else j for j in found.judged)
-        accepted = next(j for j in judged if j.own is first)
-        others = tuple(j for j in second.judged if j is not top)
-        return Found(judged, accepted), Found((paired, *others), paired)
-
     def _take(self, judged: Judged) -> None:
         self.fitted = judged.fitted
         self.present_unseen = judged.unseen or self.unseen(judged.fitted)
@@ -188,7 +161,7 @@ class Search:
         raised = correlation_of(best)
 
         def judged_one(i: int) -> Judged:
-            return self._judged(rough[i][0].own, ends[i], present, len(choices), raised, quick=quick)
+            return self.judged(rough[i][0].own, ends[i], present, len(choices), raised, quick=quick)
 
         judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.jobs))
         return Found(tuple(judged), None if quick else winner_of(judged, len(choices), present))
@@ -222,7 +195,7 @@ class Search:
         fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
         return fit if fit is not None and fit.cost <= best.cost else best
 
-    def _judged(
+    def judged(
         self,
         own: Applied,
         fitted: Fitted,
