@@ -35,23 +35,20 @@ def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test
     told = sorted((t for t in tests if t.p * len(tests) < TOLD), key=lambda t: (t.p, -abs(t.size)))
     lines: dict[str, None] = {}
     for test in told:
-        lines.setdefault(_words(test, fitted), None)
+        lines.setdefault(_words(test), None)
     return Signature(tuple(list(lines)[:MOST]), whiteness_of(tests)), tests
 
 
-def _words(test: Test, fitted: Fitted) -> str:
+def _words(test: Test) -> str:
     if not test.signal:
-        return f"the residual goes with {test.what} (correlation {test.size:+.2f})"
-    unit = SIGNALS[test.signal][0]
-    rms = fitted.levels[test.signal]
+        return f"what is left over goes with {test.what} (correlation {test.size:+.2f})"
     if test.what == "one frequency":
-        return f"{test.signal}: {100 * test.size:.0f} % of the residual's power is one frequency"
+        return f"{test.signal}: {100 * test.size:.0f} % of the power of what is left over is one frequency"
     if test.what == "heavy tails":
-        return f"{test.signal}: single samples are far off, tails heavier than noise has (kurtosis {test.size:+.1f})"
+        return f"{test.signal}: single samples are far off, more than noise has (kurtosis {test.size:+.1f})"
     if test.what == "slow drift":
-        wide = math.sqrt(test.size)
-        return f"{test.signal}: the residual (rms {rms:.3g} {unit}) wanders slowly: {wide:.1f} times as far as noise"
-    return f"{test.signal}: {test.what} of the residual (rms {rms:.3g} {unit}), {test.size:+.2f} from sample to sample"
+        return f"{test.signal}: what is left wanders slowly, {math.sqrt(test.size):.1f} times as far as noise would"
+    return f"{test.signal}: what is left over is no noise: each sample takes after the ones before it"
 
 
 def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:

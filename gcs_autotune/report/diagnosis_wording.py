@@ -97,9 +97,7 @@ def _unexplained(told: Diagnosis) -> str:
     error, unit, signal = base_error(told)
     said = "Something is missing, and it is not in the book"
     if math.isfinite(error):
-        noise = told.noise.get(signal, math.nan)
-        times = f", {format_number(error / noise, 2)} times the noise" if noise > 0.0 else ""
-        said += f": the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}{times}"
+        said += f": the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}"
     return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
 
 
