@@ -13,6 +13,7 @@ from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import SIGNALS
@@ -105,15 +106,18 @@ def parameters_off(search: Search) -> list[Doubt]:
         return []
     before, after = search.given, search.fitted
     std = np.sqrt(np.maximum(np.diag(after.covariance(correlation_of(after))), 0.0))
+    told = [(n, before.theta[after.form.parameters.index(n)]) for n in after.free]
+    known = {(e.slug, e.place): e.values for e in before.effects}
+    for i, name in after.free_effects:
+        own = after.effects[i]
+        told.append((label_of(own, name), known.get((own.slug, own.place), own.values)[name]))
     found = []
-    for k, name in enumerate(after.free):
-        i = after.form.parameters.index(name)
-        old, new = float(before.theta[i]), float(after.theta[i])
-        if abs(new - old) > max(OFF * abs(old), SURE * float(std[k])):
+    for (name, old), new, sure in zip(told, after.shared.tolist(), std.tolist(), strict=False):
+        if abs(new - float(old)) > max(OFF * abs(float(old)), SURE * sure):
             found.append(
                 Doubt(
                     "parameter-off",
-                    f"the model has {name} = {old:.4g}, these runs say {new:.4g} +- {std[k]:.2g}",
+                    f"the model has {name} = {float(old):.4g}, these runs say {new:.4g} +- {sure:.2g}",
                     "use the extended model's number",
                 )
             )

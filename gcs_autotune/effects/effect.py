@@ -171,6 +171,11 @@ class Scene:
     runs: tuple[str, ...] = ()
     """Names of the runs."""
 
+    @property
+    def full(self) -> Mapping[str, float]:
+        """What full output of each input is: 1 where it is recorded in shares of full, else the largest seen."""
+        return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.swing.items()}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:

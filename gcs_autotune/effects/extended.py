@@ -59,7 +59,7 @@ class Passage:
 class ExtendedModel:
     """A coupled model and the effects that stand between it and the measurements, in the book's order.
 
-    ``swing``: largest magnitude of each input in the runs it comes from, what "full" means to whoever flies it;
+    ``swing``: what "full" of each input means to whoever flies it (:attr:`.effect.Scene.full`);
     ``units`` of the inputs ("1": fractions of full output). Both empty when nobody said.
     """
 

@@ -20,11 +20,11 @@ FALCON_BUOYANCY, FALCON_DRAG = 10.0 / 300.0, 20.0 / 300.0
 """Falcon's force down and quadratic drag in heave, in shares of full thrust."""
 
 
-def told(capsys: pytest.CaptureFixture[str], folder: Path, axis: str, uri: str) -> dict[str, Any]:
-    """Fly two relay experiments and return what ``diagnose`` says of them."""
+def told(capsys: pytest.CaptureFixture[str], folder: Path, axis: str, uri: str, *options: str) -> dict[str, Any]:
+    """Fly two relay experiments and return what ``diagnose`` with *options* says of them."""
     assert main(["experiment", axis, "--connect", uri, "--out", str(folder), "--json"]) == 0
     capsys.readouterr()
-    assert main(["diagnose", str(folder), "--json"]) == 0
+    assert main(["diagnose", str(folder), *options, "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
 
@@ -58,3 +58,26 @@ def test_a_lagging_thruster_on_a_diving_rov_is_named_with_its_time_constant(tmp_
     assert numbers(found, "net-buoyancy")["force"][0] == pytest.approx(FALCON_BUOYANCY, rel=0.03)
     if "quadratic-drag" in found["causes"]:
         assert near(found, "quadratic-drag", "coefficient", FALCON_DRAG)
+
+
+def test_a_model_file_flown_and_diagnosed_against_itself_has_nothing_missing(tmp_path, capsys):
+    model = tmp_path / "model.json"
+    form = {
+        "name": "plain",
+        "title": "heave",
+        "dofs": ["heave"],
+        "free": ["Z_wdot", "Z_w"],
+        "inputs": {"Z": {"Z": 1.0}},
+    }
+    base = {"schema": 1, "model": "coupled", "form": form, "values": {"Z_wdot": -0.43, "Z_w": -0.67}}
+    effects = [
+        {"slug": "net-buoyancy", "place": "heave", "values": {"force": 0.03}},
+        {"slug": "actuator-lag", "place": "Z", "values": {"time_constant": 0.4}},
+        {"slug": "quantisation", "place": "w", "values": {"step": 0.01}, "constants": {"level": 0.004, "known": 0.004}},
+    ]
+    full = {"swing": {"Z": 1.0}}
+    model.write_text(json.dumps({"model": "extended", "base": base, "effects": effects, "constants": full}))
+    uri = f"sitl:falcon?model={model}&seed=3"
+    found = told(capsys, tmp_path / "run", "depth", uri, "--model", str(model))
+    assert (found["verdict"], found["causes"]) == ("no-effect", [])
+    assert not [d for d in found["doubts"] if d["slug"] == "parameter-off"]
