@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -41,7 +41,7 @@ def fit(
     use: Sequence[str] | None = None,
     loss: Literal["linear", "soft_l1"] = "linear",
     effects: Sequence[str] = (),
-    start: ExtendedModel | None = None,
+    start: ExtendedModel | Mapping[str, float] | None = None,
     **options: Any,
 ) -> Fit:
     """Identify a model from one or more recorded runs.
@@ -57,7 +57,8 @@ def fit(
     loss : ``soft_l1`` bears with outliers.
     effects : effects of the book to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
         *structure* the base is then the plain one: uncoupled, linear drag, what the runs show.
-    start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`).
+    start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`);
+        or start values by name, for a method that has that option.
     options : what *method* alone understands, see ``METHODS[method].options``.
 
     Returns
@@ -72,6 +73,8 @@ def fit(
     UsageError
         Arguments that contradict the runs or each other.
     """
+    if start is not None and not isinstance(start, ExtendedModel):
+        options, start = {**options, "start": start}, None
     if effects or start is not None:
         _plain_wish(method, loss, options, structure if start is not None else None)
         return fit_with_effects(_case(_all_as_they_are(runs), structure, dof, delay, use, effects, start))
