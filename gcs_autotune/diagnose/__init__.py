@@ -3,6 +3,7 @@
 ===========  =======================================================================
 door         from runs to a verdict
 intake       runs made fit, or refused with the reason (implausible, worth, follows)
+simulated    somebody else's simulator; numbers of a given model that are off
 pieces       a second look where free runs are lost
 workers      work shared among processes
 tables       tables of identified parameters (table_reading)
@@ -10,7 +11,9 @@ result       what comes out
 screen       which effects are worth a fit
 heldout      errors on data left out
 whiteness    is anything left?
-search       cause after cause, with second thoughts
+judging      evidence, gain, who wins
+search       cause after cause, with second thoughts (ahead, rewiring)
+telling      from a finished search to a :class:`Diagnosis`
 signature    what is left, in words and pictures
 ===========  =======================================================================
 

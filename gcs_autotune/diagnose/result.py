@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects.effect import Applied, Curve
 from gcs_autotune.effects.extended import ExtendedModel
-from gcs_autotune.identify.result import Doubt, Trace
+from gcs_autotune.identify.result import Doubt, Trace, plain_data
 
 __all__ = ["Cause", "Diagnosis", "Gain", "Portrait", "Ranked", "Signature", "Value", "Verdict"]
 
@@ -113,8 +113,8 @@ class Diagnosis:
     """What the simulation gets wrong.
 
     ``causes`` in the order found; ``ranking`` best first within each step; ``indistinguishable`` groups of slugs these
-    runs cannot tell apart, with ``next_manoeuvre`` that would. ``before`` and ``after`` show the signal the gain is
-    given for first. ``noise``: level each signal is left with, ``tried``: candidates examined.
+    runs cannot tell apart, with ``next_manoeuvre`` that would. ``before`` and ``after`` hold one portrait per
+    signal. ``noise``: level each signal is left with, ``tried``: candidates examined.
     """
 
     verdict: Verdict
@@ -139,7 +139,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form of ``diagnose --json``."""
-        plain: dict[str, Any] = _plain(
+        plain: dict[str, Any] = plain_data(
             {
                 "schema": 1,
                 "verdict": self.verdict,
@@ -204,14 +204,3 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "ci95": list(gain.ci95),
         "held_out": gain.held_out,
     }
-
-
-def _plain(thing: Any) -> Any:
-    """Return *thing* as JSON knows it: plain numbers, null for what is not finite."""
-    if isinstance(thing, Mapping):
-        return {str(k): _plain(v) for k, v in thing.items()}
-    if isinstance(thing, (list, tuple, np.ndarray)):
-        return [_plain(v) for v in thing]
-    if isinstance(thing, np.generic):
-        thing = thing.item()
-    return None if isinstance(thing, float) and not math.isfinite(thing) else thing

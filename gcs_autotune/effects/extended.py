@@ -213,7 +213,7 @@ class ExtendedSimulator:
         seen = self._observe(effects, truth)
         if not sensitivities:
             return {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
-        columns = self._through_sensors(effects, truth, seen, by, len(theta))
+        columns = self._through_sensors(effects, truth, seen, by)
         tables: list[Mapping[str, Array]] = list(columns)
         within = len(self.free)
         for k, (i, name) in enumerate(self.free_effects):
@@ -295,7 +295,7 @@ class ExtendedSimulator:
         return truth
 
     def _through_sensors(
-        self, effects: Sequence[Applied], truth: Observed, seen: Observed, by: Mapping[str, Array], p: int
+        self, effects: Sequence[Applied], truth: Observed, seen: Observed, by: Mapping[str, Array]
     ) -> list[dict[str, Array]]:
         """Return the kernel's sensitivities, one table per column, as the sensors pass them on."""
         q = len(self._columns) + len(self.free_states)

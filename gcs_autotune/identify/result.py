@@ -32,6 +32,7 @@ __all__ = [
     "Residuals",
     "Structure",
     "Trace",
+    "plain_data",
 ]
 
 Structure = Literal["linear", "nonlinear", "affine"]
@@ -235,7 +236,7 @@ class Fit:
             "model": self.model.to_dict(),
             **self.extra,
         }
-        plain: dict[str, Any] = _plain(data)
+        plain: dict[str, Any] = plain_data(data)
         return plain
 
 
@@ -267,12 +268,12 @@ class AxisFit(Fit):
         }
 
 
-def _plain(thing: Any) -> Any:
+def plain_data(thing: Any) -> Any:
     """Return *thing* as JSON knows it: plain numbers, null for what is not finite."""
     if isinstance(thing, Mapping):
-        return {str(k): _plain(v) for k, v in thing.items()}
+        return {str(k): plain_data(v) for k, v in thing.items()}
     if isinstance(thing, (list, tuple, np.ndarray)):
-        return [_plain(v) for v in thing]
+        return [plain_data(v) for v in thing]
     if isinstance(thing, np.generic):
         thing = thing.item()
     return None if isinstance(thing, float) and not math.isfinite(thing) else thing

@@ -3,6 +3,6 @@
 ===========  =======================================================================
 stretches    runs made ready, the plain base model
 base         fitting the base model
-fitting      any model with effects, fitted by output error
+fitting      any model with effects, fitted by output error (task, fitted)
 ===========  =======================================================================
 """

@@ -80,7 +80,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
     solution = solution_of(problem, fitted)
     parameters, covariance = _parameters(problem.scene, fitted, solution)
     doubts = [*notes, *general_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
-    model = replace(fitted.model, swing=problem.scene.swing, units=problem.scene.inputs)
+    model = replace(fitted.model, swing=problem.scene.full, units=problem.scene.inputs)
     return Fit(
         dof="+".join(fitted.form.dofs),
         structure=" + ".join((fitted.form.name, *(f"{e.slug}@{e.place}" for e in fitted.effects))),
@@ -96,7 +96,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
         extra={
             "signals": list(solution.noise),
             "inputs": dict(problem.scene.inputs),
-            "swing": dict(problem.scene.swing),
+            "swing": dict(problem.scene.full),
             "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,
