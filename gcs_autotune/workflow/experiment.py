@@ -14,7 +14,7 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Sequencer, visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import come_aboard
+from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import relay_for, second_output, turn_for
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
@@ -52,6 +52,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
         _announce(settings, craft, operator, watcher, craft.observe())
         with visit(craft, watcher):
             craft.arm()
+            say_link_times(craft, watcher)
             trials = _fly(settings, dof, craft, watcher, record)
             delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
             fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
@@ -70,7 +71,8 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
         turn = turn_for(craft.firmware.kind, cruise.throttle)
         if trials and turn is not None:
             sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
-        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name)
+        least = craft.least_period
+        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name, least_period=least)
         flown = sequencer.fly(relay, name)
         if flown.outcome.ending == "aborted":
             raise NotAchieved(f"{name}: {flown.outcome.reason}")
@@ -99,7 +101,7 @@ def _announce(
 ) -> None:
     armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
     for text in (
-        armed,
+        f"{armed}; {TWITCHING}",
         f"use the mode {craft.firmware.manual_mode}, and go back to {now.mode} at the end",
         f"move: two self-oscillation experiments in {settings.axis}",
         "write no parameter",
