@@ -105,10 +105,15 @@ class Company:
         """The vehicle tells everybody on the link whom it has obeyed."""
         system = int(getattr(ack, "target_system", 0))
         if system not in (0, self._session.source_system) and ack.result == mavlink.MAV_RESULT_ACCEPTED:
-            component = int(getattr(ack, "target_component", 0))
+            component = self._component(system, int(getattr(ack, "target_component", 0)))
             self._heard[system, component] = self._session.clock.now()
             self.stations.setdefault((system, component), "")
             self._take(system, component, _command_name(int(ack.command)))
+
+    def _component(self, system: int, told: int) -> int:
+        """Return the component told, or, where the vehicle names none, the one of that system that was heard."""
+        known = [component for of, component in self.stations if of == system]
+        return known[0] if told == 0 and len(known) == 1 else told
 
     def _take(self, system: int, component: int, what: str, name: str = "") -> None:
         self.orders.append(Order(self._session.clock.now(), system, component, what, name))

@@ -18,6 +18,7 @@ from gcs_autotune.link.latency import Latency, LinkTimes
 from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.rate_keeper import RateKeeper
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
@@ -97,6 +98,12 @@ class MavlinkCraft:
             session, firmware, wiring.overrides, wiring.full_speed, self.telemetry, self.latency, self._sticks
         )
         self._resting = True
+
+    def keep_rates(self) -> None:
+        """Rates have been fitted to the link: keep them, whatever other stations ask for, and spare a full link."""
+        RateKeeper(self.session, self.rates, self.company).start()
+        if math.isfinite(self.rates.capacity):
+            self._driver.spare_the_link()
 
     @property
     def firmware(self) -> Firmware:

@@ -1,17 +1,20 @@
 """Asking for message rates, and measuring what really comes.
 
-ArduPilot denies what its loop cannot send and keeps the old rate; radios lose messages. So a request is
-halved until it is granted, the result is measured on the vehicle's own clock, and put back at the end.
+ArduPilot denies what its loop cannot send and keeps the old rate; radios have room for a few kilobytes a second and
+lose the rest. So a request is halved until it is granted, the result is measured on the vehicle's own clock, fitted to
+what the link was seen to carry (:mod:`gcs_autotune.link.bandwidth`), and put back at the end.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from gcs_autotune.errors import AutotuneError, CommandDenied, NoReply, TelemetryFault
+from gcs_autotune.link.bandwidth import CHATTER, Demand, plan
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.wire import Message, mavlink
@@ -20,6 +23,11 @@ __all__ = ["Granted", "Rates", "message_number"]
 
 _SLOWEST = 1.0
 """Hz below which halving gives up."""
+_SHORT = 0.8
+"""Chosen: a message that comes at less than this share of what was granted is being lost or held back."""
+_ROUNDS = 3
+"""Chosen: fittings before what is there has to do."""
+_OFF = -1
 
 
 def message_number(name: str) -> int:
@@ -43,6 +51,8 @@ class Rates:
     ----------
     granted : message name -> what came of the request.
     measured : message name -> Hz, from the last :meth:`measure`.
+    capacity : bytes per second [of the vehicle's time] that the link was seen to carry when it was full; NaN when it
+        never was.
     """
 
     def __init__(self, session: Session, commands: Commands) -> None:
@@ -50,6 +60,10 @@ class Rates:
         self._commands = commands
         self.granted: dict[str, Granted] = {}
         self.measured: dict[str, float] = {}
+        self.capacity = math.nan
+        self._sizes: dict[str, float] = {}
+        self._carried = 0.0
+        self._chatter: dict[str, float] = {}
 
     def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
         """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether."""
@@ -63,6 +77,54 @@ class Rates:
                     f"{name}: asked for {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
                 )
         return {name: self.granted[name].granted for name in wanted}
+
+    def fit(self, needed: Mapping[str, float]) -> dict[str, float]:
+        """Measure, and ask for less, in order of need, until the link carries what is asked for.
+
+        Parameters
+        ----------
+        needed : message -> rate [Hz] without which nothing can be flown.
+
+        Returns message -> Hz measured in the end.
+
+        Raises
+        ------
+        TelemetryFault
+            The link does not even carry what is needed, with the numbers.
+        """
+        for _ in range(_ROUNDS):
+            measured = self.measure({})
+            if not self._is_full(measured):
+                break
+            self.capacity = self._carried
+            self._ask_for_less(needed)
+        else:
+            measured = self.measure({})
+        self._demand(needed)
+        return measured
+
+    def _is_full(self, measured: Mapping[str, float]) -> bool:
+        """Whether something comes, but less often than granted (what does not come at all does not exist aboard)."""
+        return any(0.0 < measured[n] < _SHORT * g.granted for n, g in self.granted.items() if n in measured)
+
+    def _ask_for_less(self, needed: Mapping[str, float]) -> None:
+        present = {n: g for n, g in self.granted.items() if g.granted > 0.0 and self.measured.get(n, 0.0) > 0.0}
+        demands = [Demand(n, g.granted, self._sizes[n], needed.get(n, 0.0)) for n, g in present.items()]
+        rates, hushed = plan(demands, self._chatter, self.capacity)
+        told = []
+        for name, rate in rates.items():
+            before = self.granted[name]
+            if rate < before.granted:
+                told.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")
+                self._set_interval(name, round(1e6 / rate))
+                self.granted[name] = replace(before, granted=rate)
+        for name in hushed:
+            told.append(f"{name} off")
+            self.granted[name] = Granted(0.0, 0.0, self._previous_interval(name))
+            self._set_interval(name, _OFF)
+        self._session.notes.append(
+            f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told) or 'nothing left to save'}"
+        )
 
     def _grant(self, name: str, rate: float) -> float:
         while rate >= _SLOWEST:
@@ -104,11 +166,17 @@ class Rates:
         TelemetryFault
             One comes too slowly, with the numbers, or no ATTITUDE comes to measure time by.
         """
+        rates = self._count(duration, required)
+        self._demand(required, tolerance)
+        return rates
+
+    def _count(self, duration: float, required: Mapping[str, float]) -> dict[str, float]:
         counts: Counter[str] = Counter()
         stamps: list[float] = []
+        traffic = self._session.traffic.copy()
         watched = {*required, *self.granted}
         stops = [self._session.listen(name, partial(_count, counts, name)) for name in watched]
-        stops.append(self._session.listen("ATTITUDE", lambda m: stamps.append(m.time_boot_ms * 1e-3)))
+        stops.append(self._session.listen("ATTITUDE", lambda m: _append_later(stamps, m.time_boot_ms * 1e-3)))
         try:
             self._session.wait_for(lambda: _lasted(stamps, duration), 4.0 * duration)
         finally:
@@ -120,13 +188,26 @@ class Rates:
             raise TelemetryFault(
                 "no ATTITUDE arrives although heartbeats do: is another ground station changing the stream rates?"
             )
-        rates = self.measured = {name: counts[name] / span for name in watched}
-        slow = [f"{n} {rates[n]:.1f} Hz of {hz:g}" for n, hz in required.items() if rates[n] < tolerance * hz]
+        self.measured = {name: counts[name] / span for name in watched}
+        heard = self._session.traffic - traffic
+        self._carried = heard.total() / span
+        self._sizes = {name: heard[name] / counts[name] for name in watched if counts[name]}
+        self._chatter = {n: size / span for n, size in heard.items() if n not in watched and n in CHATTER}
+        return self.measured
+
+    def _demand(self, required: Mapping[str, float], tolerance: float = 0.6) -> None:
+        rates = self.measured
+        slow = [
+            f"{n} {rates.get(n, 0.0):.1f} Hz of {hz:g}"
+            for n, hz in required.items()
+            if rates.get(n, 0.0) < tolerance * hz
+        ]
         if slow:
+            room = f"; it carries {self.capacity:.0f} bytes/s" if math.isfinite(self.capacity) else ""
             raise TelemetryFault(
-                f"telemetry is too slow: {', '.join(slow)}; use a faster link, or ask for fewer messages"
+                f"telemetry is too slow: {', '.join(slow)}{room}. Use a faster link (a higher baud rate, a better "
+                "radio), or close what else uses this one"
             )
-        return rates
 
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""
@@ -141,6 +222,12 @@ class Rates:
 
 def _count(counts: Counter[str], name: str, _: Message) -> None:
     counts[name] += 1
+
+
+def _append_later(stamps: list[float], t: float) -> None:
+    """Keep a stamp unless it is older than the last: datagrams may come out of order, or twice."""
+    if not stamps or t > stamps[-1]:
+        stamps.append(t)
 
 
 def _lasted(stamps: list[float], duration: float) -> bool | None:

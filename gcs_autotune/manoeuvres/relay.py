@@ -191,7 +191,11 @@ class Relay:
     def _judge(self, t: float, x: float) -> None:
         s = self._settings
         state = self._monitor.update(t, x, self._high)
-        if state.periods >= ENOUGH_TO_TELL and state.cycle is not None and state.cycle.T_H + state.cycle.T_L < s.least_period:
+        if (
+            state.periods >= ENOUGH_TO_TELL
+            and state.cycle is not None
+            and state.cycle.T_H + state.cycle.T_L < s.least_period
+        ):
             self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
             return
         if state.settled:
@@ -272,9 +276,9 @@ class Relay:
 
     def _link_too_slow(self, period: float) -> str:
         return (
-            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through this link nothing quicker "
-            f"than {self._settings.least_period:.2f} s tells about the craft rather than about the link's delay and "
-            "sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
+            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through this link nothing "
+            f"quicker than {self._settings.least_period:.2f} s tells about the craft rather than about the link's "
+            "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
         )
 
     def _wrong_way(self) -> str:
