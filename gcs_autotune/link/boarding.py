@@ -89,7 +89,7 @@ def open_craft(
     )
     try:
         rates.request(wanted_rates)
-        rates.fit(needed_rates)
+        rates.fit(needed_rates, wiring.loop_period)
         craft.keep_rates()
         _note_late_rates(session, wiring.rate_lag)
         _follow_control_tick(craft, rates.granted["ATTITUDE"].granted if "ATTITUDE" in rates.granted else 0.0)

@@ -28,6 +28,7 @@ _SHORT = 0.8
 _ROUNDS = 3
 """Chosen: fittings before what is there has to do."""
 _OFF = -1
+_ROUNDING = 1e-3
 
 
 def message_number(name: str) -> int:
@@ -66,24 +67,40 @@ class Rates:
         self._chatter: dict[str, float] = {}
 
     def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
-        """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether."""
+        """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether.
+
+        Raises
+        ------
+        TelemetryFault
+            Answers ceased to come: what was granted so far has filled the link.
+        """
+        begun, before_all = self._session.clock.now(), self._session.traffic.total()
         for name, rate in wanted.items():
             before = self.granted.get(name)
             previous = before.previous if before else self._previous_interval(name)
             self.granted[name] = Granted(rate, 0.0, previous)
-            self.granted[name] = Granted(rate, self._grant(name, rate), previous)
+            try:
+                self.granted[name] = Granted(rate, self._grant(name, rate), previous)
+            except NoReply as error:
+                carried = self._session.traffic.total() - before_all
+                seconds = max(self._session.clock.now() - begun, 1e-3)
+                raise TelemetryFault(
+                    f"the link is too slow: it carries {carried / seconds:.0f} bytes/s, and with that {error}. Use a "
+                    "faster link (a higher baud rate, a better radio), or close what else uses this one"
+                ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
                     f"{name}: asked for {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
                 )
         return {name: self.granted[name].granted for name in wanted}
 
-    def fit(self, needed: Mapping[str, float]) -> dict[str, float]:
+    def fit(self, needed: Mapping[str, float], loop_period: float = 0.0) -> dict[str, float]:
         """Measure, and ask for less, in order of need, until the link carries what is asked for.
 
         Parameters
         ----------
         needed : message -> rate [Hz] without which nothing can be flown.
+        loop_period : of the autopilot [s]; one that sends at its loops only may round an interval up to whole loops.
 
         Returns message -> Hz measured in the end.
 
@@ -94,25 +111,33 @@ class Rates:
         """
         for _ in range(_ROUNDS):
             measured = self.measure({})
-            if not self._is_full(measured):
+            if not self._is_full(measured, loop_period):
                 break
             self.capacity = self._carried
-            self._ask_for_less(needed)
+            try:
+                self._ask_for_less(needed)
+            except NoReply as error:
+                self._session.notes.append(f"the link is too full even to say so: {error}")
+                break
         else:
             measured = self.measure({})
         self._demand(needed)
         return measured
 
-    def _is_full(self, measured: Mapping[str, float]) -> bool:
+    def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
         """Whether something comes, but less often than granted (what does not come at all does not exist aboard)."""
-        return any(0.0 < measured[n] < _SHORT * g.granted for n, g in self.granted.items() if n in measured)
+        return any(
+            0.0 < measured[n] < _SHORT * _at_loops(g.granted, loop_period)
+            for n, g in self.granted.items()
+            if n in measured
+        )
 
     def _ask_for_less(self, needed: Mapping[str, float]) -> None:
         present = {n: g for n, g in self.granted.items() if g.granted > 0.0 and self.measured.get(n, 0.0) > 0.0}
         demands = [Demand(n, g.granted, self._sizes[n], needed.get(n, 0.0)) for n, g in present.items()]
         rates, hushed = plan(demands, self._chatter, self.capacity)
         told = []
-        for name, rate in rates.items():
+        for name, rate in sorted(rates.items(), key=lambda item: -self._sizes[item[0]] * self.granted[item[0]].granted):
             before = self.granted[name]
             if rate < before.granted:
                 told.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")
@@ -222,6 +247,13 @@ class Rates:
 
 def _count(counts: Counter[str], name: str, _: Message) -> None:
     counts[name] += 1
+
+
+def _at_loops(rate: float, loop_period: float) -> float:
+    """Return the rate [Hz] of an interval rounded up to whole loops."""
+    if rate <= 0.0 or loop_period <= 0.0:
+        return rate
+    return 1.0 / (math.ceil(1.0 / rate / loop_period - _ROUNDING) * loop_period)
 
 
 def _append_later(stamps: list[float], t: float) -> None:
