@@ -37,6 +37,8 @@ _REAL_TIME = 0.02
 class LinkTimes:
     """Medians and 90 % quantiles [s of the vehicle's time; the round trip: of link time]; NaN when not measured.
 
+    Command to servo needs both clocks, so it is not measured on a simulator that runs at another speed.
+
     ``samples`` command changes were timed; ``override_rate`` [Hz] overrides were sent at while commanding, with
     ``override_gap`` [s] the longest pause between two.
     """
@@ -168,7 +170,7 @@ class Latency:
             gone = math.copysign(1.0, change) * (outputs.get(force, pending.before) - pending.before)
             if gone >= min(_MOVED_SHARE * abs(change), _MOVED_MOST):
                 self._round.append(t - pending.seen)
-                if math.isfinite(pending.sent):
+                if math.isfinite(pending.sent) and self._pace() == 1.0:
                     self._up.append(t - pending.sent)
                 del self._pending[force]
             elif t - pending.since > _NEVER:

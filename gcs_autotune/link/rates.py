@@ -28,6 +28,8 @@ _SHORT = 0.8
 _ROUNDS = 3
 """Chosen: fittings before what is there has to do."""
 _OFF = -1
+_USUAL_SIZE = 40.0
+"""Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
 _ROUNDING = 1e-3
 
 
@@ -133,11 +135,13 @@ class Rates:
         )
 
     def _ask_for_less(self, needed: Mapping[str, float]) -> None:
-        present = {n: g for n, g in self.granted.items() if g.granted > 0.0 and self.measured.get(n, 0.0) > 0.0}
-        demands = [Demand(n, g.granted, self._sizes[n], needed.get(n, 0.0)) for n, g in present.items()]
+        sizes = {n: self._sizes.get(n, _USUAL_SIZE) for n in self.granted}
+        demands = [
+            Demand(n, g.granted, sizes[n], needed.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
+        ]
         rates, hushed = plan(demands, self._chatter, self.capacity)
         told = []
-        for name, rate in sorted(rates.items(), key=lambda item: -self._sizes[item[0]] * self.granted[item[0]].granted):
+        for name, rate in sorted(rates.items(), key=lambda item: -sizes[item[0]] * self.granted[item[0]].granted):
             before = self.granted[name]
             if rate < before.granted:
                 told.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")

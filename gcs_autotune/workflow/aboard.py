@@ -52,12 +52,15 @@ def come_aboard(
     """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates."""
     with connect(connection, operator, watcher, record) as session:
         craft = open_craft(session, wanted_rates=telemetry_rates(control_rate))
+        told = len(session.notes)
         try:
-            for note in session.notes:
+            for note in session.notes[:told]:
                 watcher.say(note)
             yield craft
         finally:
             _leave(craft)
+            for note in session.notes[told:]:
+                watcher.say(note)
 
 
 def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:
