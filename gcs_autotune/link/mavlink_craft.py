@@ -37,7 +37,7 @@ _WARM_UP = 1.0
 _LAG_SHARE = 8.0
 """Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
 swings in four: there half of every quarter is the craft's own)."""
-_SAMPLES = 10.0
+_SAMPLES = 8.0
 """Chosen: attitudes per oscillation below which its amplitude is guesswork."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from functools import partial
 
 from gcs_autotune.link.company import Company
@@ -48,20 +49,24 @@ class RateKeeper:
         if 0.0 <= span < _WINDOW:
             return
         if span <= 5.0 * _WINDOW and self._begun > 0.0:
-            for name in _VITAL:
-                self._judge(name, self._counts[name] / span)
+            self._judge({name: self._counts[name] / span for name in _VITAL})
         self._counts.clear()
         self._begun = self._stamp
 
-    def _judge(self, name: str, rate: float) -> None:
-        granted, usual = self._rates.granted.get(name), self._rates.measured.get(name, 0.0)
-        if granted is None or granted.granted <= 0.0 or rate >= _LOW * usual or usual <= 0.0:
-            return
-        self._ask_again(name, granted.granted)
-        if name not in self._noted:
-            self._noted.add(name)
+    def _judge(self, rates: Mapping[str, float]) -> None:
+        thin = {}
+        for name, rate in rates.items():
+            granted, usual = self._rates.granted.get(name), self._rates.measured.get(name, 0.0)
+            if granted is not None and granted.granted > 0.0 and rate < _LOW * usual:
+                self._ask_again(name, granted.granted)
+                thin[name] = f"{name} at {rate:.1f} Hz instead of {usual:.1f}"
+        if set(thin) - self._noted:
+            self._noted |= set(thin)
             who = self._company.culprit(_REQUESTS, self._session.clock.now() - _LOOK_BACK)
-            self._session.notes.append(f"{name} came at {rate:.1f} Hz only and was asked for again ({who})")
+            self._session.notes.append(
+                f"for a while {', '.join(thin.values())} came, asked for again: lost on the way, or another station has "
+                f"asked for other rates ({who})"
+            )
 
     def _ask_again(self, name: str, rate: float) -> None:
         vehicle = self._session.vehicle

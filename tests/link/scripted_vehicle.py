@@ -131,9 +131,9 @@ class ScriptedVehicle:
     # --- motion and telemetry -------------------------------------------------------------------------
 
     def _step(self) -> None:
-        self._actuate()
         yaw = (self.servos[0] - 1500) / 500 if self.kind == BOAT else (self.servos[1] - self.servos[0]) / 800
         self._turn(self.turn_rate * yaw)
+        self._actuate()
         ms = round((self.time + self.boot_offset) * 1000)
         if self._is_due("HEARTBEAT", 1.0):
             self.heartbeat()

@@ -31,6 +31,7 @@ class Hull(ScriptedVehicle):
         super().__init__()
         self.turn_rate, self.lag = RATE, LAG
         self.rates = [0.0] * (late_ticks + 1)
+        self.track: list[tuple[float, float]] = []
         rng = np.random.default_rng(7)
 
         def edit(message: Any) -> Any:
@@ -44,6 +45,7 @@ class Hull(ScriptedVehicle):
     def _turn(self, steady: float) -> None:
         super()._turn(steady)
         self.rates = [*self.rates[1:], self.r]
+        self.track.append((self.time, self.psi))
 
 
 def swing(hull: Hull, output: float = 0.4) -> Trial:
@@ -78,11 +80,16 @@ def test_the_fit_is_right_through_the_whole_chain_because_every_sample_has_its_o
     assert inertia.std < 0.02 * inertia.value
 
 
-def test_taken_as_uniform_the_same_samples_would_leave_more_unexplained(trial: Trial) -> None:
-    honest = fit_axis([trial], dof="yaw", structure="linear", use=["position"])
-    uniform = fit_axis([as_if_uniform(trial)], dof="yaw", structure="linear", use=["position"])
-    assert honest.noise["psi"] < 2.0 * NOISE, "switchings that may be one loop off are in it"
-    assert uniform.noise["psi"] > 1.3 * honest.noise["psi"]
+def test_every_heading_is_where_the_boat_was_at_its_stamp_and_would_not_be_at_even_ones() -> None:
+    hull = Hull()
+    trial = swing(hull)
+
+    def error(run: Trial) -> float:
+        true = np.interp(run["psi"].t, *np.array(hull.track).T)
+        return float(np.std(run["psi"].values - true))
+
+    assert error(trial) == pytest.approx(NOISE, rel=0.1)
+    assert error(as_if_uniform(trial)) > 1.3 * NOISE
 
 
 def test_a_change_of_output_is_dated_within_the_loops_it_may_have_happened_in(trial: Trial) -> None:
