@@ -92,6 +92,8 @@ def open_craft(
         rates.fit(needed_rates, wiring.loop_period)
         craft.keep_rates()
         _note_late_rates(session, wiring.rate_lag)
+        if craft.company.radio:
+            session.notes.append(f"telemetry radio: {craft.company.radio}")
         _follow_control_tick(craft, rates.granted["ATTITUDE"].granted if "ATTITUDE" in rates.granted else 0.0)
     except AutotuneError:
         rates.restore()

@@ -64,8 +64,8 @@ class RateKeeper:
             self._noted |= set(thin)
             who = self._company.culprit(_REQUESTS, self._session.clock.now() - _LOOK_BACK)
             self._session.notes.append(
-                f"for a while {', '.join(thin.values())} came, asked for again: lost on the way, or another station has "
-                f"asked for other rates ({who})"
+                f"for a while {', '.join(thin.values())} came, asked for again: lost on the way, or another station "
+                f"has asked for other rates ({who})"
             )
 
     def _ask_again(self, name: str, rate: float) -> None:

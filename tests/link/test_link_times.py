@@ -161,6 +161,17 @@ def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: 
     assert boat.intervals[number] == pytest.approx(0.05)
 
 
+def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
+    router = Router(boat, repeats=True)
+    radio = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
+    router.every(radio, 0.5, lambda: mavlink.MAVLink_radio_status_message(180, 150, 40, 20, 30, 7, 0))
+    craft = board(router)
+    assert any(
+        "radio: signal 180 over noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
+    )
+    assert craft.company.stations == {}
+
+
 def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:
     with pytest.raises(TelemetryFault, match=r"it carries \d+ bytes/s.* Use a faster link"):
         board(Narrow(boat, rate=250.0))
