@@ -16,7 +16,7 @@ from typing import Any
 
 from gcs_autotune.errors import CannotOpenLink, LinkError, UsageError
 from gcs_autotune.link.address import HostPort, SerialName, resolve
-from gcs_autotune.link.mavsdk_log import LOG
+from gcs_autotune.link.mavsdk_host import HOST
 from gcs_autotune.link.transport import Transport
 
 __all__ = ["MavsdkLink"]
@@ -28,6 +28,8 @@ _HEADS = {0xFD: 5, 0xFE: 3}
 _CONNECT_PATIENCE = 0.3
 """Chosen: seconds in which a refused TCP call is complained of; MAVSDK itself goes on trying without an end."""
 _REFUSED = "Connect error"
+_BROKEN = ("write failure", "read failure")
+_NO_REOPENING = " (it does not open a serial port again that has gone; --backend pymavlink does)"
 _FRESH = 30.0
 """Chosen: seconds for which a complaint is held to have to do with a silence."""
 _INSTALL = "python3 -m pip install 'mavsdk>=4'"
@@ -61,11 +63,12 @@ class MavsdkLink(Transport):
         prefix = f"{'tcp' if scheme == 'tcpout' else scheme}:" if isinstance(address, HostPort) else ""
         super().__init__(f"{prefix}{address}")
         self._mavsdk = _import_mavsdk()
+        self._is_serial = isinstance(address, SerialName)
         url = _url(scheme, address)
         self._arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._complaints: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._trouble, self._troubled_at = "", -math.inf
-        LOG.join(self._mavsdk, self._complaints.put)
+        HOST.join(self._mavsdk, self._complaints.put)
         self._configuration = self._mavsdk.Configuration.create_manual(_SYSTEM, _COMPONENT, False)
         self._carrier = self._mavsdk.Mavsdk(self._configuration)
         try:
@@ -84,8 +87,10 @@ class MavsdkLink(Transport):
         """What MAVSDK complained of lately."""
         while not self._complaints.empty():
             self._trouble, self._troubled_at = self._complaints.get_nowait(), self._clock.now()
-        is_fresh = self._clock.now() - self._troubled_at < _FRESH
-        return f"MAVSDK says: {self._trouble}" if is_fresh else ""
+        if self._clock.now() - self._troubled_at > _FRESH:
+            return ""
+        hint = _NO_REOPENING if self._is_serial and self._trouble.startswith(_BROKEN) else ""
+        return f"MAVSDK says: {self._trouble}{hint}"
 
     def _connect(self, url: str, where: str) -> None:
         forwarding = self._mavsdk.ForwardingOption.ON
@@ -133,7 +138,7 @@ class MavsdkLink(Transport):
     def _close(self) -> None:
         self._carrier.destroy()
         self._configuration.destroy()
-        LOG.leave(self._mavsdk, self._complaints.put)
+        HOST.leave(self._mavsdk, self._complaints.put)
 
 
 def _import_mavsdk() -> Any:
