@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.manoeuvres import Envelope
 
 if TYPE_CHECKING:
@@ -49,8 +50,9 @@ def add_connection(
         metavar="URI",
         default=default,
         required=required,
-        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's udpin://, "
-        "udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
+        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (as well as "
+        "MAVSDK's udpin://, udpout://, tcpin://, tcpout://, serial://), or sitl:NAME for a simulated vehicle started "
+        "for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
         f"(`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
     )
     group.add_argument(
@@ -66,6 +68,18 @@ def add_connection(
         type=int,
         metavar="ID",
         help="our own system id (default: the one the vehicle takes commands from, MAV_GCS_SYSID)",
+    )
+    group.add_argument(
+        "--signing-key",
+        type=Path,
+        metavar="FILE",
+        help="sign with the key (32 bytes) or passphrase (one line) in FILE; what the vehicle does not sign is refused",
+    )
+    group.add_argument(
+        "--signing-passphrase",
+        action="store_true",
+        help=f"the same with a passphrase asked for on the terminal; without either, that in {PASSPHRASE_VARIABLE} is "
+        "taken, if there is one",
     )
     group.add_argument("--seed", type=int, default=1, help="noise seed of a sitl: vehicle (default 1)")
 
@@ -135,7 +149,7 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Build the connection to *uri* from the options of :func:`add_connection`."""
     from gcs_autotune.workflow import Connection
 
-    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend)
+    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing_of(args))
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:
