@@ -139,8 +139,7 @@ def _show_effects() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not to be had."""
     args = _make_parser().parse_args(argv)
-    signal.signal(signal.SIGINT, _stop)
-    signal.signal(signal.SIGTERM, _stop)
+    before = {number: signal.signal(number, _stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         if args.list:
             _show_vehicles()
@@ -156,6 +155,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _IN_USE
     except (_Stopped, BrokenPipeError):
         return _OK
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return _OK
 
 
