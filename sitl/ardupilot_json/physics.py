@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 from sitl.ardupilot_json.wire import State
+from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.effects import BadEffect, Effect
 from sitl.modelfile import FlownModel
@@ -24,6 +25,8 @@ _GRAVITY = 9.80665
 """ArduPilot's GRAVITY_MSS."""
 _LONGEST_STEP = 0.02
 """Chosen: of the hull's Runge-Kutta [s], as in our own simulator; a longer frame is cut."""
+_FULL_BATTERY = 12.6
+"""Open-circuit voltage [V]: ArduPilot's SIM_BATT_VOLTAGE."""
 _LEVEL = {"phi", "theta"}
 
 
@@ -68,6 +71,7 @@ class Physics:
         self.rig = rig
         self._tells_true = not any(effect.overrides("alter_measurement") for effect in rig.effects)
         self._reading = Reading()
+        self._battery = Battery()
         self.seconds = 0.0
         self.state = State()
         self._tell((0.0, 0.0, 0.0))
@@ -75,14 +79,15 @@ class Physics:
     def step(self, dt: float, pwm: Sequence[int]) -> State:
         """Let *dt* [s] pass under servo pulses *pwm* [us] and return what it looks like then."""
         body, before = self.rig.body, self._velocity()
-        psi = body.psi
+        psi_before = body.psi
         count = max(1, math.ceil(dt / _LONGEST_STEP - 1e-9))
         for _ in range(count):
             self.seconds += dt / count
             self.rig.move(self.seconds, dt / count, pwm)
+        self._battery.drain(pwm, dt)
         after = self._velocity()
         north, east, down = ((b - a) / dt for a, b in zip(before, after, strict=True))
-        psi = 0.5 * (psi + body.psi)
+        psi = 0.5 * (psi_before + body.psi)
         c, s = math.cos(psi), math.sin(psi)
         self._tell((c * north + s * east, c * east - s * north, down))
         return self.state
@@ -97,6 +102,7 @@ class Physics:
         """Fill the state from the truth, or from what the sensor effects make of it."""
         body, state, reading = self.rig.body, self.state, self._reading
         state.t = self.seconds
+        state.voltage, state.current = self._battery.voltage(_FULL_BATTERY), self._battery.current
         state.force = (acceleration[0], acceleration[1], acceleration[2] - _GRAVITY)
         if self._tells_true:
             state.gyro = (0.0, 0.0, body.r)

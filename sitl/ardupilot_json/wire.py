@@ -35,7 +35,8 @@ class State:
     """One answer. SI and radians; north, east, down from home; body axes ahead, starboard, down.
 
     ``t`` [s] never goes back; ``force`` (3,) [m/s^2] is the specific force an accelerometer feels; ``gyro`` (3,)
-    [rad/s]; ``attitude`` (3,) roll, pitch, yaw; ``position`` (3,) [m]; ``velocity`` (3,) [m/s].
+    [rad/s]; ``attitude`` (3,) roll, pitch, yaw; ``position`` (3,) [m]; ``velocity`` (3,) [m/s]; the battery's
+    ``voltage`` [V] and ``current`` [A], which older firmware ignores.
     """
 
     t: float = 0.0
@@ -44,6 +45,8 @@ class State:
     attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    voltage: float = 0.0
+    current: float = 0.0
 
 
 def read_servos(datagram: bytes) -> Servos:
@@ -68,12 +71,12 @@ def read_servos(datagram: bytes) -> Servos:
 
 _FORM = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9f,%.9f,%.9f],"accel_body":[%.7f,%.7f,%.7f]},'
-    '"position":[%.7f,%.7f,%.7f],"attitude":[%.9f,%.9f,%.9f],"velocity":[%.7f,%.7f,%.7f]}\n'
+    '"position":[%.7f,%.7f,%.7f],"attitude":[%.9f,%.9f,%.9f],"velocity":[%.7f,%.7f,%.7f],'
+    '"battery":{"voltage":%.3f,"current":%.3f}}\n'
 )
 
 
 def write_state(state: State) -> bytes:
     """Return the datagram that tells *state*."""
-    return (_FORM % (state.t, *state.gyro, *state.force, *state.position, *state.attitude, *state.velocity)).encode(
-        "ascii"
-    )
+    motion = (*state.gyro, *state.force, *state.position, *state.attitude, *state.velocity)
+    return (_FORM % (state.t, *motion, state.voltage, state.current)).encode("ascii")
