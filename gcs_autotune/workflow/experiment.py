@@ -17,6 +17,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import come_aboard
 from gcs_autotune.workflow.experiments import relay_for, second_output, turn_for
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
 from gcs_autotune.workflow.waiting import ask, think
@@ -51,6 +52,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         _announce(settings, craft, operator, watcher, craft.observe())
         with visit(craft, watcher):
+            make_ready(craft, watcher)
             craft.arm()
             trials = _fly(settings, dof, craft, watcher, record)
             delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
@@ -62,7 +64,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
 
 def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory) -> list[Trial]:
     cruise = _cruise(settings, dof, craft)
-    settings = replace(settings, speed=cruise.speed)
+    settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
     sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()

@@ -33,6 +33,7 @@ from gcs_autotune.workflow.experiments import (
 )
 from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.tale import Tale
@@ -75,7 +76,7 @@ class _Tuner:
         self._record = record
         self._craft = craft
         self._axis = axis_of(craft.firmware, settings.axis)
-        self._sequencer = Sequencer(craft, settings.envelope, tale, self._keep)
+        self._envelope = settings.envelope
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
 
@@ -85,6 +86,8 @@ class _Tuner:
         tale.meet(self._craft)
         present = self._read_parameters()
         tale.parameters_before = present
+        self._envelope = replace(self._envelope, cruise=speed_for(self._settings, self._axis, present)[1])
+        self._sequencer = Sequencer(self._craft, self._envelope, tale, self._keep)
         tale.say(f"present parameters saved to {self._record.save_parameters('before', present)}")
         self._announce(self._craft.observe())
         try:
@@ -99,6 +102,7 @@ class _Tuner:
         try:
             with visit(self._craft, self._tale) as found:
                 journal = self._open_journal(found)
+                make_ready(self._craft, self._tale)
                 self._craft.arm()
                 self._on_the_water(present, journal)
         except NotAsFound:
@@ -223,7 +227,7 @@ class _Tuner:
         """Turn a boat round, so that it does not run away in one direction."""
         turn = turn_for(self._craft.firmware.kind, throttle)
         if turn is not None:
-            free = replace(self._settings.envelope, heading_excursion=math.inf)
+            free = replace(self._envelope, heading_excursion=math.inf)
             self._sequencer.fly(turn, "turning about", free)
 
     def _keep(self, trial: Trial) -> None:
