@@ -120,7 +120,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: by the noise)")
     group.add_argument("--throttle", type=float, help="fraction of full (default: cruise for boats, 0 for ROVs)")
     group.add_argument("--speed", type=float, help="m/s meanwhile (default: from CRUISE_SPEED for boats, 0 for ROVs)")
-    group.add_argument("--control-rate", type=float, default=10.0, metavar="HZ", help="rate of our relay (default 10)")
+    group.add_argument("--control-rate", type=float, metavar="HZ", help="rate of our relay (default 25, simulated 10)")
     group.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
     group.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
 

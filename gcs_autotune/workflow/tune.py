@@ -23,6 +23,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import axis_of, come_aboard
 from gcs_autotune.workflow.experiments import (
+    dive_for,
     measure,
     relay_for,
     resolution,
@@ -115,6 +116,9 @@ class _Tuner:
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale
         throttle, speed = speed_for(self._settings, self._axis, present)
+        dive = dive_for(self._axis.dof, self._craft.firmware.kind, self._craft.observe())
+        if dive is not None:
+            self._fly(dive, "diving")
         before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
         grain = resolution(before.trial)
         tale.metrics_before = measure(before.trial, resolution=grain)
@@ -143,7 +147,7 @@ class _Tuner:
         relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
         self._come_about(throttle)
         first = self._fly(relay, "first self-oscillation").trial
-        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
+        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2")
         self._come_about(throttle)
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
@@ -188,7 +192,7 @@ class _Tuner:
             step_duration=s.step_duration or d.step_duration,
             noise_std=self._noise,
             quantum=grain,
-            noise_bandwidth=0.5 * s.control_rate,
+            noise_bandwidth=0.5 * self._craft.rates.granted["ATTITUDE"].granted,
         )
 
     def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float) -> Proposal:
@@ -272,12 +276,14 @@ class _Tuner:
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
         gains = ", ".join(g.parameter for g in axis.gains)
+        dive = dive_for(axis.dof, firmware.kind, now)
+        down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
         swings = f" and oscillations about the present {axis.name}" if self._given is None else ""
         self._tale.announce(
             (
                 "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-                f"move: {shown} steps in {axis.name}{swings}{under_way}",
+                f"move: {down}{shown} steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
                 if s.dry_run
                 else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
