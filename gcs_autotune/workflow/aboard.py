@@ -19,6 +19,11 @@ SERVO_RATE = 40.0
 """Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
 
 
+CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
+"""Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
+half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
+
+
 def telemetry_rates(control_rate: float) -> dict[str, float]:
     """Return message -> Hz to ask for when our relay runs at *control_rate* [Hz]."""
     return {**WANTED_RATES, "ATTITUDE": control_rate, "SERVO_OUTPUT_RAW": max(SERVO_RATE, control_rate)}
@@ -44,10 +49,12 @@ def connect(
 
 @contextmanager
 def come_aboard(
-    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory, control_rate: float
+    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory, control_rate: float | None
 ) -> Iterator[MavlinkCraft]:
     """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates."""
     with connect(connection, operator, watcher, record) as session:
+        usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
+        control_rate = control_rate or usual
         craft = open_craft(session, wanted_rates=telemetry_rates(control_rate))
         try:
             for note in session.notes:

@@ -23,6 +23,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import axis_of, come_aboard
 from gcs_autotune.workflow.experiments import (
+    dive_for,
     measure,
     relay_for,
     resolution,
@@ -33,6 +34,7 @@ from gcs_autotune.workflow.experiments import (
 )
 from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.tale import Tale
@@ -75,7 +77,7 @@ class _Tuner:
         self._record = record
         self._craft = craft
         self._axis = axis_of(craft.firmware, settings.axis)
-        self._sequencer = Sequencer(craft, settings.envelope, tale, self._keep)
+        self._envelope = settings.envelope
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
 
@@ -85,6 +87,8 @@ class _Tuner:
         tale.meet(self._craft)
         present = self._read_parameters()
         tale.parameters_before = present
+        self._envelope = replace(self._envelope, cruise=speed_for(self._settings, self._axis, present)[1])
+        self._sequencer = Sequencer(self._craft, self._envelope, tale, self._keep)
         tale.say(f"present parameters saved to {self._record.save_parameters('before', present)}")
         self._announce(self._craft.observe())
         try:
@@ -99,6 +103,7 @@ class _Tuner:
         try:
             with visit(self._craft, self._tale) as found:
                 journal = self._open_journal(found)
+                make_ready(self._craft, self._tale)
                 self._craft.arm()
                 self._on_the_water(present, journal)
         except NotAsFound:
@@ -111,6 +116,9 @@ class _Tuner:
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale
         throttle, speed = speed_for(self._settings, self._axis, present)
+        dive = dive_for(self._axis.dof, self._craft.firmware.kind, self._craft.observe())
+        if dive is not None:
+            self._fly(dive, "diving")
         before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
         grain = resolution(before.trial)
         tale.metrics_before = measure(before.trial, resolution=grain)
@@ -139,7 +147,7 @@ class _Tuner:
         relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
         self._come_about(throttle)
         first = self._fly(relay, "first self-oscillation").trial
-        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
+        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2")
         self._come_about(throttle)
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
@@ -184,7 +192,7 @@ class _Tuner:
             step_duration=s.step_duration or d.step_duration,
             noise_std=self._noise,
             quantum=grain,
-            noise_bandwidth=0.5 * s.control_rate,
+            noise_bandwidth=0.5 * self._craft.rates.granted["ATTITUDE"].granted,
         )
 
     def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float) -> Proposal:
@@ -223,7 +231,7 @@ class _Tuner:
         """Turn a boat round, so that it does not run away in one direction."""
         turn = turn_for(self._craft.firmware.kind, throttle)
         if turn is not None:
-            free = replace(self._settings.envelope, heading_excursion=math.inf)
+            free = replace(self._envelope, heading_excursion=math.inf)
             self._sequencer.fly(turn, "turning about", free)
 
     def _keep(self, trial: Trial) -> None:
@@ -268,12 +276,14 @@ class _Tuner:
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
         gains = ", ".join(g.parameter for g in axis.gains)
+        dive = dive_for(axis.dof, firmware.kind, now)
+        down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
         swings = f" and oscillations about the present {axis.name}" if self._given is None else ""
         self._tale.announce(
             (
                 "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-                f"move: {shown} steps in {axis.name}{swings}{under_way}",
+                f"move: {down}{shown} steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
                 if s.dry_run
                 else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
