@@ -8,9 +8,21 @@
 
 from __future__ import annotations
 
-from gcs_autotune.logs.dataflash import load_dataflash
-from gcs_autotune.logs.files import READERS, TRIALS_FOLDER, load_runs
+from gcs_autotune.logs.files import READERS, TRIALS_FOLDER, load_runs, record
+from gcs_autotune.logs.recording import Census, Recording
 from gcs_autotune.logs.renaming import parse_columns, renamed
-from gcs_autotune.logs.tlog import load_tlog
+from gcs_autotune.logs.stretches import Cut, cut_runs, runs_of
 
-__all__ = ["READERS", "TRIALS_FOLDER", "load_dataflash", "load_runs", "load_tlog", "parse_columns", "renamed"]
+__all__ = [
+    "READERS",
+    "TRIALS_FOLDER",
+    "Census",
+    "Cut",
+    "Recording",
+    "cut_runs",
+    "load_runs",
+    "parse_columns",
+    "record",
+    "renamed",
+    "runs_of",
+]

@@ -19,11 +19,13 @@ Array = NDArray[np.float64]
 ENOUGH = 20
 """Fewest samples that make a source worth preferring."""
 
+ATTITUDES = ("attitude", "ahrs2")
+"""Sources of ``phi theta psi``, preferred first: the estimate the autopilot steers by, then its second one."""
 POSITIONS = ("local", "ekf", "global", "gps")
 """Sources of ``x y`` and of velocity over ground, preferred first; never mixed, because their origins differ."""
 DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
 """Sources of ``z``, preferred first."""
-RATES = ("attitude", "rate", "imu")
+RATES = ("attitude", "rate", "imu", "steering")
 """Sources of ``p q r``, preferred first."""
 SPEEDS = ("hud", "gps")
 """Sources of ``U`` when no velocity over ground is there."""
@@ -43,8 +45,11 @@ def motion_channels(tape: Tape) -> tuple[dict[str, Channel], dict[str, str]]:
     ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own stamps.
     """
     pick = _Pick({}, {})
-    for name in ("phi", "theta", "psi"):
-        _put(pick, name, "attitude", *tape.series(f"attitude.{name}"))
+    for source in ATTITUDES:
+        if _has(tape, f"{source}.psi"):
+            for name in ("phi", "theta", "psi"):
+                _put(pick, name, source, *tape.series(f"{source}.{name}"))
+            break
     for source in RATES:
         if _has(tape, f"{source}.r"):
             for name in "pqr":

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.logs.dataflash import load_dataflash
+from gcs_autotune.logs.dataflash import record_dataflash
+from gcs_autotune.logs.recording import LogReader, Recording
 from gcs_autotune.logs.renaming import renamed
-from gcs_autotune.logs.tlog import load_tlog
+from gcs_autotune.logs.stretches import runs_of
+from gcs_autotune.logs.tlog import record_tlog
 from gcs_autotune.trial import Trial, load_trial
 
-__all__ = ["READERS", "TRIALS_FOLDER", "load_runs"]
+__all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "record"]
 
 TRIALS_FOLDER = "trials"
 """Where a run directory keeps its recorded manoeuvres."""
@@ -26,12 +28,26 @@ INPUTS = frozenset("XYZKMN") | {"delta"}
 IDENTIFYING = "relay"
 """The manoeuvre (``meta["manoeuvre"]`` in a trial's side file) a run directory is identified from."""
 
-READERS: Mapping[str, Callable[[Path, int | None], list[Trial]]] = {
-    ".tlog": load_tlog,
-    ".bin": load_dataflash,
-    ".log": load_dataflash,
+READERS: Mapping[str, LogReader] = {
+    ".tlog": record_tlog,
+    ".bin": record_dataflash,
+    ".log": record_dataflash,
 }
 """Suffix -> reader of (path, system id); anything else is read as CSV. A format is one file and one line here."""
+
+
+def record(path: Path, system: int | None = None) -> Recording | None:
+    """Read *path* as the log its suffix (or, of a CSV file, its first lines) says it is; None when it is no log.
+
+    Raises
+    ------
+    BadFile
+        Not there, unreadable, or not what its name says. UsageError: no vehicle of that *system*.
+    """
+    if not path.is_file():
+        raise BadFile(f"{path}: no such file")
+    reader = READERS.get(path.suffix.lower())
+    return None if reader is None else reader(path, system)
 
 
 def load_runs(
@@ -70,10 +86,10 @@ def load_runs(
         return _of_directory(place, pick, system, columns)
     if not place.is_file():
         raise BadFile(f"{place}: no such file or run directory")
-    reader = READERS.get(place.suffix.lower())
-    if reader is None:
+    log = record(place, system)
+    if log is None:
         return [load_trial(place, columns)]
-    runs = reader(place, system)
+    runs = runs_of(log)
     if columns:
         runs = [renamed(run, columns) for run in runs]
     return _picked(place, runs, pick)
