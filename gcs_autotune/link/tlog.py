@@ -165,7 +165,9 @@ class TlogReader:
         follower = end + _STAMP.size
         known = not frame.name.startswith("UNKNOWN_")
         return (
-            known or end == len(self._buffer) or (follower < len(self._buffer) and self._buffer[follower] in (0xFE, 0xFD))
+            known
+            or end == len(self._buffer)
+            or (follower < len(self._buffer) and self._buffer[follower] in (0xFE, 0xFD))
         )
 
 

@@ -26,7 +26,7 @@ POSITIONS = ("local", "ekf", "global", "gps")
 DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
 """Sources of ``z``, preferred first."""
 RATES = ("attitude", "rate", "imu", "steering")
-"""Sources of ``p q r``, preferred first."""
+"""Sources of ``p q r``, preferred first, but those that carry a stamp of their own before those that do not."""
 SPEEDS = ("hud", "gps")
 """Sources of ``U`` when no velocity over ground is there."""
 
@@ -50,11 +50,10 @@ def motion_channels(tape: Tape) -> tuple[dict[str, Channel], dict[str, str]]:
             for name in ("phi", "theta", "psi"):
                 _put(pick, name, source, *tape.series(f"{source}.{name}"))
             break
-    for source in RATES:
-        if _has(tape, f"{source}.r"):
-            for name in "pqr":
-                _put(pick, name, source, *tape.series(f"{source}.{name}"))
-            break
+    rates = [s for s in RATES if _has(tape, f"{s}.r")]
+    for source in sorted(rates, key=lambda s: s in tape.dated_by_arrival)[:1]:
+        for name in "pqr":
+            _put(pick, name, source, *tape.series(f"{source}.{name}"))
     _position(pick, tape)
     _depth(pick, tape)
     return pick.channels, pick.sources

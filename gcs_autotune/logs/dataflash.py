@@ -28,7 +28,9 @@ EV_ARMED, EV_DISARMED = 10, 11
 REBOOT = 5.0
 """Chosen [s]: a piece of log that begins so much before the end of what came before is of another boot."""
 STRAY = 2.0
-"""Chosen [s]: a stamp so far from the middle one of its neighbours in the file, on both sides, is damaged."""
+"""Chosen [s]: a stamp so much before, or after, the middle one of its neighbours on both sides is damaged."""
+FAR = 600.0
+"""Chosen [s]: so far from the only neighbours there are it is damaged, too."""
 NEIGHBOURS = 5
 """Chosen: messages looked at on either side."""
 
@@ -61,11 +63,12 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
         raise BadFile(f"{path} holds no dataflash message: it is no ArduPilot log, or damaged from its start")
     notes: list[Note] = []
     if log.damaged or scribe.strays:
+        what = f"{log.damaged} stretches of the log ({log.damaged_bytes} bytes)" if log.damaged else ""
+        stamps = f"{scribe.strays} stamps" if scribe.strays else ""
         notes.append(
             (
                 "damaged-log",
-                f"{log.damaged} stretches of the log ({log.damaged_bytes} bytes) and {scribe.strays} stamps were damaged "
-                "and left out",
+                f"{' and '.join(w for w in (what, stamps) if w)} were damaged and left out",
                 "fetch the log again; such a log carries no checksums, so look at the pictures before believing it",
             )
         )
@@ -89,6 +92,7 @@ class _Scribe:
         self.census = Census()
         self.blocks = 0
         self.strays = 0
+        self.unstamped: set[str] = set()
         self._tapes = [Tape(name, "vehicle (TimeUS)")]
 
     def write(self, blocks: Iterable[AnyBlock]) -> None:
@@ -125,7 +129,7 @@ class _Scribe:
                 if kind in EVENTS:
                     _events(tape, kind, stamps[kind][mine], columns)
                 else:
-                    tape.take_all(*_whole(stamps[kind][mine], signals_of(kind, columns)))
+                    self._told(tape, kind, stamps[kind][mine], columns)
             except Missing:
                 continue
 
@@ -151,11 +155,24 @@ class _Scribe:
         order = np.concatenate([b.order for b in blocks if b.kind in kinds])
         t = np.concatenate(list(kinds.values()))
         place = np.argsort(order, kind="stable")
+        unstamped = {kind for kind, stamps in kinds.items() if not np.any(stamps)}
+        if 0 < len(unstamped) < len(kinds):  # ArduSub 4.7's RATE: as old as the message before it in the file
+            self.unstamped |= unstamped
+            blank = np.concatenate([np.full(len(s), k in unstamped) for k, s in kinds.items()])[place]
+            last = np.maximum.accumulate(np.where(blank, -1, np.arange(len(place))))
+            last[last < 0] = int(np.argmax(~blank))
+            t[place] = t[place[last]]
         strays = _strays(t[place])
         self.strays += int(np.sum(strays))
         t[place[strays]] = np.nan
         ends = np.cumsum([len(s) for s in kinds.values()])
         return dict(zip(kinds, np.split(t, ends[:-1]), strict=True))
+
+    def _told(self, tape: Tape, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
+        values = signals_of(kind, columns)
+        if kind in self.unstamped:
+            tape.dated_by_arrival.update(source.partition(".")[0] for source in values)
+        tape.take_all(*_whole(stamps, values))
 
 
 def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[float, float]]:
@@ -173,16 +190,22 @@ def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[fl
 
 
 def _strays(t: Array) -> NDArray[np.bool_]:
-    """Return which stamps, in order of the file, lie far from the middle of those before and of those after."""
-    step = np.abs(np.diff(t))
-    if not np.any(~(step <= STRAY)):
+    """Return which stamps, in order of the file, lie before both their neighbourhoods or after both.
+
+    Where there is only one (the ends of a piece), a stamp far from it is a stray, too.
+    """
+    if not np.any(~(np.abs(np.diff(t)) <= STRAY)):
         return np.zeros(len(t), dtype=bool)
     beyond = np.full(NEIGHBOURS, np.nan)
-    padded = np.concatenate([beyond, t, beyond])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([beyond, t, beyond]), NEIGHBOURS)
     middle = np.median(windows, axis=1)
     before, after = middle[: len(t)], middle[NEIGHBOURS + 1 : NEIGHBOURS + 1 + len(t)]
-    return ~((np.abs(t - before) <= STRAY) | (np.abs(t - after) <= STRAY))
+    is_ahead = (t > before + STRAY) & (t > after + STRAY)
+    is_behind = (t < before - STRAY) & (t < after - STRAY)
+    is_alone = np.isnan(before) | np.isnan(after)
+    nearest = np.fmin(np.abs(t - before), np.abs(t - after))
+    strays: NDArray[np.bool_] = is_ahead | is_behind | (is_alone & (nearest > FAR)) | ~np.isfinite(t)
+    return strays
 
 
 def _whole(t: Array, values: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:

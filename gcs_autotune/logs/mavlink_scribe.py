@@ -31,19 +31,22 @@ NO_AUTOPILOT = 8
 """MAV_AUTOPILOT_INVALID: a heartbeat of something that steers nothing (ground station, camera, companion)."""
 REBOOT = 5.0
 """Chosen [s]: a boot clock that falls back by more belongs to a new boot; by less, to a late message."""
+SAID_ARMING = {"throttle armed": True, "throttle disarmed": False, "arming motors": True, "disarming motors": False}
+"""STATUSTEXTs of ArduRover and ArduSub -> armed."""
 WRAP_US = 2**32 * 1e-6
 WRAP_MS = 2**32 * 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Transcript:
-    """What one vehicle said, and who else was heard."""
+    """What one vehicle said. ``misfits`` counts messages whose fields were not what their name promises."""
 
     vehicle: Vehicle
     tapes: list[Tape]
     census: Census
     notes: list[Note]
     messages: int
+    misfits: int
 
 
 def transcribe(path: Path, heard: Iterable[Heard], system: int | None) -> Transcript:
@@ -63,21 +66,24 @@ def transcribe(path: Path, heard: Iterable[Heard], system: int | None) -> Transc
     scribes: dict[Vehicle, _Scribe] = {}
     known: Counter[Vehicle] = Counter()
     others: Counter[Vehicle] = Counter()
-    messages = 0
+    messages = misfits = 0
     for h in heard:
         messages += 1
         who = (h.system, h.component)
         scribe = scribes.get(who)
         if scribe is None:
             scribe = scribes[who] = _Scribe(path.stem, who)
-        scribe.hear(h)
-        if h.name == "HEARTBEAT" and h.message.autopilot != NO_AUTOPILOT:
-            is_known = firmware_for(h.message.autopilot, h.message.type) is not None
-            (known if is_known else others)[who] += 1
-        elif h.name == "MANUAL_CONTROL":
-            for other in scribes.values():
-                if other is not scribe and h.message.target in (0, other.vehicle[0]):
-                    other.hear_sticks(h)
+        try:
+            scribe.hear(h)
+            if h.name == "HEARTBEAT" and h.message.autopilot != NO_AUTOPILOT:
+                is_known = firmware_for(h.message.autopilot, h.message.type) is not None
+                (known if is_known else others)[who] += 1
+            elif h.name == "MANUAL_CONTROL":
+                for other in scribes.values():
+                    if other is not scribe and h.message.target in (0, other.vehicle[0]):
+                        other.hear_sticks(h)
+        except (AttributeError, TypeError, ValueError, OverflowError):
+            misfits += 1  # a damaged line of a CSV file; a frame with a checksum has its fields
     if not messages:
         raise BadFile(f"{path} holds no MAVLink message: it is no telemetry log, or damaged from end to end")
     vehicles = known or others
@@ -95,7 +101,8 @@ def transcribe(path: Path, heard: Iterable[Heard], system: int | None) -> Transc
             )
         )
     scribe = scribes[chosen]
-    return Transcript(chosen, scribe.tapes(), scribe.census, notes, messages)
+    tapes = scribe.tapes()
+    return Transcript(chosen, tapes, scribe.census, notes, messages, misfits)
 
 
 def _chosen(path: Path, vehicles: Counter[Vehicle], system: int | None) -> Vehicle:
@@ -118,12 +125,14 @@ class _Scribe:
     name: str
     vehicle: Vehicle
     census: Census = field(default_factory=Census)
+    _heard_at: Census = field(default_factory=Census)
     _parameters: dict[str, float] = field(default_factory=dict)
     _tapes: list[Tape] = field(default_factory=list)
     _ground: Tape | None = None
     _boot: float = math.nan
     _heard: float = math.nan
     _now: float = -math.inf
+    _before: float = 0.0
 
     def __post_init__(self) -> None:
         self._tapes = [Tape(self.name, "vehicle (time_boot_ms)")]
@@ -131,12 +140,13 @@ class _Scribe:
 
     def hear(self, h: Heard) -> None:
         """Take in one message of this sender."""
-        self.census.count(h.name, h.time)
+        t = self._stamp(h)
+        self.census.count(h.name, t + self._before)
         if h.name == "PARAM_VALUE":
             self._parameters[_text(h.message.param_id)] = float(h.message.param_value)
             return
-        t = self._stamp(h)
         if self._ground is not None:
+            self._heard_at.count(h.name, h.time)
             self._write(self._ground, h.time, h)
         if math.isfinite(t) or h.name in ("HEARTBEAT", "STATUSTEXT"):
             self._write(self._tapes[-1], t, h)
@@ -151,7 +161,9 @@ class _Scribe:
 
     def tapes(self) -> list[Tape]:
         """Return the tapes written; times are the vehicle's own if it ever told one, else the ground's."""
-        found = self._tapes if self._ground is None else [self._ground]
+        found = self._tapes
+        if self._ground is not None:
+            found, self.census = [self._ground], self._heard_at
         for tape in found:
             tape.parameters = dict(self._parameters)
         return [t for t in found if t.span != (0.0, 0.0)] or found[:1]
@@ -160,7 +172,7 @@ class _Scribe:
         if h.name == "HEARTBEAT":
             _beat(tape, t, h.message, self.vehicle[0])
         elif h.name == "STATUSTEXT":
-            tape.texts.append((t, _text(h.message.text)))
+            _said(tape, t, _text(h.message.text))
         elif h.name in SIGNALS:
             values = SIGNALS[h.name](h.message)
             tape.take(t, values)
@@ -183,6 +195,7 @@ class _Scribe:
         self._ground = None
         if t < self._boot - REBOOT:
             old = self._tapes[-1]
+            self._before += old.span[1]
             self._now = t
             self._tapes.append(Tape(self.name, old.clock, old.vehicle, old.firmware))
             self._boot, self._heard = t, h.time
@@ -205,6 +218,14 @@ def _beat(tape: Tape, t: float, m: Any, system: int) -> None:
         tape.arming.append((t, armed))
     if not tape.modes or tape.modes[-1][1] != m.custom_mode:
         tape.modes.append((t, int(m.custom_mode)))
+
+
+def _said(tape: Tape, t: float, text: str) -> None:
+    """Take in a STATUSTEXT; it tells of arming up to a second before the next HEARTBEAT does."""
+    tape.texts.append((t, text))
+    armed = SAID_ARMING.get(text.lower())
+    if armed is not None and math.isfinite(t) and tape.arming and tape.arming[-1][1] != armed:
+        tape.arming.append((t, armed))
 
 
 def _nearest(t: float, now: float, period: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,15 +31,12 @@ class Census:
     seen: dict[str, list[float]] = field(default_factory=dict)
 
     def count(self, kind: str, t: float, how_many: int = 1, until: float | None = None) -> None:
-        """Count *how_many* messages of a *kind* at *t* (or from *t* to *until*)."""
-        end = t if until is None else until
-        row = self.seen.get(kind)
-        if row is None:
-            self.seen[kind] = [how_many, t, end]
-        else:
-            row[0] += how_many
+        """Count *how_many* messages of a *kind* at *t* (or from *t* to *until*); a moment not known is not finite."""
+        row = self.seen.setdefault(kind, [0, math.inf, -math.inf])
+        row[0] += how_many
+        if math.isfinite(t):
             row[1] = min(row[1], t)
-            row[2] = max(row[2], end)
+            row[2] = max(row[2], t if until is None else until)
 
     def rate(self, kind: str) -> float:
         """Return messages per second between the first and the last one; 0 when there are fewer than two."""

@@ -16,7 +16,7 @@ from gcs_autotune.logs.recording import Recording
 from gcs_autotune.logs.tape import Note, Tape
 from gcs_autotune.trial import Channel, Mark, Trial
 
-__all__ = ["Cut", "cut_runs", "runs_of"]
+__all__ = ["Cut", "LeftOut", "cut_runs", "runs_of"]
 
 SHORTEST = 5.0
 """Chosen [s]: a shorter stretch is no manoeuvre."""
@@ -24,6 +24,8 @@ SILENCE = 3.0
 """Chosen [s]: when nothing at all was heard for longer, what follows is another run."""
 FEWEST = 20
 """Fewest samples of any motion channel."""
+NO_INPUT = ("motion-only", "no-inputs")
+"""Notes that say why a log has no input."""
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 
@@ -37,11 +39,22 @@ class _Stretch:
 
 
 @dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A stretch from which nothing can be identified, and why."""
+
+    run: Trial
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.run.name}: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
 class Cut:
-    """What became of a log: the ``runs`` and, in words, the stretches left out and why."""
+    """What became of a log: the ``runs``, and the stretches left out."""
 
     runs: list[Trial]
-    left_out: list[str]
+    left_out: list[LeftOut]
 
 
 def runs_of(log: Recording) -> list[Trial]:
@@ -61,7 +74,7 @@ def runs_of(log: Recording) -> list[Trial]:
 def cut_runs(log: Recording) -> Cut:
     """Cut a log at boots, silences, and every change of mode or arming."""
     runs: list[Trial] = []
-    dropped: list[str] = []
+    dropped: list[LeftOut] = []
     number = 0
     for tape in log.tapes:
         motion, sources = motion_channels(tape)
@@ -94,12 +107,13 @@ def cut_runs(log: Recording) -> Cut:
                     "notes": [*log.notes, *tape.notes, *doubts],
                 },
             )
-            why = _useless(run, stretch, doubts)
+            why = _useless(run, stretch, [*log.notes, *doubts])
             if why:
-                dropped.append(f"{name}: {why}")
+                dropped.append(LeftOut(run, why))
             else:
                 runs.append(run)
-    return Cut([_with_dropped(run, dropped) for run in runs], dropped)
+    words = [str(left) for left in dropped]
+    return Cut([_with_dropped(run, words) for run in runs], dropped)
 
 
 def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
@@ -150,7 +164,7 @@ def _useless(run: Trial, stretch: _Stretch, doubts: list[Note]) -> str:
         return f"shorter than {SHORTEST:g} s"
     forces = [run[n] for n in FORCES if n in run]
     if not forces:
-        return doubts[0][1] if doubts else "no input was recorded"
+        return next((cause for slug, cause, _ in doubts if slug in NO_INPUT), "no input was recorded")
     if not any(_varies(c) for c in forces):
         return "nothing was driven"
     if not any(_varies(c) and len(c) >= FEWEST for n, c in run.channels.items() if n in _MOTION):
@@ -165,7 +179,7 @@ def _varies(channel: Channel) -> bool:
     return len(channel) > 1 and bool(np.ptp(channel.values) > 0.0)
 
 
-def _nothing(tapes: list[Tape], dropped: list[str]) -> str:
+def _nothing(tapes: list[Tape], dropped: list[LeftOut]) -> str:
     name = tapes[0].name if tapes else "the log"
     if not tapes or all(t.span == (0.0, 0.0) for t in tapes):
         return f"{name} holds no motion of a vehicle: was an autopilot connected while it was recorded?"
@@ -176,6 +190,6 @@ def _nothing(tapes: list[Tape], dropped: list[str]) -> str:
             "can be learnt; record a relay, a zig-zag or steps"
         )
     return (
-        f"{name} holds no stretch to identify from ({'; '.join(dropped[:6])}): record a relay or steps, with "
+        f"{name} holds no stretch to identify from ({'; '.join(map(str, dropped[:6]))}): record a relay or steps, with "
         "servo outputs and parameters in the log"
     )
