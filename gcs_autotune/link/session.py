@@ -170,7 +170,7 @@ class Session:
         if self.vehicle is not None and self.silence > self._timeout:
             raise LinkLost(
                 f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
-                "check power, cable and radio range"
+                f"check power, cable and radio range{self._trouble()}"
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
@@ -229,7 +229,7 @@ class Session:
         """
         wanted = self.wait_for(lambda: self._found(system_id), timeout)
         if wanted is None:
-            where, heard = self.transport.description, self._candidates
+            where, heard = f"{self.transport.description}{self._trouble()}", self._candidates
             raise nobody_found(where, timeout, system_id, heard, self.foreign, self._framer.bad_bytes)
         if system_id is None:
             self.pause(2 * _HEARTBEAT_PERIOD)
@@ -239,6 +239,10 @@ class Session:
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
         self.vehicle = wanted.identity(version=self._ask_version())
         return self.vehicle
+
+    def _trouble(self) -> str:
+        said = self.transport.trouble
+        return f" ({said})" if said else ""
 
     def _found(self, system_id: int | None) -> Candidate | None:
         return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)

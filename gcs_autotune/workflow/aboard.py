@@ -35,7 +35,7 @@ def connect(
 ) -> Iterator[Session]:
     """Open the link and find the vehicle; the link is closed on every way out."""
     with connection.open() as transport:
-        watcher.say(f"link: {transport.description}")
+        watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         with Session(
             transport,
             source_system=connection.source_system or 255,
