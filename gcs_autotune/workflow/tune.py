@@ -22,7 +22,7 @@ from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
 from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import axis_of, come_aboard
+from gcs_autotune.workflow.aboard import TWITCHING, axis_of, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import (
     dive_for,
     measure,
@@ -107,6 +107,7 @@ class _Tuner:
                 journal = self._open_journal(found)
                 make_ready(self._craft, self._tale)
                 self._craft.arm()
+                say_link_times(self._craft, self._tale)
                 self._on_the_water(present, journal)
         except NotAsFound:
             as_found = False
@@ -146,10 +147,11 @@ class _Tuner:
     def _identify(self, throttle: float) -> AxisFit:
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
-        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
+        least = self._craft.least_period
+        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1", least_period=least)
         self._come_about(throttle)
         first = self._fly(relay, "first self-oscillation").trial
-        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2")
+        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2", least_period=least)
         self._come_about(throttle)
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
@@ -291,7 +293,8 @@ class _Tuner:
         swings = f" and oscillations about the present {axis.name}" if self._given is None else ""
         self._tale.announce(
             (
-                "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
+                ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
+                + f"; {TWITCHING}",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
                 f"move: {down}{shown} steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
