@@ -297,9 +297,9 @@ class Relay:
 
     def _link_too_slow(self, period: float) -> str:
         return (
-            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through this link nothing "
-            f"quicker than {self._settings.least_period:.2f} s tells about the craft rather than about the link's delay and "
-            "sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
+            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
+            f"quicker than {self._settings.least_period:.2f} s tells about the craft rather than about the link's "
+            "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
         )
 
     def _wrong_way(self) -> str:
