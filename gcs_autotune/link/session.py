@@ -109,6 +109,7 @@ class Session:
         self._interrupt = interrupt
         self._timeout = heartbeat_timeout
         self._listeners: dict[str, list[Listener]] = defaultdict(list)
+        self._overhearing: list[Callable[[Frame], None]] = []
         self._duties: list[Duty] = []
         self._candidates: dict[tuple[int, int], Candidate] = {}
         self._last_heard = self.clock.now()
@@ -159,6 +160,10 @@ class Session:
         """
         self._listeners[name].append(listener)
         return lambda: self._listeners[name].remove(listener)
+
+    def overhear(self, listener: Callable[[Frame], None]) -> None:
+        """Call *listener* with every frame from anybody but the vehicle. What they say is hearsay, never obeyed."""
+        self._overhearing.append(listener)
 
     def every(self, period: float, action: Callable[[], None]) -> Duty:
         """Call *action* every *period* [s of link time] while pumping, first at the next pump."""
@@ -344,6 +349,8 @@ class Session:
 
     def _note_foreign(self, frame: Frame) -> None:
         self.foreign[frame.system, frame.component] += 1
+        for hear in self._overhearing:
+            hear(frame)
         is_twin = frame.name == "HEARTBEAT" and frame.system == self.source_system
         if is_twin and self.foreign[frame.system, frame.component] == 1:
             self.notes.append(

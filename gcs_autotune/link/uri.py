@@ -50,23 +50,23 @@ def _flow_controlled(rest: str, options: LinkOptions) -> SerialName:
 
 def _sitl(rest: str, options: LinkOptions) -> Transport:
     name, _, query = rest.partition("?")
-    given: dict[str, list[str]] = {key: [] for key in ("seed", "effect", "param", "model")}
+    given: dict[str, list[str]] = {key: [] for key in ("seed", "effect", "param", "model", "names")}
     for piece in filter(None, query.split("&")):
         key, equals, value = piece.partition("=")
         if key not in given or not equals or not value:
             raise UsageError(
                 f"'sitl:{rest}': what may follow the vehicle's name is ?seed=NUMBER, effect=SLUG[@PLACE].PARAM=VALUE, "
-                f"param=NAME=VALUE and model=FILE, joined by &; not '{piece}'"
+                f"param=NAME=VALUE, names=GENERATION and model=FILE, joined by &; not '{piece}'"
             )
         given[key].append(unquote(value))
-    for key in ("seed", "model"):
+    for key in ("seed", "model", "names"):
         if len(given[key]) > 1:
             raise UsageError(f"'sitl:{rest}': give one {key} only")
     if any(not re.fullmatch(r"\d+", seed) for seed in given["seed"]):
         raise UsageError(f"'sitl:{rest}': a seed is a whole number of 0 or more, not '{given['seed'][0]}'")
     seed = int(given["seed"][0]) if given["seed"] else options.seed
-    model = given["model"][0] if given["model"] else None
-    return open_sitl(Rehearsal(name, seed, tuple(given["effect"]), tuple(given["param"]), model))
+    model, names = (given[key][0] if given[key] else None for key in ("model", "names"))
+    return open_sitl(Rehearsal(name, seed, tuple(given["effect"]), tuple(given["param"]), model, names))
 
 
 def _no_lockstep(rest: str, options: LinkOptions) -> Transport:
@@ -115,7 +115,7 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     a ``?`` is told to it, joined by ``&``:
     ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` hides effects behind the wire
     (as ``gcs-autotune sitl --effect``), ``model=FILE`` flies a model file, ``param=NAME=VALUE`` sets a parameter
-    before boot; a ``&`` in a value is written ``%26``.
+    before boot, ``names=4.7`` gives it that firmware's parameter names; a ``&`` in a value is written ``%26``.
 
     MAVSDK's ``scheme://`` is accepted too, with every *backend*. Its old ``udp://`` means two things: it calls a host
     that is named, and listens on ``udp://:PORT`` and ``udp://0.0.0.0:PORT``.
