@@ -131,6 +131,11 @@ class Session:
         return self._signer.refused.total() if self._signer else 0
 
     @property
+    def refusals(self) -> str:
+        """How many frames were refused and why, for the operator; empty when none were."""
+        return refusals(self._signer)
+
+    @property
     def source_system(self) -> int:
         """The system id we send as."""
         return self._packer.system
@@ -270,7 +275,7 @@ class Session:
         return self.vehicle
 
     def _trouble(self) -> str:
-        said = "; ".join(filter(None, (self.transport.trouble, refusals(self._signer))))
+        said = "; ".join(filter(None, (self.transport.trouble, self.refusals)))
         return f" ({said})" if said else ""
 
     def _begin_signing(self, key: SigningKey) -> Signer:

@@ -50,7 +50,11 @@ def connect(
         ) as session:
             session.discover(system_id=connection.system_id)
             watcher.say(f"vehicle: {session.vehicle}")
-            yield session
+            try:
+                yield session
+            finally:
+                if session.refusals:
+                    watcher.say(session.refusals)
 
 
 @contextmanager
