@@ -97,6 +97,12 @@ class ThrottledPty(SteppedTransport):
             came += piece
         return came
 
+    def unplug(self) -> None:
+        """Pull the cable."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+
     def _close(self) -> None:
         self.port.close()
-        os.close(self._master)
+        self.unplug()

@@ -1,0 +1,32 @@
+"""Our serial transport on a real pseudo-terminal that passes as many bytes a second as the baud rate says."""
+
+from __future__ import annotations
+
+import pytest
+from scripted_vehicle import ScriptedVehicle
+
+from benchmarks.throttled_pty import ThrottledPty
+from gcs_autotune.errors import LinkLost
+from gcs_autotune.link import Parameters, Session
+
+
+@pytest.mark.parametrize("baud", [57600, 115200])
+def test_a_parameter_list_longer_than_the_buffers_comes_whole_in_the_time_it_takes(baud: int) -> None:
+    boat = ScriptedVehicle()
+    boat.parameters |= {f"EXTRA_{n}": float(n) for n in range(400)}
+    with ThrottledPty(boat, baud) as link, Session(link) as session:
+        session.discover()
+        begun, passed = link.clock.now(), link.down.passed
+        assert len(Parameters(session).read_full()) == len(boat.parameters)
+        rate = (link.down.passed - passed) / (link.clock.now() - begun)
+        assert rate <= 1.05 * baud / 10
+        session.pause(1.0)
+        assert session.bad_data == 0
+
+
+def test_a_cable_pulled_in_the_middle_of_a_frame_is_a_lost_link() -> None:
+    with ThrottledPty(ScriptedVehicle(), 57600) as link, Session(link) as session:
+        session.discover()
+        link.unplug()
+        with pytest.raises(LinkLost, match="serial port stopped working"):
+            link.port.read(0.5)
