@@ -149,7 +149,9 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Build the connection to *uri* from the options of :func:`add_connection`."""
     from gcs_autotune.workflow import Connection
 
-    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing_of(args))
+    return Connection(
+        uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing_of(args, uri)
+    )
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:

@@ -18,8 +18,10 @@ __all__ = ["PASSPHRASE_VARIABLE", "signing_of"]
 PASSPHRASE_VARIABLE = "GCS_AUTOTUNE_SIGNING_PASSPHRASE"
 
 
-def signing_of(args: argparse.Namespace) -> SigningKey | None:
-    """Return the key that the options or the environment name, None when none do.
+def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
+    """Return the key that the options or the environment name for the vehicle at *uri*, None when none do.
+
+    The embedded simulator has no key: what the environment says is for other vehicles.
 
     Raises
     ------
@@ -39,6 +41,7 @@ def signing_of(args: argparse.Namespace) -> SigningKey | None:
                 f"Give --signing-key FILE, or set {PASSPHRASE_VARIABLE}"
             )
         return SigningKey.from_passphrase(getpass.getpass("Signing passphrase: "), "passphrase typed")
-    if passphrase := os.environ.get(PASSPHRASE_VARIABLE):
+    passphrase = os.environ.get(PASSPHRASE_VARIABLE)
+    if passphrase and not uri.startswith("sitl:"):
         return SigningKey.from_passphrase(passphrase, f"passphrase in {PASSPHRASE_VARIABLE}")
     return None

@@ -16,10 +16,10 @@ from gcs_autotune.link import SigningKey
 WANTED = SigningKey.from_passphrase("hunter2").secret
 
 
-def connection(*arguments: str) -> SigningKey | None:
+def connection(*arguments: str, uri: str = "udpin:0.0.0.0:0") -> SigningKey | None:
     parser = argparse.ArgumentParser()
     add_connection(parser)
-    return connection_of(parser.parse_args(arguments), "udpin:0.0.0.0:0").signing
+    return connection_of(parser.parse_args(arguments), uri).signing
 
 
 class Terminal(io.StringIO):
@@ -39,6 +39,7 @@ def test_the_key_comes_from_a_file_the_terminal_or_the_environment(
     typed = connection("--signing-passphrase")
     monkeypatch.setenv(PASSPHRASE_VARIABLE, "hunter2")
     from_environment = connection()
+    assert connection(uri="sitl:charlie") is None  # the embedded simulator has no key
     for key in (from_file, typed, from_environment):
         assert key is not None and key.secret == WANTED
         assert "hunter2" not in key.origin
