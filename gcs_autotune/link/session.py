@@ -192,7 +192,11 @@ class Session:
         data = self.transport.read(max(0.0, min(timeout, _SLICE, next_duty)))
         for frame in self._frames(data):
             self._route(frame)
-        if self.vehicle is not None and self.silence > self._timeout:
+        self.check_heard(self._timeout)
+
+    def check_heard(self, patience: float) -> None:
+        """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
+        if self.vehicle is not None and self.silence > patience:
             raise LinkLost(
                 f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
                 f"check power, cable and radio range{self._trouble()}"
