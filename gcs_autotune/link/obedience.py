@@ -75,7 +75,7 @@ def _deaf_outputs(level: float, driver: Driver, telemetry: Telemetry, mode: str)
     output = telemetry.outputs.get("N", math.nan)
     what = "RC_CHANNELS shows our overrides, but" if driver.is_obeyed else "neither RC_CHANNELS nor"
     return PreconditionFailed(
-        f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it ({output:+.0%} "
-        f"in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch (BRD_SAFETY_DEFLT), and "
-        "that no failsafe is active"
+        f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it "
+        f"({output:+.0%} in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch "
+        "(BRD_SAFETY_DEFLT), and that no failsafe is active"
     )
