@@ -17,6 +17,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import come_aboard
 from gcs_autotune.workflow.experiments import relay_for, second_output, turn_for
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_check_for
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
 from gcs_autotune.workflow.waiting import ask, think
@@ -66,6 +67,11 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
     sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
+    if dof in CHECKED:
+        see_signs(
+            sign_check_for(dof, craft.firmware, craft.servos, cruise.throttle, needs_speed=False, output=output),
+            sequencer.fly,
+        )
     for name in ("relay-1", "relay-2"):
         turn = turn_for(craft.firmware.kind, cruise.throttle)
         if trials and turn is not None:
@@ -101,7 +107,8 @@ def _announce(
     for text in (
         armed,
         f"use the mode {craft.firmware.manual_mode}, and go back to {now.mode} at the end",
-        f"move: two self-oscillation experiments in {settings.axis}",
+        f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}two self-oscillation experiments in "
+        f"{settings.axis}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")
