@@ -1,27 +1,39 @@
 """What a craft answered to a short pulse one way and back: did it move, and which way?
 
-Pure arithmetic on what was observed; :mod:`~gcs_autotune.manoeuvres.sign_check` flies the pulses.
+Pure arithmetic on what was observed; :mod:`~gcs_autotune.manoeuvres.sign_check` flies the pulses. A craft that was
+turning already, drifts, or coasts on after a pulse must not be misread, nor one sample of a noisy compass be believed:
+``nudot = -a nu + b u + c`` with a *b* for each direction of the output is fitted to the whole record, integrated twice
+so that nothing is differentiated: linear in all it does not know.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Answer", "Stretch", "answer"]
+__all__ = ["Answer", "Stretch", "Tick", "answer"]
+
+Array = NDArray[np.float64]
+Tick = tuple[float, float, float]
+"""Time [s], position [rad or m], measured output [fraction of full]."""
 
 FOLLOWS = 0.5
 """Chosen: share of the commanded output that must be measured; keepers and rounding take a little of it."""
+SURE = 4.0
+"""A motion must be so many times its standard error to count."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A time under one command: ``moved`` [rad or m] beyond the drift, mean measured ``output``, ``seconds``."""
+    """A pulse: ``moved`` [rad or m] is what it alone did in its ``seconds``, with standard error; mean ``output``."""
 
     command: float
     moved: float
+    error: float
     output: float
     seconds: float
 
@@ -65,33 +77,63 @@ class Answer:
         return next((s for s in (self.forward, self.back) if not s.obeyed >= FOLLOWS), None)
 
     def _sign(self, stretch: Stretch) -> int:
-        if abs(stretch.moved) < self.threshold:
+        if abs(stretch.moved) < max(self.threshold, SURE * stretch.error):
             return 0
         return 1 if stretch.moved * stretch.command > 0.0 else -1
 
 
 def answer(
-    command: float,
-    rest: Sequence[tuple[float, float, float]],
-    forward: Sequence[tuple[float, float, float]],
-    back: Sequence[tuple[float, float, float]],
-    threshold: float,
+    command: float, rest: Sequence[Tick], forward: Sequence[Tick], back: Sequence[Tick], threshold: float
 ) -> Answer:
-    """Judge a pulse of *command* [fraction of full] and one of ``-command``.
-
-    rest, forward, back : (time [s], position [rad or m], measured output) per tick, before and during each pulse. What
-    the craft drifted while left alone is taken off.
-    """
-    t, x, idle = (np.array(column) for column in zip(*rest, strict=True))
-    drift = float(np.polyfit(t - t[0], x, 1)[0]) if len(t) > 2 and t[-1] > t[0] else 0.0
-    bias = float(np.mean(idle))
-    return Answer(
-        _stretch(command, forward, drift, bias), _stretch(-command, back, drift, bias), threshold=abs(threshold)
-    )
+    """Judge a pulse of *command* [fraction of full] and one of ``-command``; ticks before, and during each of them."""
+    t, x, u = (np.array(column) for column in zip(*rest, *forward[1:], *back[1:], strict=True))
+    idle = float(np.mean([output for _, _, output in rest]))
+    drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle)
+    there = _stretch(command, forward, idle, drag, float(gains[0]), float(errors[0]))
+    again = _stretch(-command, back, idle, drag, float(gains[1]), float(errors[1]))
+    return Answer(there, again, threshold)
 
 
-def _stretch(command: float, ticks: Sequence[tuple[float, float, float]], drift: float, bias: float) -> Stretch:
-    t, x, output = (np.array(column) for column in zip(*ticks, strict=True))
-    seconds = float(t[-1] - t[0])
-    late = output[len(output) // 2 :]
-    return Stretch(command, float(x[-1] - x[0]) - drift * seconds, float(np.mean(late)) - bias, seconds)
+def _stretch(command: float, ticks: Sequence[Tick], idle: float, drag: float, gain: float, error: float) -> Stretch:
+    seconds = ticks[-1][0] - ticks[0][0]
+    outputs = [output - idle for _, _, output in ticks]
+    output = float(np.mean(outputs[len(outputs) // 2 :]))
+    reach = abs(command) * _response(drag, seconds)
+    return Stretch(command, math.copysign(gain * reach, gain * command), error * reach, output, seconds)
+
+
+def _response(drag: float, seconds: float) -> float:
+    """Return how far ``nudot = -drag nu + 1`` gets in *seconds* from rest."""
+    if drag * seconds < 1e-3:
+        return 0.5 * seconds**2
+    return (seconds + math.expm1(-drag * seconds) / drag) / drag
+
+
+def _fitted(t: Array, x: Array, u: Array) -> tuple[float, Array, Array]:
+    """Return drag *a* [1/s], and gain *b* and its standard error for the first pulse's direction and the other."""
+    first = _first_sign(u)
+    ways = np.where(u * first > 0.0, u, 0.0), np.where(u * first < 0.0, u, 0.0)
+    columns = [np.ones_like(t), t, 0.5 * t**2, *(_integral(t, _integral(t, way)) for way in ways)]
+    for with_drag in (True, False):
+        matrix = np.column_stack([*columns, -_integral(t, x)] if with_drag else columns)
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
+        solution, *_ = np.linalg.lstsq(matrix / scale, x, rcond=1e-10)
+        residual = x - (matrix / scale) @ solution
+        drag = float(solution[5] / scale[5]) if with_drag else 0.0
+        if drag >= 0.0:
+            break
+    freedom = max(len(t) - matrix.shape[1], 1)
+    covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale)) * float(residual @ residual) / freedom
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return drag, (solution / scale)[3:5], (errors / scale)[3:5]
+
+
+def _first_sign(u: Array) -> float:
+    """Return the sign of the first pulse among the outputs; 1 when there is none."""
+    large = np.flatnonzero(np.abs(u) > 0.5 * np.max(np.abs(u), initial=0.0))
+    return float(np.sign(u[large[0]])) if len(large) and u[large[0]] != 0.0 else 1.0
+
+
+def _integral(t: Array, values: Array) -> Array:
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)
+    return np.concatenate([np.zeros(1), np.cumsum(steps)])

@@ -13,7 +13,7 @@ from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import sign_words as words
-from gcs_autotune.manoeuvres.answer import Answer, answer
+from gcs_autotune.manoeuvres.answer import Answer, Tick, answer
 from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
 from gcs_autotune.manoeuvres.lead_in import LeadIn
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
@@ -82,9 +82,9 @@ class SignCheck:
         self._marks: list[Mark] = []
         self._size = 0
         self._command = 0.0
-        self._rest: list[tuple[float, float, float]] = []
-        self._forward: list[tuple[float, float, float]] = []
-        self._back: list[tuple[float, float, float]] = []
+        self._rest: list[Tick] = []
+        self._forward: list[Tick] = []
+        self._back: list[Tick] = []
         self._speeds: list[float] = []
 
     @property
@@ -123,8 +123,10 @@ class SignCheck:
         else:
             self._back.append(tick)
             start, turn = self._forward[0], self._back[0]
-            is_back = (x - start[1]) * (turn[1] - start[1]) <= 0.0
-            seconds, longest = t - turn[0], BACK_LONGER * (turn[0] - start[0])
+            gone, seconds = turn[1] - start[1], t - turn[0]
+            answered = abs(gone) >= self._least
+            longest = (turn[0] - start[0]) * (BACK_LONGER if answered else 1.0)
+            is_back = answered and (x - start[1]) * gone <= 0.0
             if seconds >= SHORTEST and (seconds >= longest or is_back):
                 self._judge()
         return self._drive(observation)
@@ -149,7 +151,7 @@ class SignCheck:
 
     # --- the course of it ---------------------------------------------------------------------------------
 
-    def _wait(self, observation: Observation, tick: tuple[float, float, float]) -> None:
+    def _wait(self, observation: Observation, tick: Tick) -> None:
         """Let speed, noise and drift settle; then begin, unless there is nothing to steer by."""
         t, x, _ = tick
         if not self._lead_in.done:
@@ -173,6 +175,11 @@ class SignCheck:
                 self._refuse(words.too_slow(speed, noise, least, s.throttle))
         return self.outcome is not None
 
+    @property
+    def _least(self) -> float:
+        """The least motion that counts as an answer [rad or m]."""
+        return max(self._settings.least, NOISES * self._lead_in.noise_std)
+
     def _push(self, t: float, command: float) -> None:
         self._command = command
         self._marks.append(Mark(t, "pulse", {self._settings.force: command}))
@@ -180,8 +187,7 @@ class SignCheck:
     def _judge(self) -> None:
         """End with a verdict, or come to rest and try the next size."""
         s = self._settings
-        least = max(s.least, NOISES * self._lead_in.noise_std)
-        self.answer = seen = answer(s.outputs[self._size], self._rest, self._forward, self._back, least)
+        self.answer = seen = answer(s.outputs[self._size], self._rest, self._forward, self._back, self._least)
         self._command = 0.0
         if seen.unheeded is not None:
             self._refuse(words.not_followed(seen.unheeded, s.force, s.outlets))

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs_autotune.craft import Observation
@@ -44,6 +45,30 @@ def test_a_reversed_actuator_is_refused_with_its_cure_after_one_small_pulse(bias
     assert "to port" in flown.outcome.reason
     assert flown.outcome.reason.endswith("the wrong way. Turn it round")
     assert abs(craft.psi) < math.radians(60.0)
+
+
+class Noisy(PondCraft):
+    """A boat that turns already, in wind, with a poor compass."""
+
+    def __init__(self, seed: int, **options: float) -> None:
+        super().__init__(**options)
+        self.noise, self.r = np.random.default_rng(seed), math.radians(2.0)
+
+    def observe(self) -> Observation:
+        seen = super().observe()
+        object.__setattr__(seen, "psi", seen.psi + float(self.noise.normal(0.0, math.radians(0.4))))
+        return seen
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("gain", "signs"), [(0.06, (1, 1)), (-0.06, (-1, -1)), (0.0, (0, 0))])
+def test_noise_drift_and_a_turn_under_way_are_not_taken_for_an_answer(
+    seed: int, gain: float, signs: tuple[int, int]
+) -> None:
+    # Like Charlie: a time constant of 3 s, 10 deg/s at full rudder.
+    manoeuvre, _ = check(Noisy(seed, gain=gain, drag=0.3, bias=0.001))
+    assert manoeuvre.answer is not None
+    assert manoeuvre.answer.signs == signs
 
 
 def test_a_dead_actuator_is_named_with_the_pulses_it_was_given() -> None:
