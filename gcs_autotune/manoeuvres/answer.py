@@ -24,16 +24,21 @@ Tick = tuple[float, float, float]
 FOLLOWS = 0.5
 """Chosen: share of the commanded output that must be measured; keepers and rounding take a little of it."""
 SURE = 4.0
-"""A motion must be so many times its standard error to count."""
+"""A fitted motion must be so many times its standard error to count, ..."""
+CLEAR = 3.0
+"""... or the craft must plainly have gone that way, by so many thresholds: a quick one leaves few ticks to fit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A pulse: ``moved`` [rad or m] is what it alone did in its ``seconds``, with standard error; mean ``output``."""
+    """A pulse: ``moved`` [rad or m] is what it alone did in its ``seconds``, fitted, with standard error; ``went`` how
+    far the craft really got; mean ``output``.
+    """
 
     command: float
     moved: float
     error: float
+    went: float
     output: float
     seconds: float
 
@@ -77,7 +82,9 @@ class Answer:
         return next((s for s in (self.forward, self.back) if not s.obeyed >= FOLLOWS), None)
 
     def _sign(self, stretch: Stretch) -> int:
-        if abs(stretch.moved) < max(self.threshold, SURE * stretch.error):
+        is_clear = stretch.went * stretch.moved > 0.0 and abs(stretch.went) >= CLEAR * self.threshold
+        is_sure = abs(stretch.moved) >= SURE * stretch.error
+        if abs(stretch.moved) < self.threshold or not (is_sure or is_clear):
             return 0
         return 1 if stretch.moved * stretch.command > 0.0 else -1
 
@@ -99,7 +106,8 @@ def _stretch(command: float, ticks: Sequence[Tick], idle: float, drag: float, ga
     outputs = [output - idle for _, _, output in ticks]
     output = float(np.mean(outputs[len(outputs) // 2 :]))
     reach = abs(command) * _response(drag, seconds)
-    return Stretch(command, math.copysign(gain * reach, gain * command), error * reach, output, seconds)
+    went = ticks[-1][1] - ticks[0][1]
+    return Stretch(command, math.copysign(gain * reach, gain * command), error * reach, went, output, seconds)
 
 
 def _response(drag: float, seconds: float) -> float:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs_autotune.craft import Observation
+from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import Envelope, Flown, Outlet, Sequencer, SignCheck, SignCheckSettings
 from gcs_autotune.watch import SilentWatcher
 
@@ -67,6 +67,22 @@ def test_noise_drift_and_a_turn_under_way_are_not_taken_for_an_answer(
 ) -> None:
     # Like Charlie: a time constant of 3 s, 10 deg/s at full rudder.
     manoeuvre, _ = check(Noisy(seed, gain=gain, drag=0.3, bias=0.001))
+    assert manoeuvre.answer is not None
+    assert manoeuvre.answer.signs == signs
+
+
+@pytest.mark.parametrize(("gain", "signs"), [(150.0, (1, 1)), (-150.0, (-1, -1))])
+def test_a_craft_as_quick_as_the_link_is_late_is_understood(gain: float, signs: tuple[int, int]) -> None:
+    class Late(PondCraft):
+        """Turns 75 deg/s a tick after a pulse of 0.15 begins; its outputs are seen a tick later still."""
+
+        def send(self, command: Command) -> None:
+            super().send(self.next)
+            self.next = command
+
+        next: Command = Actuate()
+
+    manoeuvre, _ = check(Late(gain=gain, drag=20.0))
     assert manoeuvre.answer is not None
     assert manoeuvre.answer.signs == signs
 
