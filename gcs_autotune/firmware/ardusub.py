@@ -113,4 +113,6 @@ FIRMWARE = Firmware(
     frame_parameter="FRAME_CONFIG",
     mixing=_FRAMES,
     motor_span=400.0,
+    rc_map={"Z": "RCMAP_THROTTLE", "N": "RCMAP_YAW", "X": "RCMAP_FORWARD", "Y": "RCMAP_LATERAL"},
+    idle=("RCMAP_PITCH", "RCMAP_ROLL"),
 )

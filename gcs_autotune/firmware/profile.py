@@ -62,6 +62,8 @@ class Firmware:
     (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
     ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead, or, with two side
     thrusters, ``skid_functions`` (function number -> factor per force).
+    ``rc_map`` maps a force name to the parameter that moves its channel elsewhere (RCMAP_*), and ``idle`` names those
+    of sticks that ``manual_mode`` listens to although we drive nothing with them: they are kept at neutral.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     """
 
@@ -84,6 +86,8 @@ class Firmware:
     mixing: Mapping[int, Sequence[Mapping[str, float]]] = field(default_factory=dict)
     motor_span: float = 500.0
     manual_dead_zone: bool = False
+    rc_map: Mapping[str, str] = field(default_factory=dict)
+    idle: Sequence[str] = ()
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""

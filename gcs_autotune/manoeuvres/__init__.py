@@ -5,7 +5,7 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns obser
 
 What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
 one degree of freedom in a few oscillations; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back
-between two of them.
+between two of them; ``dive`` to take an ROV off the surface.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
@@ -25,6 +26,8 @@ from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 __all__ = [
     "GUARDS",
     "MANOEUVRES",
+    "Dive",
+    "DiveSettings",
     "Ending",
     "Envelope",
     "Flown",
@@ -49,5 +52,6 @@ MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
     "sign-check": SignCheck,
     "step": Step,
     "turn-about": TurnAbout,
+    "dive": Dive,
 }
 """Name -> manoeuvre (built from its settings); adding one is one file and one line."""

@@ -11,12 +11,10 @@ from sitl.eeprom import keep_parameters, read_parameters
 from tests.sitl.ground import Ground
 
 
-@pytest.fixture(autouse=True)
-def _signals():
+def test_signal_handlers_are_as_before_when_it_has_ended(capsys):
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGINT, before[0])
-    signal.signal(signal.SIGTERM, before[1])
+    assert main(["--list"]) == 0
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
 def test_the_vehicles_are_listed(capsys):
