@@ -15,7 +15,6 @@ WRONG = {
     "reversed rudder": ("charlie", "heading", {"parameters": {"SERVO1_REVERSED": 1.0}}, "Set SERVO1_REVERSED to 0"),
     "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "Set SERVO1_REVERSED to 1"),
     "dead rudder": ("charlie", "heading", {"effect": "dead-zone@steering.width=1"}, "SERVO1 went to 1800 us and 1200"),
-    "outputs reported wrongly": ("charlie", "heading", {"effect": "sign-error@steering"}, "the other way round"),
     "reversed heave": ("videoray", "depth", {"parameters": REVERSED_HEAVE}, "check MOT_n_DIRECTION"),
     "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "it is dead"),
     "too slow": ("charlie", "heading", {"throttle": 0.02}, "give more --throttle"),
