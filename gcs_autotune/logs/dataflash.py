@@ -149,7 +149,8 @@ class _Scribe:
 
     def _believable(self, blocks: list[AnyBlock]) -> dict[str, Array]:
         """Return stamps [s] by kind, NaN where one does not fit between its neighbours in the file."""
-        kinds = {b.kind: b.column("TimeUS") * 1e-6 for b in blocks if "TimeUS" in b.names}
+        told = {b.kind: b.column("TimeUS") for b in blocks if "TimeUS" in b.names}
+        kinds = {k: t * 1e-6 for k, t in told.items() if t.dtype == np.float64 and t.ndim == 1}
         if not kinds:
             return {}
         order = np.concatenate([b.order for b in blocks if b.kind in kinds])
@@ -224,7 +225,7 @@ def _events(tape: Tape, kind: str, stamps: Array, columns: Mapping[str, Any]) ->
                     tape.parameters[str(columns["Name"][i])] = float(columns["Value"][i])
             elif np.isfinite(t):
                 _event(tape, kind, float(t), {name: values[i] for name, values in columns.items()})
-    except KeyError as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise Missing(str(error)) from None
 
 

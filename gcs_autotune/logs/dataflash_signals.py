@@ -27,7 +27,7 @@ INSTANCE = ("C", "I")
 
 
 class Missing(KeyError):
-    """A message lacks a column that every version of it known here has."""
+    """A message lacks a column that every version of it known here has, or holds words there."""
 
 
 def _picked(**columns: tuple[str, float]) -> Callable[[Columns], dict[str, Array]]:
@@ -89,7 +89,7 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
     """
     try:
         found = SIGNALS[kind](columns)
-    except KeyError as error:
+    except (KeyError, TypeError) as error:  # TypeError: a damaged FMT makes words of numbers
         raise Missing(str(error)) from None
     for name in INSTANCE:
         if name in columns:

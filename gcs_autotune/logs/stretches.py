@@ -83,10 +83,10 @@ def cut_runs(log: Recording) -> Cut:
         for stretch in _stretches(tape):
             number += 1
             name = f"{tape.name}#{number} {stretch.mode} {stretch.start - zero:.0f}-{stretch.end - zero:.0f} s"
-            run = Trial(name, {**motion, **drive}).between(stretch.start, stretch.end)
+            channels = {n: _between(c, stretch.start, stretch.end) for n, c in {**motion, **drive}.items()}
             run = Trial(
                 name,
-                {n: c for n, c in run.channels.items() if len(c)},
+                {n: c for n, c in channels.items() if len(c)},
                 _marks(tape, stretch),
                 "imported",
                 meta={
@@ -114,6 +114,12 @@ def cut_runs(log: Recording) -> Cut:
                 runs.append(run)
     words = [str(left) for left in dropped]
     return Cut([_with_dropped(run, words) for run in runs], dropped)
+
+
+def _between(channel: Channel, start: float, end: float) -> Channel:
+    """Return the samples with ``start <= t <= end`` without copying them."""
+    first, last = np.searchsorted(channel.t, start, side="left"), np.searchsorted(channel.t, end, side="right")
+    return Channel(channel.name, channel.unit, channel.t[first:last], channel.values[first:last])
 
 
 def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
