@@ -88,10 +88,10 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
         It lacks a column.
     """
     try:
-        found = SIGNALS[kind](columns)
-    except (KeyError, TypeError) as error:  # TypeError: a damaged FMT makes words of numbers
+        found = {source: np.asarray(v, dtype=np.float64) for source, v in SIGNALS[kind](columns).items()}
+    except (KeyError, TypeError, ValueError) as error:  # a damaged FMT makes words of numbers
         raise Missing(str(error)) from None
     for name in INSTANCE:
-        if name in columns:
+        if name in columns and columns[name].dtype == np.float64:
             found = {source: np.where(columns[name] == 0, values, np.nan) for source, values in found.items()}
     return found

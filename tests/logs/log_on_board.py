@@ -8,7 +8,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HEAD = b"\xa3\x95"
-CODES = {"Q": "Q", "B": "B", "H": "H", "h": "h", "f": "f", "c": "h", "L": "i", "N": "16s", "Z": "64s", "M": "B", "I": "I"}
+CODES = {
+    "Q": "Q",
+    "B": "B",
+    "H": "H",
+    "h": "h",
+    "f": "f",
+    "c": "h",
+    "L": "i",
+    "N": "16s",
+    "Z": "64s",
+    "M": "B",
+    "I": "I",
+}
 SCALE = {"c": 100.0, "L": 1e7}
 
 FORMATS = (
@@ -43,7 +55,10 @@ class Board:
 
     def row(self, name: str, t: float, *values: float | str) -> None:
         number, (_, letters, _) = next((130 + i, f) for i, f in enumerate(FORMATS) if f[0] == name)
-        cells = [v.encode() if isinstance(v, str) else v * SCALE.get(c, 1.0) for c, v in zip(letters[1:], values, strict=True)]
+        cells = [
+            v.encode() if isinstance(v, str) else v * SCALE.get(c, 1.0)
+            for c, v in zip(letters[1:], values, strict=True)
+        ]
         packed = [round(c) if isinstance(c, float) and code not in "fd" else c
                   for c, code in zip(cells, (CODES[x] for x in letters[1:]), strict=True)]  # fmt: skip
         layout = "<" + "".join(CODES[c] for c in letters)
