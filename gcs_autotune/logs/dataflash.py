@@ -231,7 +231,10 @@ def _events(tape: Tape, kind: str, stamps: Array, columns: Mapping[str, Any]) ->
 
 def _event(tape: Tape, kind: str, t: float, m: Mapping[str, Any]) -> None:
     if kind == "MSG":
-        _said(tape, t, str(m["Message"]))
+        tape.texts.append((t, str(m["Message"])))
+        _name(tape, str(m["Message"]))
+    elif kind == "VER":
+        _name(tape, str(m["FWS"]))
     elif kind == "MODE":
         number = str(m.get("ModeNum", m.get("Mode"))).partition(".")[0]
         if number.isdecimal():
@@ -242,8 +245,8 @@ def _event(tape: Tape, kind: str, t: float, m: Mapping[str, Any]) -> None:
         tape.arming.append((t, bool(m["Id"] == EV_ARMED)))
 
 
-def _said(tape: Tape, t: float, text: str) -> None:
-    tape.texts.append((t, text))
+def _name(tape: Tape, text: str) -> None:
+    """Take the firmware's name and version from what it says of itself."""
     if tape.firmware is None:
         for name, firmware in FIRMWARE.items():
             if text.lower().startswith((name, name.removeprefix("ardu"))):

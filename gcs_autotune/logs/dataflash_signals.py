@@ -20,7 +20,7 @@ Columns: TypeAlias = Mapping[str, Any]
 
 RAD = math.pi / 180.0
 FIX_3D = 3
-EVENTS = frozenset({"PARM", "MSG", "MODE", "ARM", "EV"})
+EVENTS = frozenset({"PARM", "MSG", "VER", "MODE", "ARM", "EV"})
 """Messages that are looked at one by one."""
 INSTANCE = ("C", "I")
 """Columns that number the instances of a sensor or filter; only the first one is read."""
