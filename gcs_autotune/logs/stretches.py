@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.logs.channels import motion_channels
+from gcs_autotune.logs.excitation import excitation_of, little_told
 from gcs_autotune.logs.filters import filters_of
 from gcs_autotune.logs.outputs import drive_channels
 from gcs_autotune.logs.recording import Recording
@@ -111,7 +112,7 @@ def cut_runs(log: Recording) -> Cut:
             if why:
                 dropped.append(LeftOut(run, why))
             else:
-                runs.append(run)
+                runs.append(_looked_at(run))
     words = [str(left) for left in dropped]
     return Cut([_with_dropped(run, words) for run in runs], dropped)
 
@@ -122,8 +123,16 @@ def _between(channel: Channel, start: float, end: float) -> Channel:
     return Channel(channel.name, channel.unit, channel.t[first:last], channel.values[first:last])
 
 
+def _looked_at(run: Trial) -> Trial:
+    """Return a run with a first look at what it may tell, and a doubt when that is little."""
+    looks = excitation_of(run)
+    doubt = little_told(looks)
+    notes = [*run.meta["notes"], *([doubt] if doubt else [])]
+    return replace(run, meta={**run.meta, "excitation": [e.to_dict() for e in looks], "notes": notes})
+
+
 def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
-    return Trial(run.name, run.channels, run.marks, run.ending, run.reason, {**run.meta, "stretches_left_out": dropped})
+    return replace(run, meta={**run.meta, "stretches_left_out": dropped})
 
 
 def _stretches(tape: Tape) -> list[_Stretch]:
