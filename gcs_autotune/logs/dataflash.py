@@ -14,6 +14,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.logs.dataflash_binary import HEAD, BinaryLog, Block
 from gcs_autotune.logs.dataflash_signals import EVENTS, SIGNALS, Missing, signals_of
+from gcs_autotune.logs.dataflash_stamps import strays_of
 from gcs_autotune.logs.dataflash_text import TextBlock, TextLog
 from gcs_autotune.logs.recording import Census, Recording
 from gcs_autotune.logs.tape import Note, Tape
@@ -27,12 +28,6 @@ EV_ARMED, EV_DISARMED = 10, 11
 """Event numbers of ArduPilot, for logs older than the ARM message."""
 REBOOT = 5.0
 """Chosen [s]: a piece of log that begins so much before the end of what came before is of another boot."""
-STRAY = 2.0
-"""Chosen [s]: a stamp so much before, or after, the middle one of its neighbours on both sides is damaged."""
-FAR = 600.0
-"""Chosen [s]: so far from the only neighbours there are it is damaged, too."""
-NEIGHBOURS = 5
-"""Chosen: messages looked at on either side."""
 
 
 def record_dataflash(path: Path, system: int | None = None) -> Recording:
@@ -163,7 +158,7 @@ class _Scribe:
             last = np.maximum.accumulate(np.where(blank, -1, np.arange(len(place))))
             last[last < 0] = int(np.argmax(~blank))
             t[place] = t[place[last]]
-        strays = _strays(t[place])
+        strays = strays_of(t[place])
         self.strays += int(np.sum(strays))
         t[place[strays]] = np.nan
         ends = np.cumsum([len(s) for s in kinds.values()])
@@ -188,25 +183,6 @@ def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[fl
     again = np.flatnonzero(np.diff(t[place]) < -REBOOT) + 1
     cuts = [-np.inf, *order[place[again]].astype(float), np.inf]
     return list(itertools.pairwise(cuts))
-
-
-def _strays(t: Array) -> NDArray[np.bool_]:
-    """Return which stamps, in order of the file, lie before both their neighbourhoods or after both.
-
-    Where there is only one (the ends of a piece), a stamp far from it is a stray, too.
-    """
-    if not np.any(~(np.abs(np.diff(t)) <= STRAY)):
-        return np.zeros(len(t), dtype=bool)
-    beyond = np.full(NEIGHBOURS, np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([beyond, t, beyond]), NEIGHBOURS)
-    middle = np.median(windows, axis=1)
-    before, after = middle[: len(t)], middle[NEIGHBOURS + 1 : NEIGHBOURS + 1 + len(t)]
-    is_ahead = (t > before + STRAY) & (t > after + STRAY)
-    is_behind = (t < before - STRAY) & (t < after - STRAY)
-    is_alone = np.isnan(before) | np.isnan(after)
-    nearest = np.fmin(np.abs(t - before), np.abs(t - after))
-    strays: NDArray[np.bool_] = is_ahead | is_behind | (is_alone & (nearest > FAR)) | ~np.isfinite(t)
-    return strays
 
 
 def _whole(t: Array, values: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
