@@ -33,6 +33,8 @@ _REFRESH = 0.1
 _STALE = 0.15
 """Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
 _TICK_TIMEOUT = 3.0
+_HEARD = 2.0
+"""Chosen: seconds of silence up to which a vehicle whose heartbeat comes once a second is being heard."""
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
 _NEUTRAL_TIMEOUT = 5.0
@@ -133,7 +135,7 @@ class MavlinkCraft:
         seen, deadline = self.telemetry.ticks, Deadline.after(self.clock, _TICK_TIMEOUT)
         while self.telemetry.ticks == seen:
             self.telemetry.watchdog.check()
-            if deadline.expired:
+            if deadline.expired and self.session.silence < _HEARD:
                 raise TelemetryFault(
                     f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
                     "ground station changing the stream rates?"

@@ -199,12 +199,14 @@ class Session:
         """
         if self.heartbeats == self._given_up_at:
             return False
+        last_heard = self._last_heard
         with self.shielded():
             try:
                 is_back = self.await_return(patience)
             except LinkLost:
                 is_back = False
-        self._given_up_at = -1 if is_back else self.heartbeats
+        if not is_back:
+            self._given_up_at, self._last_heard = self.heartbeats, last_heard
         return is_back
 
     # --- the operator -------------------------------------------------------------------------------------
