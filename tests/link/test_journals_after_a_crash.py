@@ -71,7 +71,7 @@ def test_a_whole_line_that_lacks_only_its_end_counts_and_is_ended(path: Path) ->
 def test_damage_before_the_end_is_refused_with_another_way_out(path: Path) -> None:
     lines = written(path).splitlines(keepends=True)
     path.write_bytes(lines[0] + b"\0\0\0\n" + b"".join(lines[2:]))
-    with pytest.raises(BadFile, match="line 2.*parameters_before"):
+    with pytest.raises(BadFile, match=r"line 2.*parameters_before"):
         Journal.read(path)
     with pytest.raises(BadFile):
         Journal.resume(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,8 @@ import pytest
 from benchmarks.faults import Berth, Case, Fault, Killed, play
 from benchmarks.faults.case import FLEET
 from gcs_autotune.errors import NotAsFound, OperatorStopped, PreconditionFailed, WrongVehicle
-from gcs_autotune.link import Commands, Journal, ParameterLoan, Parameters, Session
 from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link import Commands, Journal, ParameterLoan, Parameters, Session
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
 
@@ -154,7 +153,7 @@ def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> No
     vehicle = berth.server.vehicle
     write = vehicle.parameters.write
     vehicle.parameters.write = lambda n, v: True if n == "ATC_STR_RAT_I" else write(n, v)  # type: ignore[method-assign]
-    with pytest.raises(NotAsFound, match="ATC_STR_RAT_I.*again") as caught:
+    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_I.*again") as caught:
         restore(berth, path)
     assert set(caught.value.differences) == {"ATC_STR_RAT_I"}
     assert [d.split()[0] for d in berth.condition().differs_from(found, {})] == ["ATC_STR_RAT_I"]
@@ -186,5 +185,5 @@ def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fau
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc for open files")
 def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
     play(Case.of(CHARLIE, Fault("unplugged", 5.0)), tmp_path)
-    open_files = [os.readlink(entry) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
+    open_files = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
     assert str(tmp_path / "run" / "journal.jsonl") not in open_files
