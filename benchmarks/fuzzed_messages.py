@@ -2,17 +2,18 @@
 
 Run: ``python3 -m benchmarks.fuzzed_messages [--messages 1000000] [--seed 1] [--files 2000]``.
 
-A craft is opened on a simulated vehicle as for a tune (session, parameters with some watched, telemetry with a recording
-under way, rates, commands), then what it hears is replaced: messages of every type with random payloads and right check
-sums under the vehicle's own ids and others', numbers at and beyond the ends of their types, frames with flipped bits, cut
-off, run together, and plain noise. Besides, files of the link room (telemetry logs, parameter files, journals) are
-damaged and read. Right is: no exception but the package's own, every pump returns, and nothing leaves us but heartbeats
-and questions (``PARAM_REQUEST_READ``): no parameter, command, override or target.
+A craft is opened on a simulated vehicle as for a tune (session, parameters with some watched, telemetry with a
+recording under way, rates, commands), then what it hears is replaced: messages of every type with random payloads and
+right check sums under the vehicle's own ids and others', numbers at and beyond the ends of their types, frames with
+flipped bits, cut off, run together, and plain noise. Besides, files of the link room (telemetry logs, parameter files,
+journals) are damaged and read. Right is: no exception but the package's own, every pump returns, and nothing leaves us
+but heartbeats, time requests and questions (``PARAM_REQUEST_READ``): no parameter, command, override or target.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import random
 import struct
@@ -33,7 +34,7 @@ from sitl import Server, open_vehicle
 
 __all__ = ["FuzzedVehicle", "aboard", "fuzz_files", "fuzz_messages"]
 
-HARMLESS = ("HEARTBEAT", "PARAM_REQUEST_READ")
+HARMLESS = ("HEARTBEAT", "TIMESYNC", "PARAM_REQUEST_READ")
 WATCHED = ("ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_FF")
 _HEARD = (
     *("HEARTBEAT", "PARAM_VALUE", "PARAM_ERROR", "ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "STATUSTEXT"),
@@ -151,10 +152,8 @@ def fuzz_messages(count: int, seed: int, *, say: Callable[[str], None] = lambda 
         if vehicle.messages - told >= 50_000:
             told = vehicle.messages
             say(f"{told} messages, {len(wrong)} wrong; sent by us: {dict(vehicle.sent)}")
-    try:
+    with contextlib.suppress(AutotuneError):
         craft.stop_recording("stopped")
-    except AutotuneError:
-        pass
     wrong += [f"we sent {n} {name}" for name, n in vehicle.sent.items() if name not in HARMLESS]
     say(f"{vehicle.messages} messages; sent by us: {dict(vehicle.sent)}")
     return wrong

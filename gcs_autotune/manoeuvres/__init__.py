@@ -4,7 +4,7 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns obser
 :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
 What to use when: ``relay`` to identify one degree of freedom in a few oscillations; ``step`` to prove a
-closed loop; ``turn-about`` to bring a boat back between two of them.
+closed loop; ``turn-about`` to bring a boat back between two of them; ``dive`` to take an ROV off the surface.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
@@ -22,6 +23,8 @@ from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 __all__ = [
     "GUARDS",
     "MANOEUVRES",
+    "Dive",
+    "DiveSettings",
     "Ending",
     "Envelope",
     "Flown",
@@ -38,5 +41,10 @@ __all__ = [
     "visit",
 ]
 
-MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {"relay": Relay, "step": Step, "turn-about": TurnAbout}
+MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
+    "relay": Relay,
+    "step": Step,
+    "turn-about": TurnAbout,
+    "dive": Dive,
+}
 """Name -> manoeuvre (built from its settings); adding one is one file and one line."""

@@ -15,7 +15,7 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.workflow.operator import Operator
 
-__all__ = ["ask", "keep_company", "think"]
+__all__ = ["ask", "think"]
 
 T = TypeVar("T")
 
@@ -27,7 +27,7 @@ def think(craft: MavlinkCraft, work: Callable[[], T]) -> T:
     """
     if isinstance(craft.clock, ManualClock):
         return work()
-    keep_company(craft)
+    _keep_company(craft)
     pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")
     try:
         result = pool.submit(work)
@@ -41,11 +41,11 @@ def think(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
     """Return the operator's answer, keeping the craft company until it comes."""
     if craft.armed:
-        keep_company(craft)
+        _keep_company(craft)
     return operator.ask(question, craft.observe)
 
 
-def keep_company(craft: MavlinkCraft) -> None:
+def _keep_company(craft: MavlinkCraft) -> None:
     """Let an ROV hold depth and heading by itself (in manual mode it would drift up), sticks neutral."""
     if craft.firmware.kind == "rov":
         craft.set_mode(craft.firmware.hold_mode)
