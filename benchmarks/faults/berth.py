@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from benchmarks.faults.link import FaultyLink
 from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.workflow import Connection
 from sitl import Server, open_vehicle
+from sitl.mavlink.server import HANDLERS
 
 __all__ = ["Berth", "Condition", "Moored"]
 
@@ -54,27 +55,26 @@ class Condition:
 class Berth:
     """One vehicle in the water. Time on it goes on from one connection to the next.
 
-    ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived.
+    ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived; ``deaf_to`` :
+    names whose PARAM_SET it leaves unheard.
     """
 
     def __init__(self, name: str, *, seed: int, parameters: Mapping[str, float] | None = None) -> None:
         self.server: Server = open_vehicle(name, seed=seed, parameters=parameters)
         self.writes: list[tuple[str, float, str]] = []
+        self.deaf_to: set[str] = set()
         self.journal: Path | None = None
-        protocol = type(self.server.parameters)
-        self._note_writes(protocol)
+        self._note_writes()
 
-    def _note_writes(self, protocol: Any) -> None:
-        from sitl.mavlink.server import HANDLERS
-
-        assert protocol is not None
+    def _note_writes(self) -> None:
         berth, take = self, HANDLERS["PARAM_SET"]
 
         def noting(server: Server, message: Any) -> None:
             path = berth.journal
             text = path.read_text(encoding="utf-8") if path is not None and path.exists() else ""
             berth.writes.append((str(message.param_id), float(message.param_value), text))
-            take(server, message)
+            if str(message.param_id) not in berth.deaf_to:
+                take(server, message)
 
         self._hears = {**HANDLERS, "PARAM_SET": noting}
         self.server._hear = self._hear  # type: ignore[method-assign]
@@ -144,6 +144,3 @@ def events(journal: str) -> list[dict[str, Any]]:
         except ValueError:
             continue
     return found
-
-
-Act = Callable[[Fault], None]
