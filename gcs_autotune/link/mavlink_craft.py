@@ -28,8 +28,8 @@ from gcs_autotune.trial import Mark, Trial
 __all__ = ["MavlinkCraft", "Wiring"]
 
 _TICK_TIMEOUT = 3.0
-_HEARD = 2.0
-"""Chosen: seconds of silence up to which a vehicle whose heartbeat comes once a second is being heard."""
+_UNHEARD = 2.0
+"""Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
 _NEUTRAL_TIMEOUT = 5.0
@@ -142,7 +142,8 @@ class MavlinkCraft:
         seen, deadline = self.telemetry.ticks, Deadline.after(self.clock, _TICK_TIMEOUT)
         while self.telemetry.ticks == seen:
             self.telemetry.watchdog.check()
-            if deadline.expired and self.session.silence < _HEARD:
+            if deadline.expired:
+                self.session.check_heard(_UNHEARD)
                 raise TelemetryFault(
                     f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
                     "ground station changing the stream rates?"
