@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.errors import ArmingRefused, AutotuneError, NotAsFound, TelemetryFault
+from gcs_autotune.errors import ArmingRefused, AutotuneError, LinkLost, NotAsFound, TelemetryFault
 from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.company import Company
@@ -19,7 +19,7 @@ from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_keeper import RateKeeper
-from gcs_autotune.link.rates import Rates
+from gcs_autotune.link.rates import Rates, message_number
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.sticks import Sticks
@@ -34,6 +34,11 @@ _UNHEARD = 2.0
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
 _NEUTRAL_TIMEOUT = 5.0
+_STALE_OUTPUTS = 0.5
+"""Chosen: seconds without any outputs after which they are asked for one by one."""
+_SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
+_PATIENCE = 30.0
+"""Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
 _WARM_UP = 1.0
 """Seconds of neutral overrides before arming: without an RC receiver Rover arms only when they flow."""
 _LAG_SHARE = 8.0
@@ -261,7 +266,8 @@ class MavlinkCraft:
 
         When the autopilot itself is steering, the rest mode ends that first. While the vehicle is armed neutral
         overrides go on (without an RC receiver it would fall into its radio failsafe a second after the last one)
-        until :meth:`disarm` or :meth:`release`. The operator has to wait.
+        until :meth:`disarm` or :meth:`release`. The operator has to wait. A vehicle that has fallen
+        silent is waited for, once.
 
         Raises
         ------
@@ -274,21 +280,33 @@ class MavlinkCraft:
             self._hands.change()
             self._resting = True
             try:
-                self._driver.rest()
-                if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
-                    self.commands.set_mode(self._firmware.rest_mode)
-                self._await_neutral()
+                try:
+                    self._make_neutral()
+                except LinkLost:
+                    if not self.session.outlast(_PATIENCE):
+                        raise
+                    self._make_neutral()
             except BaseException:
                 self._let_go()
                 raise
             if not self.armed:
                 self.release()
 
+    def _make_neutral(self) -> None:
+        self._driver.rest()
+        if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
+            self.commands.set_mode(self._firmware.rest_mode)
+        self._await_neutral()
+
     def _await_neutral(self) -> None:
-        begun = self.telemetry.output_ticks
-        settled = self.session.wait_for(lambda: self._is_neutral(begun), _NEUTRAL_TIMEOUT)
-        if settled:
-            return
+        """Wait for neutral outputs; an autopilot that has restarted must be asked for them again."""
+        begun, deadline = self.telemetry.output_ticks, Deadline.after(self.clock, _NEUTRAL_TIMEOUT)
+        while not deadline.expired:
+            seen = self.telemetry.output_ticks
+            if self.session.wait_for(lambda: self._is_neutral(begun), min(_STALE_OUTPUTS, deadline.remaining)):
+                return
+            if self.telemetry.output_ticks == seen:
+                self.session.request_message(_SERVO_OUTPUT_RAW)
         outputs = self.telemetry.outputs
         stuck = {n: f"{f:+.2f} of full output" for n, f in outputs.items() if not abs(f) <= _NEUTRAL}
         if not stuck:

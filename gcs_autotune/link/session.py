@@ -18,7 +18,7 @@ from typing import Self, TypeVar
 from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.errors import BadFile, LinkLost, OperatorStopped
 from gcs_autotune.link.discovery import Candidate, choose, is_autopilot, nobody_found
-from gcs_autotune.link.identity import VehicleIdentity, firmware_version
+from gcs_autotune.link.identity import VehicleIdentity, firmware_version, unique_id
 from gcs_autotune.link.signing import LINK_ID, Signer, SigningKey, is_signed
 from gcs_autotune.link.signing_errors import cannot_be_commanded, not_believed, refusals
 from gcs_autotune.link.stamp_store import StampStore
@@ -118,6 +118,7 @@ class Session:
         self._last_heard = self.clock.now()
         self._last_bytes = self.clock.now()
         self._shields = 0
+        self._given_up_at = -1
         self.stop_asked = False
         self.every(_HEARTBEAT_PERIOD, self._send_heartbeat)
         self.listen("HEARTBEAT", self._on_heartbeat)
@@ -223,6 +224,23 @@ class Session:
         self._last_heard, before = self.clock.now() + timeout, self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
+    def outlast(self, patience: float) -> bool:
+        """After ``LinkLost`` in a clean-up: wait up to *patience* [s] for the vehicle, once per silence.
+
+        Returns whether it is heard again.
+        """
+        if self.heartbeats == self._given_up_at:
+            return False
+        last_heard = self._last_heard
+        with self.shielded():
+            try:
+                is_back = self.await_return(patience)
+            except LinkLost:
+                is_back = False
+        if not is_back:
+            self._given_up_at, self._last_heard = self.heartbeats, last_heard
+        return is_back
+
     # --- the operator -------------------------------------------------------------------------------------
 
     @contextmanager
@@ -273,12 +291,12 @@ class Session:
         self.vehicle = wanted.identity()
         self._last_heard = self.clock.now()
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
-        version = self._ask_version()
+        version, uid = self._ask_version()
         if self._signer is None and (wanted.system, wanted.component) in self._signs:
             if not version:
                 raise cannot_be_commanded(wanted, self.transport.description)
             self.notes.append("the vehicle signs its messages; on this link it obeys unsigned ones too")
-        self.vehicle = wanted.identity(version=version)
+        self.vehicle = wanted.identity(version=version, uid=uid)
         return self.vehicle
 
     def _trouble(self) -> str:
@@ -296,20 +314,22 @@ class Session:
     def _found(self, system_id: int | None) -> Candidate | None:
         return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)
 
-    def _ask_version(self) -> str:
+    def _ask_version(self) -> tuple[str, str]:
+        """Return (firmware version, unique id), each empty when it is not told."""
         answers: list[Message] = []
         stop = self.listen("AUTOPILOT_VERSION", answers.append)
         try:
             for _ in range(_VERSION_TRIES):
-                self._request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+                self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
                 if self.wait_for(lambda: True if answers else None, 1.0):
-                    return firmware_version(answers[0])
+                    return firmware_version(answers[0]), unique_id(answers[0])
         finally:
             stop()
         self.notes.append("the vehicle did not tell its firmware version")
-        return ""
+        return "", ""
 
-    def _request_message(self, number: int) -> None:
+    def request_message(self, number: int) -> None:
+        """Ask the vehicle to send the message of that number once; do not wait for it."""
         assert self.vehicle is not None
         self.send(
             mavlink.MAVLink_command_long_message(

@@ -165,6 +165,8 @@ class Telemetry:
 
     def _velocity(self, t: float, north: float, east: float) -> dict[str, float]:
         """Turn velocity over ground [m/s] into the body frame, with the heading carried forward to *t*."""
+        if not (math.isfinite(north) and math.isfinite(east)):
+            return {"U": math.nan, "u": math.nan, "v": math.nan}
         psi = self.value("psi")
         rate = self.value("r")
         if math.isfinite(rate) and abs(t - self.t) < 1.0:

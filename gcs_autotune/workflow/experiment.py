@@ -16,6 +16,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, turn_for
+from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
@@ -52,13 +53,18 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
         if dof == "heave" and craft.firmware.kind == "boat":
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         _announce(settings, craft, operator, watcher, craft.observe())
-        with visit(craft, watcher):
-            make_ready(craft, watcher)
-            craft.arm()
-            say_link_times(craft, watcher)
-            trials = _fly(settings, dof, craft, watcher, record)
-            delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
-            fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+        ledger = Ledger(record, settings.connection, watcher.say)
+        try:
+            with visit(craft, watcher, ledger.settle) as found:
+                ledger.open(craft, found)
+                make_ready(craft, watcher)
+                craft.arm()
+                say_link_times(craft, watcher)
+                trials = _fly(settings, dof, craft, watcher, record)
+                delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
+                fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+        finally:
+            ledger.leave()
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
     (record.path / "model.json").write_text(json.dumps(fit.model.to_dict(), indent=1) + "\n", encoding="utf-8")
     return fit

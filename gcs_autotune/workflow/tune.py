@@ -14,7 +14,7 @@ from typing import Literal
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import Proposal, Spec, design, design_from, is_better
-from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped, ParameterMissing
+from gcs_autotune.errors import AutotuneError, NotAchieved, OperatorStopped, ParameterMissing
 from gcs_autotune.firmware import read_named
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
@@ -34,6 +34,7 @@ from gcs_autotune.workflow.experiments import (
     turn_for,
 )
 from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
+from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import ANNOUNCED, STAGE, remarks_on, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
@@ -63,8 +64,16 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
         tale.abort(error)
         raise
     finally:
-        write_story(tale.story(), record.path)
+        _leave_report(tale, record)
     return tale.story()
+
+
+def _leave_report(tale: Tale, record: RunDirectory) -> None:
+    """Write the report; a disk that is full must not hide how the run ended."""
+    try:
+        write_story(tale.story(), record.path)
+    except OSError as error:
+        tale.say(f"the report could not be written to {record.path}: {error.strerror or error}")
 
 
 class _Tuner:
@@ -102,22 +111,17 @@ class _Tuner:
             self._read_again()
 
     def _visit(self, present: Mapping[str, float]) -> None:
-        """Work aboard; the journal is closed only when the craft was left as found, else `restore` has work to do."""
-        journal: Journal | None = None
-        as_found = True
+        """Work aboard; the journal is settled only when the craft was left as found, else `restore` has work to do."""
+        ledger = Ledger(self._record, self._settings.connection, self._tale.say)
         try:
-            with visit(self._craft, self._tale) as found:
-                journal = self._open_journal(found)
+            with visit(self._craft, self._tale, ledger.settle) as found:
+                journal = ledger.open(self._craft, found)
                 make_ready(self._craft, self._tale)
                 self._craft.arm()
                 say_link_times(self._craft, self._tale)
                 self._on_the_water(present, journal)
-        except NotAsFound:
-            as_found = False
-            raise
         finally:
-            if journal is not None and as_found:
-                journal.close()
+            ledger.leave()
 
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale
@@ -255,15 +259,6 @@ class _Tuner:
         self._record.keep(trial)
         self._tale.flown(trial.proper)
         self._tale.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
-
-    def _open_journal(self, found: Observation) -> Journal:
-        return Journal(
-            self._record.journal,
-            vehicle=self._craft.session.vehicle,
-            link=self._settings.connection.uri,
-            mode=found.mode,
-            armed=found.armed,
-        )
 
     def _read_parameters(self) -> dict[str, float]:
         """Return the axis' parameters under the vehicle's own names, and learn those."""
