@@ -10,6 +10,8 @@ from pathlib import Path
 from types import FrameType
 
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
+from sitl.ardupilot_json.command import add_options, run_json, write_parameters
+from sitl.autopilot.generations import GENERATIONS
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters
@@ -56,6 +58,12 @@ def _make_parser() -> argparse.ArgumentParser:
         help="set a parameter before boot; repeatable",
     )
     parser.add_argument(
+        "--firmware-names",
+        choices=list(GENERATIONS),
+        default="own",
+        help="whose parameter names and units it uses (values scaled as the real one does); own: of mid-2025",
+    )
+    parser.add_argument(
         "--effect",
         action="append",
         default=[],
@@ -71,6 +79,7 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--list-effects", action="store_true", help="show the effects there are and their parameters")
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
+    add_options(parser)
     return parser
 
 
@@ -100,11 +109,18 @@ def _open(args: argparse.Namespace) -> Server:
     try:
         effects = [parse_effect(text) for text in args.effect]
         model = read_model(args.model) if args.model else None
-        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets, effects=effects, model=model)
+        server = open_vehicle(
+            args.vehicle,
+            seed=args.seed,
+            parameters=presets,
+            effects=effects,
+            model=model,
+            names=args.firmware_names,
+        )
     except KeyError as error:
         raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
     if args.eeprom:
-        keep_parameters(server.vehicle.parameters, args.eeprom)
+        keep_parameters(server.vehicle.spoken, args.eeprom)
     return server
 
 
@@ -120,6 +136,22 @@ def _run(args: argparse.Namespace) -> None:
         serve_free_running(server, link, Pacer(args.speedup))
     finally:
         link.close()
+
+
+def _run_under_ardupilot(args: argparse.Namespace) -> None:
+    """Serve the bare hull to ArduPilot's own firmware, or write what that needs."""
+    if args.vehicle is None:
+        raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
+    strange = [name for name in ("param", "eeprom", "lockstep") if getattr(args, name)]
+    if strange:
+        raise _Usage(f"--{strange[0]} is for our own autopilot; ArduPilot has its own (--ardupilot-params FILE)")
+    data = load_vehicle(args.vehicle)
+    if args.ardupilot_params:
+        write_parameters(data, args.ardupilot_params)
+    if args.ardupilot_json:
+        effects = [parse_effect(text) for text in args.effect]
+        model = read_model(args.model) if args.model else None
+        run_json(data, args.ardupilot_json, args.ardupilot_params, seed=args.seed, effects=effects, model=model)
 
 
 def _show_vehicles() -> None:
@@ -139,13 +171,14 @@ def _show_effects() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not to be had."""
     args = _make_parser().parse_args(argv)
-    signal.signal(signal.SIGINT, _stop)
-    signal.signal(signal.SIGTERM, _stop)
+    before = {number: signal.signal(number, _stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         if args.list:
             _show_vehicles()
         elif args.list_effects:
             _show_effects()
+        elif args.ardupilot_json or args.ardupilot_params:
+            _run_under_ardupilot(args)
         else:
             _run(args)
     except (UnknownVehicle, AddressError, ValueError) as error:
@@ -156,6 +189,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _IN_USE
     except (_Stopped, BrokenPipeError):
         return _OK
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return _OK
 
 

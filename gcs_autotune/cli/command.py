@@ -49,9 +49,16 @@ def add_connection(
         metavar="URI",
         default=default,
         required=required,
-        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, or sitl:NAME for "
-        "a simulated vehicle started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
+        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
+        "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
+        "started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
         f"(`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
+    )
+    group.add_argument(
+        "--backend",
+        metavar="NAME",
+        default="pymavlink",
+        help="what carries the messages: pymavlink (our own sockets and ports) or mavsdk (default pymavlink)",
     )
     group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
     group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")
@@ -129,7 +136,7 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Build the connection to *uri* from the options of :func:`add_connection`."""
     from gcs_autotune.workflow import Connection
 
-    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed)
+    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend)
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:

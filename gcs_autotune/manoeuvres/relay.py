@@ -23,6 +23,12 @@ from gcs_autotune.watch import Progress
 
 __all__ = ["Relay", "RelaySettings"]
 
+ENOUGH_TO_TELL = 2
+"""Chosen: proper periods after which it is clear how quick an oscillation is."""
+
+WIDEST_STEP = 3.0
+"""Chosen: a relay is not widened by more than this at once, whatever the link would like."""
+
 LEAST_MOMENTUM = 5.0
 """Chosen [s]: no craft is said to drift against the relay sooner than this after a switching."""
 
@@ -46,6 +52,7 @@ class RelaySettings:
     unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
         given is widened by ``growth``, so many times at most.
     patience : longest time without a switching [s].
+    least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
     """
 
     signal: str
@@ -65,6 +72,7 @@ class RelaySettings:
     unsettled_periods: int = 10
     most_widenings: int = 2
     patience: float = 30.0
+    least_period: float = 0.0
 
 
 class Relay:
@@ -194,6 +202,13 @@ class Relay:
     def _judge(self, t: float, x: float) -> None:
         s = self._settings
         state = self._monitor.update(t, x, self._high)
+        if (
+            state.periods >= ENOUGH_TO_TELL
+            and state.cycle is not None
+            and state.cycle.T_H + state.cycle.T_L < s.least_period
+        ):
+            self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
+            return
         if state.settled:
             self.outcome = Outcome("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
             return
@@ -205,11 +220,11 @@ class Relay:
         elif t - self._last_switch > s.patience:
             self._grow(t, self._no_oscillation())
         elif self._improper_periods >= 2 and self._outruns_the_ticks():
-            self._widen(t) if self._may_widen() else self._give_up(self._too_fast())
+            self._widen(t, s.growth) if self._may_widen() else self._give_up(self._too_fast())
         elif self._improper_periods >= 2:
             self._grow(t, self._improper())
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
-            self._widen(t)
+            self._widen(t, s.growth)
         elif state.switchings >= 2 * s.most_periods:
             self.outcome = Outcome("aborted", self._never_settled())
 
@@ -237,10 +252,17 @@ class Relay:
     def _may_widen(self) -> bool:
         return self._settings.hysteresis is None and self._widenings < self._settings.most_widenings
 
-    def _widen(self, t: float) -> None:
+    def _slow_down(self, t: float, period: float) -> None:
+        """The link cannot carry an oscillation of this *period* [s]: make it wider and so slower, or give up."""
+        if self._may_widen():
+            self._widen(t, min(max(self._settings.least_period / period, self._settings.growth), WIDEST_STEP))
+        else:
+            self.outcome = Outcome("aborted", self._link_too_slow(period))
+
+    def _widen(self, t: float, factor: float) -> None:
         """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
         self._widenings += 1
-        self._hysteresis *= self._settings.growth
+        self._hysteresis *= factor
         self._improper_periods = 0
         self._reset_monitor()
         self._marks.append(Mark(t, "widen", {"x_a": self._hysteresis}))
@@ -271,6 +293,13 @@ class Relay:
             f"the limit cycle never settled: {s.most_periods} periods, the last scatter {100 * scatter:.0f} % "
             f"(needed {100 * s.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or use "
             "a larger --relay-output or --relay-hysteresis"
+        )
+
+    def _link_too_slow(self, period: float) -> str:
+        return (
+            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
+            f"quicker than {self._settings.least_period:.2f} s tells about the craft rather than about the link's "
+            "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
         )
 
     def _wrong_way(self) -> str:

@@ -14,7 +14,7 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Sequencer, visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import come_aboard
+from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, turn_for
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.readiness import make_ready
@@ -54,6 +54,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
         with visit(craft, watcher):
             make_ready(craft, watcher)
             craft.arm()
+            say_link_times(craft, watcher)
             trials = _fly(settings, dof, craft, watcher, record)
             delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
             fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
@@ -77,7 +78,8 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
         turn = turn_for(craft.firmware.kind, cruise.throttle)
         if trials and turn is not None:
             sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
-        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name)
+        least = craft.least_period
+        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name, least_period=least)
         flown = sequencer.fly(relay, name)
         if flown.outcome.ending == "aborted":
             raise NotAchieved(f"{name}: {flown.outcome.reason}")
@@ -111,7 +113,7 @@ def _announce(
         modes = f"modes {craft.firmware.hold_mode} and {craft.firmware.manual_mode}"
         down = f"dive to {dive.settings['depth']:g} m, then "
     for text in (
-        armed,
+        f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
         f"move: {down}two self-oscillation experiments in {settings.axis}",
         "write no parameter",

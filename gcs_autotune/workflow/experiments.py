@@ -53,10 +53,20 @@ def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Ste
     )
 
 
-def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, output: float | None, name: str) -> Relay:
+def relay_for(
+    settings: TuneSettings,
+    dof: str,
+    kind: str,
+    throttle: float,
+    output: float | None,
+    name: str,
+    *,
+    least_period: float = 0.0,
+) -> Relay:
     """Return a relay experiment on *dof* for a *kind* of craft (``boat``, ``rov``).
 
-    *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest.
+    *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest. ``least_period``
+    [s] is that of the quickest oscillation that the link can carry.
     """
     d = DEFAULTS[dof]
     return Relay(
@@ -71,6 +81,7 @@ def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, outp
             first_output=0.3 if d.signal != "x" else min(0.3, 0.9 - abs(throttle)),
             keep_still=kind == "rov",
             least_hysteresis=d.least_hysteresis,
+            least_period=least_period,
         ),
         name,
     )

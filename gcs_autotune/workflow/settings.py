@@ -23,15 +23,16 @@ class Connection:
     system_id: int | None = None
     source_system: int | None = None
     seed: int | None = 1
+    backend: str = "pymavlink"
 
     def open(self) -> Transport:
         """Open the link.
 
         Raises
         ------
-        CannotOpenLink, UnknownName
+        CannotOpenLink, UsageError, UnknownName
         """
-        return open_link(self.uri, baud=self.baud, seed=self.seed)
+        return open_link(self.uri, baud=self.baud, seed=self.seed, backend=self.backend)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,14 +14,15 @@ from typing import Literal
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import Proposal, Spec, design, design_from, is_better
-from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
+from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped, ParameterMissing
+from gcs_autotune.firmware import read_named
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
 from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import axis_of, come_aboard
+from gcs_autotune.workflow.aboard import TWITCHING, axis_of, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import (
     dive_for,
     measure,
@@ -85,11 +86,12 @@ class _Tuner:
         """Everything between coming aboard and leaving."""
         tale = self._tale
         tale.meet(self._craft)
-        present = self._read_parameters()
-        tale.parameters_before = present
+        own = self._read_parameters()
+        tale.parameters_before = own
+        present = self._axis.names.to_canonical(own)
         self._envelope = replace(self._envelope, cruise=speed_for(self._settings, self._axis, present)[1])
         self._sequencer = Sequencer(self._craft, self._envelope, tale, self._keep)
-        tale.say(f"present parameters saved to {self._record.save_parameters('before', present)}")
+        tale.say(f"present parameters saved to {self._record.save_parameters('before', own)}")
         self._announce(self._craft.observe())
         try:
             self._visit(present)
@@ -105,6 +107,7 @@ class _Tuner:
                 journal = self._open_journal(found)
                 make_ready(self._craft, self._tale)
                 self._craft.arm()
+                say_link_times(self._craft, self._tale)
                 self._on_the_water(present, journal)
         except NotAsFound:
             as_found = False
@@ -144,10 +147,11 @@ class _Tuner:
     def _identify(self, throttle: float) -> AxisFit:
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
-        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
+        least = self._craft.least_period
+        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1", least_period=least)
         self._come_about(throttle)
         first = self._fly(relay, "first self-oscillation").trial
-        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2")
+        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2", least_period=least)
         self._come_about(throttle)
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
@@ -249,19 +253,27 @@ class _Tuner:
         )
 
     def _read_parameters(self) -> dict[str, float]:
-        parameters, axis = self._craft.parameters, self._axis
-        values = parameters.read_all([gain.parameter for gain in axis.gains])
-        context = parameters.read_existing(axis.context)
-        missing = [name for name in axis.context if name not in context]
+        """Return the axis' parameters under the vehicle's own names, and learn those."""
+        wanted = [*(gain.parameter for gain in self._axis.gains), *self._axis.context]
+        names, found = read_named(self._craft.parameters, wanted)
+        missing = [name for name in wanted if names.own(name) not in found]
+        gains = [gain.parameter for gain in self._axis.gains if gain.parameter in missing]
+        if gains:
+            raise ParameterMissing(
+                f"{self._craft.session.vehicle} has no parameter {', '.join(gains)}, nor under any newer name we know; "
+                "its firmware is older, newer or built without that feature",
+                name=gains[0],
+            )
         if missing:
             self._tale.say(f"this firmware has no {', '.join(missing)}; the design does without")
-        return {**values, **context}
+        self._axis = self._axis.called(names)
+        return found
 
     def _read_again(self) -> None:
         """Read the parameters once more, whatever happened: the proof of what the vehicle holds now."""
         try:
             with self._craft.shielded():
-                after = self._read_parameters()
+                after = self._craft.parameters.read_existing(self._tale.parameters_before)
         except AutotuneError as error:
             self._tale.say(f"the parameters could not be read again: {error}")
         else:
@@ -272,16 +284,17 @@ class _Tuner:
         s, axis, d, firmware = self._settings, self._axis, DEFAULTS[self._axis.dof], self._craft.firmware
         step = s.step if s.step is not None else d.step
         shown = f"{math.degrees(step):.0f} deg" if d.signal == "psi" else f"{step:g} m"
-        _, speed = speed_for(s, axis, self._tale.parameters_before)
+        _, speed = speed_for(s, axis, axis.names.to_canonical(self._tale.parameters_before))
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
-        gains = ", ".join(g.parameter for g in axis.gains)
+        gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
         dive = dive_for(axis.dof, firmware.kind, now)
         down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
         swings = f" and oscillations about the present {axis.name}" if self._given is None else ""
         self._tale.announce(
             (
-                "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
+                ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
+                + f"; {TWITCHING}",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
                 f"move: {down}{shown} steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
