@@ -62,10 +62,14 @@ def killed_in_mid_proof(firmware, run, blow):
         [*command, "--out", str(run), *QUICK], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
     ) as process:
         assert process.stderr is not None
+        heard = []
         for line in process.stderr:
+            heard.append(line)
             if line.startswith("step with new gains"):
                 blow(process)
                 break
+        else:
+            pytest.fail("it never came to the proof:\n" + "".join(heard))
         process.stderr.read()
     return process.returncode
 

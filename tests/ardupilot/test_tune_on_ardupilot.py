@@ -57,9 +57,7 @@ def test_a_dry_run_writes_nothing(rover, witness, tmp_path):
     names = gains_of(FIRMWARE["ardurover"].axes["heading"])
     before = witness.parameters(names)
     run = tmp_path / "run"
-    done = command_line(
-        "tune", "heading", "--connect", rover.uri, "--yes", "--dry-run", "--out", str(run), *QUICK
-    )
+    done = command_line("tune", "heading", "--connect", rover.uri, "--yes", "--dry-run", "--out", str(run), *QUICK)
     assert done.returncode == 0, done.stderr
     assert summary_of(run)["ending"] == "dry-run"
     assert_left_alone(witness, before, MANUAL_ROVER)
