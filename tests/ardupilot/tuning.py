@@ -1,4 +1,4 @@
-"""Whole jobs on a firmware of ArduPilot's own: the tool as a user starts it, and in this process to be stopped at will."""
+"""Whole jobs on ArduPilot's own firmware: as a user starts them, and in this process to be stopped at will."""
 
 from __future__ import annotations
 
