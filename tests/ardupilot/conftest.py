@@ -93,7 +93,7 @@ def _deck(request: pytest.FixtureRequest) -> Iterator[Deck]:
     kind, whose = request.param
     options = getattr(request.node.get_closest_marker("boot"), "kwargs", {})
     if whose == "ours":
-        ours = open_vehicle(OURS[kind], seed=1, parameters={"SIM_RC_FAIL": 0, **options})
+        ours = open_vehicle(OURS[kind], seed=1, names="4.7-dev", parameters={"SIM_RC_FAIL": 0, **options})
         with Session(MemoryLink(ours, quantum=0.02)) as session:
             yield from _on_deck(session)
     elif options:

@@ -1,4 +1,4 @@
-"""A recorded session with ArduPilot as a vehicle on a memory link: it answers what was asked then as it was answered then.
+"""A recorded session with ArduPilot as a vehicle on a memory link: it answers as it was answered then.
 
 Not a simulator: what was not asked in the recording is met with silence (an interval never asked for, with the answer
 to the nearest one), and commands do not move it. Telemetry runs by the vehicle's own stamps from a moment of the

@@ -1,4 +1,4 @@
-"""Discovery, parameters, modes and rates: ours answers as ArduPilot's own simulator does, and the tool copes with it."""
+"""Discovery, parameters, modes, rates: ours answers as ArduPilot's own simulator does; the tool copes with both."""
 
 from __future__ import annotations
 
@@ -52,6 +52,20 @@ def test_an_unknown_name_is_missing_and_nothing_more(craft):
         craft.parameters.read(UNKNOWN)
     known = GAIN[craft.firmware.kind]
     assert set(craft.parameters.read_existing([UNKNOWN, known])) == {known}
+
+
+def test_an_unknown_name_and_a_value_that_is_no_number_are_answered_by_param_error(craft):
+    """New in 4.7; before, both met silence."""
+    errors: list[tuple[str, int]] = []
+    stop = craft.session.listen("PARAM_ERROR", lambda m: errors.append((m.param_id, m.error)))
+    craft.session.send(mavlink.MAVLink_param_request_read_message(1, 1, UNKNOWN.encode(), -1))
+    craft.session.send(mavlink.MAVLink_param_set_message(1, 1, UNKNOWN.encode(), 1.0, 9))
+    name = GAIN[craft.firmware.kind]
+    craft.session.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), math.inf, 9))
+    craft.run(1.0)
+    stop()
+    absent, impossible = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+    assert sorted(errors) == sorted([(UNKNOWN, absent), (UNKNOWN, absent), (name, impossible)])
 
 
 def test_a_value_that_is_no_number_is_not_taken(craft):
