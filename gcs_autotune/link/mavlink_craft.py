@@ -106,6 +106,11 @@ class MavlinkCraft:
         return self._firmware
 
     @property
+    def servos(self) -> ServoMap:
+        """How its servo outputs make forces."""
+        return self._wiring.servos
+
+    @property
     def clock(self) -> Clock:
         """The link's clock."""
         return self.session.clock
