@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
-from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.laws import CEILINGS, LAWS, Law
 from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
 from gcs_autotune.design.notes import notes_on, said
@@ -164,11 +164,17 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
 def _problem(
     law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec, actuator: Actuator
 ) -> Problem:
-    by_name = {g.parameter: g for g in axis.gains}
+    by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in axis.gains}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step
     problem = Problem(law, [by_name[n] for n in law.tuned], region, dict(present), spec, step, delay, actuator=actuator)
     return replace(problem, present_overshoot=_present_overshoot(problem))
+
+
+def _within_reason(gain: Gain, law: Law, model: SingleDof, present: Mapping[str, float], spec: Spec) -> Gain:
+    """Return *gain* with its range cut where more would only serve the step that is flown."""
+    ceilings = CEILINGS[law.name](model, present, spec.speed) if law.name in CEILINGS else {}
+    return replace(gain, high=min(gain.high, ceilings.get(gain.parameter, math.inf)))
 
 
 def _span(spec: Spec, chosen: Candidate) -> float:

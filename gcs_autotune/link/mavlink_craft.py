@@ -151,10 +151,10 @@ class MavlinkCraft:
         GuardTripped
             While a command is in force: mode, arming or a borrowed parameter was changed, not by us.
         """
-        seen, deadline = self.telemetry.ticks, Deadline.after(self.clock, _TICK_TIMEOUT)
+        seen, begun = self.telemetry.ticks, self.session.listened
         while self.telemetry.ticks == seen:
             self.telemetry.watchdog.check()
-            if deadline.expired:
+            if self.session.listened - begun > _TICK_TIMEOUT:
                 self.session.check_heard(_UNHEARD)
                 raise TelemetryFault(
                     f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "

@@ -146,10 +146,14 @@ def parameters_sentence(story: TuneStory) -> str:
     changed = story.differences
     if not changed:
         return "All parameters were read back at the end and are as they were found."
-    names = ", ".join(changed)
+    written = [name for name in changed if name in {c.parameter for c in story.proposal.changes}]
+    names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
+    also = f" The vehicle itself changed {own}, which this tool does not write." if own else ""
+    if not written:
+        return f"All parameters that were written were read back at the end and are as they were found.{also}"
     if story.ending == "kept" or story.kept:
-        return f"Changed on the vehicle and read back: {names}."
-    return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`."
+        return f"Changed on the vehicle and read back: {names}.{also}"
+    return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`.{also}"
 
 
 def undo_sentence(story: TuneStory) -> str:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Literal
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import Proposal, Spec, design, design_from, is_better
+from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from, is_better
 from gcs_autotune.errors import AutotuneError, NotAchieved, OperatorStopped, ParameterMissing
 from gcs_autotune.firmware import read_named
 from gcs_autotune.identify import AxisFit, fit_axis
@@ -145,6 +145,11 @@ class _Tuner:
             tale.say(_promise(proposal))
         if not proposal.changes:
             tale.end("unchanged", "the present gains are already as good as any this tool can offer")
+        elif _is_hopeless(proposal, tale.metrics_before):
+            tale.end(
+                "unchanged",
+                "the present gains do better than any that keep the wanted reserve promise to; nothing was written",
+            )
         elif self._settings.dry_run:
             tale.end("dry-run", "dry run: nothing was written")
         elif not self._agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
@@ -318,6 +323,11 @@ class _Tuner:
             self._tale.say(f"{question} Simulated vehicle: not asking.")
             return True
         return ask(self._craft, self._operator, question)
+
+
+def _is_hopeless(proposal: Proposal, measured: StepMetrics) -> bool:
+    """Whether the new gains promise no better step than the present ones promise and were just seen to give."""
+    return proposal.after.metrics.itae >= max(proposal.before.metrics.itae, measured.itae)
 
 
 def _shown(proposal: Proposal) -> str:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from gcs_autotune.design.open_loop import Rational, constant, first_order, integ
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
-__all__ = ["RoverHeading"]
+__all__ = ["RoverHeading", "most_feed_forward"]
 
 FF, P, I, D, ANG = (  # noqa: E741 - I is the integral gain
     "ATC_STR_RAT_FF",
@@ -45,6 +45,9 @@ LEAST_THROTTLE = 0.05
 """Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
 LOW_FEED = 0.7
 """Feed-forward below this share of the model's own is worth a note."""
+MOST_FEED = 1.3
+"""Chosen: feed-forward above this share of the model's own is not offered. On a craft that answers at once a larger one
+with a smaller ATC_STR_ANG_P steps as well in heading, but turns so much faster than it is told in every other mode."""
 
 
 def _fly(
@@ -309,3 +312,9 @@ class RoverHeading:
             f"heading loop needs less; the craft can turn at {most:.0f} deg/s at most at this speed, while "
             f"ATC_STR_RAT_MAX asks for up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
+
+
+def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> Mapping[str, float]:
+    """Return the largest feed-forward worth offering on *model* at *speed* [m/s], by its name."""
+    ideal = model.equivalent_drag(model.steady_velocity(0.5)) / RoverHeading().scale(settings, speed)
+    return {FF: MOST_FEED * ideal} if ideal > 0.0 else {}
