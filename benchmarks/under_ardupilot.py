@@ -32,6 +32,8 @@ HIDDEN = (
     ("charlie", "heading", "dead-zone.width=0.12"),
 )
 RATES = (200, 400)
+_WARM_UP = 240.0
+"""Seconds before anybody does anything: the estimator's heading wanders by a degree until it knows its gyros."""
 FASTEST = 10.0
 """Goal: times real time."""
 
@@ -54,7 +56,7 @@ def show_tune(vehicle: str, axis: str, instance: int, port: int, keep: Path) -> 
     run = keep / f"{vehicle}-{axis}"
     sea = _open(vehicle, instance, port)
     try:
-        sea.run(50.0)
+        sea.run(_WARM_UP)
         status = sea.host(
             ["tune", axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)], keep / f"{run.name}.txt"
         )
@@ -77,7 +79,7 @@ def show_hidden(vehicle: str, axis: str, effect: str, instance: int, port: int, 
     run = keep / f"{vehicle}-{effect.partition('.')[0]}"
     sea = _open(vehicle, instance, port, effect)
     try:
-        sea.run(50.0)
+        sea.run(_WARM_UP)
         command = ["experiment", axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
         status = sea.host(command, keep / f"{run.name}.txt")
     finally:

@@ -11,7 +11,7 @@ external physics; step and ruler are the same for all; gains come from
 
 Printed: error over time (ITAE per unit step, mean of step and step back; errors below 0.1 deg or 1 cm count as none),
 overshoot (the worse), settling to 5 %, actuator travel, vehicle time spent. Goal: ours best of all but the oracle, or
-within 10 % of it, on every vessel, never worse than the defaults. Exit status 1 when it is missed, 2 when there is no ArduPilot.
+within 10 % of it, on every vessel, never worse than the defaults. Exit status 1 when it is missed, 2 without ArduPilot.
 """
 
 from __future__ import annotations
