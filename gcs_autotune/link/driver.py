@@ -170,4 +170,5 @@ class Driver:
             encode = ATTITUDE_TARGETS[self._firmware.kind]
             self._session.send(encode(self._ids, command, self._full_speed))
         elif isinstance(command, DepthTarget):
-            self._session.send(depth_target(self._ids, command))
+            below_origin = DepthTarget(command.z + self._telemetry.depth_offset)
+            self._session.send(depth_target(self._ids, below_origin))

@@ -47,7 +47,10 @@ ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float],
 
 
 def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
-    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth; altitude is relative to home, up."""
+    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth below the estimator's origin, which is how ArduSub takes it.
+
+    In ALT_HOLD it reads the altitude alone, from its origin, whatever frame the message names.
+    """
     nothing = [0.0] * 8
     return mavlink.MAVLink_set_position_target_global_int_message(
         0, *ids, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, _ONLY_Z, 0, 0, -target.z, *nothing

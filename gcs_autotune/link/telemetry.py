@@ -15,6 +15,8 @@ from gcs_autotune.link.wire import Message
 
 __all__ = ["Telemetry"]
 
+_SAME_MOMENT = 0.005
+"""Chosen: seconds between two messages that tell of one estimate."""
 _PREFER_LOCAL = 2.0
 """Chosen: seconds that GLOBAL_POSITION_INT waits for LOCAL_POSITION_NED before it becomes the position."""
 _UNKNOWN_VOLTAGE = 65535
@@ -58,6 +60,9 @@ class Telemetry:
         self.outputs: dict[str, float] = {}
         self.output_t = math.nan
         self.output_since = math.nan
+        self.depth_offset = 0.0
+        """Depth below the estimator's origin less depth below home [m]; the two are centimetres or more apart."""
+        self._local_z = (math.nan, math.nan)
         self.output_ticks = 0
         self.t = math.nan
         self.ticks = 0
@@ -134,6 +139,7 @@ class Telemetry:
 
     def _local_position(self, m: Message) -> None:
         t = self._clock.from_ms(m.time_boot_ms)
+        self._local_z = (t, m.z)
         if self._position_source in ("", "local"):
             self._position_source = "local"
             self._take(t, {"x": m.x, "y": m.y, **self._velocity(t, m.vx, m.vy)})
@@ -144,6 +150,8 @@ class Telemetry:
     def _global_position(self, m: Message) -> None:
         t = self._clock.from_ms(m.time_boot_ms)
         self._depth_source = "global"
+        if abs(t - self._local_z[0]) <= _SAME_MOMENT:
+            self.depth_offset = self._local_z[1] + m.relative_alt * 1e-3
         self._take(t, {"z": -m.relative_alt * 1e-3, "w": m.vz * 1e-2})
         has_fix = m.lat != 0 or m.lon != 0
         if has_fix and self._use_global(t):

@@ -14,9 +14,10 @@ from typing import Literal
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from, is_better
-from gcs_autotune.errors import AutotuneError, NotAchieved, OperatorStopped, ParameterMissing
+from gcs_autotune.errors import AutotuneError, NoGainsMeetSpec, NotAchieved, OperatorStopped, ParameterMissing
 from gcs_autotune.firmware import read_named
-from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify import AxisFit, Fit, fit_axis
+from gcs_autotune.identify.model_file import save_model
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
 from gcs_autotune.report import TuneStory, write_story
@@ -39,8 +40,10 @@ from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import ANNOUNCED, STAGE, remarks_on, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.resting import resting_noise
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.tale import Tale
+from gcs_autotune.workflow.thrust_curve import design_with_curve, fit_thrust_curve, told
 from gcs_autotune.workflow.waiting import ask, think
 
 __all__ = ["tune"]
@@ -91,6 +94,7 @@ class _Tuner:
         self._envelope = settings.envelope
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
+        self._curved: Fit | None = None
 
     def run(self) -> None:
         """Everything between coming aboard and leaving."""
@@ -135,7 +139,7 @@ class _Tuner:
         tale.metrics_before = measure(before.trial, resolution=grain)
         if self._given is None:
             fit = self._identify(throttle)
-            self._noise = fit.noise_std
+            self._noise = min(fit.noise_std, resting_noise(before.trial, grain))
             proposal = self._design(fit, present, grain)
         else:
             self._noise = self._given.noise_std
@@ -181,6 +185,12 @@ class _Tuner:
         tale.fit = think(
             self._craft, lambda: fit_axis([first, second], dof=self._axis.dof, structure=s.structure, delay=delay)
         )
+        plain = tale.fit
+        if kind == "rov" and s.structure is None:
+            self._curved = think(self._craft, lambda: fit_thrust_curve([first, second], plain))
+        if self._curved is not None:
+            tale.say(told(self._curved, plain))
+            save_model(self._curved, self._record.path / "model_with_thrust_curve.json")
         return tale.fit
 
     def _design_from_file(self, given: Given, flown: Trial, present: Mapping[str, float], grain: float) -> Proposal:
@@ -225,6 +235,13 @@ class _Tuner:
         tale = self._tale
         tale.say("designing")
         spec = self._spec(tale.relay_speed(), grain)
+        curved = self._curved
+        if curved is not None:
+            try:
+                tale.proposal = think(self._craft, lambda: design_with_curve(curved, self._axis, present, spec))
+                return tale.proposal
+            except NoGainsMeetSpec as error:
+                tale.say(f"with the thrust curve {error}; designing without it")
         tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec))
         return tale.proposal
 

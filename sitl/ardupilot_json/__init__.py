@@ -5,8 +5,8 @@ parameters and the command line ArduPilot needs, ``serve`` the loop. The autopil
 are ArduPilot's; nothing here speaks MAVLink.
 """
 
-from sitl.ardupilot_json.firmware import needed_parameters, parameter_text, start_commands
+from sitl.ardupilot_json.firmware import HOME, needed_parameters, parameter_text, start_commands
 from sitl.ardupilot_json.physics import Physics
 from sitl.ardupilot_json.serve import DEFAULT_PORT, JsonServer
 
-__all__ = ["DEFAULT_PORT", "JsonServer", "Physics", "needed_parameters", "parameter_text", "start_commands"]
+__all__ = ["DEFAULT_PORT", "HOME", "JsonServer", "Physics", "needed_parameters", "parameter_text", "start_commands"]

@@ -7,10 +7,13 @@ from collections.abc import Mapping
 from sitl.ardupilot_json.serve import DEFAULT_PORT
 from sitl.catalogue import VehicleData
 
-__all__ = ["needed_parameters", "parameter_text", "start_commands"]
+__all__ = ["HOME", "needed_parameters", "parameter_text", "start_commands"]
 
 _INSTANCE_STEP = 10
 _BINARY = {"rover": "ardurover", "sub": "ardusub"}
+HOME = "44.4000,8.9200,0,0"
+"""--home: latitude, longitude, altitude [m], heading. Chosen: off Genoa, where Charlie is from; at altitude 0, because
+ArduPilot's simulated water pressure begins there and nowhere else."""
 _RATE = {"rover": 200, "sub": 400}
 """--rate [Hz], at least SCHED_LOOP_RATE (Rover 50, Sub 400)."""
 
@@ -39,13 +42,15 @@ _ROV: Mapping[str, float] = {
     **{f"INS_ACC3OFFS_{axis}": 0.0 for axis in "XYZ"},
     **{f"INS_ACC3SCAL_{axis}": 1.0 for axis in "XYZ"},
     "BARO_EXT_BUS": 1,
+    "BARO_SPEC_GRAV": 1.024,
     "SIM_BARO_RND": 0.02,
     "RC3_TRIM": 1500,
     "BTN0_FUNCTION": 0,
     "BTN11_FUNCTION": 42,
     "BTN12_FUNCTION": 43,
 }
-"""The third simulated accelerometer is ideal; the pressure sensor is outside; two joystick buttons change the gain."""
+"""The third simulated accelerometer is ideal; the pressure
+sensor is outside, in salt water; two joystick buttons change the gain."""
 _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "rudder": {**_BOAT, "SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70},
     "twin-thruster": {**_BOAT, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
@@ -75,5 +80,5 @@ def start_commands(data: VehicleData, port: int, parameter_file: str, *, host: s
     calls = 14550 + (_INSTANCE_STEP * instance if numbered else 0)
     return (
         f"{_BINARY[data.firmware]} --model JSON:{host} {where} --rate {_RATE[data.firmware]} --speedup 1 "
-        f"--defaults {parameter_file} --serial0 udpclient:127.0.0.1:{calls}"
+        f"--home {HOME} --defaults {parameter_file} --serial0 udpclient:127.0.0.1:{calls}"
     )

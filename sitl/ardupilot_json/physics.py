@@ -73,12 +73,14 @@ class Physics:
         self._reading = Reading()
         self._battery = Battery()
         self.seconds = 0.0
+        self._pwm: Sequence[int] = [0] * 16
         self.state = State()
         self._tell((0.0, 0.0, 0.0))
 
     def step(self, dt: float, pwm: Sequence[int]) -> State:
         """Let *dt* [s] pass under servo pulses *pwm* [us] and return what it looks like then."""
         body, before = self.rig.body, self._velocity()
+        self._pwm = pwm
         psi_before = body.psi
         count = max(1, math.ceil(dt / _LONGEST_STEP - 1e-9))
         for _ in range(count):
@@ -91,6 +93,11 @@ class Physics:
         c, s = math.cos(psi), math.sin(psi)
         self._tell((c * north + s * east, c * east - s * north, down))
         return self.state
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """What the last pulses ask of each axis, as shares of full, before any effect."""
+        return self.rig.actuators.read(self._pwm)
 
     def _velocity(self) -> tuple[float, float, float]:
         """Return the true velocity over ground (3,) [m/s]: north, east, down."""

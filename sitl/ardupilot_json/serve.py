@@ -31,6 +31,7 @@ class JsonServer:
     physics : the hull.
     port : UDP port; 0 lets the system choose (see ``port``).
     host : address to listen on.
+    patience : how long to wait for a request [s], then ``TimeoutError``; None: for ever.
     say : gets a line for the operator whenever something begins.
 
     Raises
@@ -45,6 +46,7 @@ class JsonServer:
         *,
         port: int = DEFAULT_PORT,
         host: str = "127.0.0.1",
+        patience: float | None = None,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.physics = physics
@@ -68,6 +70,7 @@ class JsonServer:
             if error.errno != errno.EADDRINUSE:
                 reason = f"{error.strerror}; check the address"
             raise CannotListen(f"cannot listen on {host}:{port}: {reason}") from error
+        self._socket.settimeout(patience)
         self.port: int = self._socket.getsockname()[1]
 
     def close(self) -> None:
@@ -80,7 +83,7 @@ class JsonServer:
             self.serve_one()
 
     def serve_one(self) -> None:
-        """Wait for one datagram and answer it, if it is a request."""
+        """Wait for one datagram and answer it, if it is a request. ``TimeoutError`` when none came in time."""
         try:
             datagram, sender = self._socket.recvfrom(_LARGEST)
         except ConnectionError:  # an earlier answer found nobody

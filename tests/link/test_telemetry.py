@@ -214,6 +214,16 @@ def test_depth_is_minus_relative_altitude_and_positive_down(told: Told) -> None:
     assert math.isnan(telemetry.value("u")), "without a fix the velocity is not known to be zero"
 
 
+def test_home_and_origin_may_be_at_different_depths(told: Told) -> None:
+    local = mavlink.MAVLink_local_position_ned_message(1000, 0.0, 0.0, 2.53, 0.0, 0.0, 0.0)
+    telemetry = told.tell(
+        attitude(1000), local, mavlink.MAVLink_global_position_int_message(1000, 0, 0, 0, -2500, 100, 0, 30, 0)
+    )
+    assert telemetry.depth_offset == pytest.approx(0.03)
+    telemetry = told.tell(mavlink.MAVLink_global_position_int_message(1600, 0, 0, 0, -3500, 100, 0, 30, 0))
+    assert telemetry.depth_offset == pytest.approx(0.03), "messages of different moments say nothing about it"
+
+
 def global_position(ms: int, north: float) -> Any:
     lat = round(54e7 + math.degrees(north / 6378137.0) * 1e7)
     return mavlink.MAVLink_global_position_int_message(ms, lat, 100000000, 0, 0, 150, 0, 0, 0)

@@ -1,0 +1,123 @@
+"""One axis of one vessel: every rival gets its gains, all fly the same step on the truth."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.rivals.fleet import Job, Vessel
+from benchmarks.rivals.flights import circle_ratio, fly_step, get_ready
+from benchmarks.rivals.oracle import search
+from benchmarks.rivals.rules import RANGES, Cycle, quiktune, ziegler_nichols
+from benchmarks.rivals.sea import Sea
+from gcs_autotune.design import StepMetrics
+
+__all__ = ["Entry", "compete"]
+
+_FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTD")
+_WORKING_DEPTH = 3.0
+
+
+@dataclass(slots=True)
+class Entry:
+    """One rival: its gains, what it cost in vehicle time [s], how its step went; ``note``: what is odd about it."""
+
+    rival: str
+    gains: Mapping[str, float]
+    seconds: float
+    metrics: StepMetrics | None = None
+    note: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {**asdict(self), "metrics": None if self.metrics is None else asdict(self.metrics)}
+
+
+def law_of(vessel: Vessel, job: Job) -> str:
+    """Return the firmware's loop by the name of its table of ranges."""
+    return f"{vessel.data.firmware}-{job.axis}"
+
+
+def compete(sea: Sea, vessel: Vessel, job: Job, *, budget: int) -> list[Entry]:
+    """Return every rival's entry, flown."""
+    law = law_of(vessel, job)
+    ranges = RANGES[law]
+    sea.run_while(lambda: sea.t < 50.0)
+    names = [*ranges, *(_FILTERS if law == "rover-heading" else ())]
+    default = sea.get(names)
+    entries = [Entry("defaults", default, 0.0)]
+    ours, cycle = _tune(sea, job, default, names)
+    sea.set(default)
+    get_ready(sea, job)
+    if law == "rover-heading":
+        entries.append(_quiktune(sea, vessel, default))
+        sea.rest()
+        get_ready(sea, job)
+    if cycle is not None:
+        speed = vessel.data.parameters.get("CRUISE_SPEED", 0.0)
+        gains = ziegler_nichols(law, cycle[0], speed, default)
+        entries.append(Entry("Ziegler-Nichols", {**default, **gains}, cycle[1]))
+    entries.append(ours)
+    base = sea.psi if job.axis == "heading" else _WORKING_DEPTH
+    for entry in entries:
+        entry.metrics = fly_step(sea, job, entry.gains, base)
+    return [*entries, _oracle(sea, job, ranges, entries, base, budget)]
+
+
+def _tune(
+    sea: Sea, job: Job, default: Mapping[str, float], names: list[str]
+) -> tuple[Entry, tuple[Cycle, float] | None]:
+    """Let ``gcs-autotune tune`` do its work over its own link, then read what it left on the vehicle."""
+    sea.set(dict(default))
+    sea.armed_seconds = 0.0
+    with tempfile.TemporaryDirectory(prefix="rivals-tune-") as folder:
+        run = Path(folder) / "run"
+        command = ["tune", job.axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
+        status = sea.host([*command, "--step-duration", f"{job.duration:g}"], Path(folder) / "said")
+        cycle, note = _cycle(run), f"ended with {status}"
+        if (run / "summary.json").exists():
+            told = json.loads((run / "summary.json").read_text())
+            note = told["ending"] if told["ending"] == "kept" else f"{told['ending']}: {told['reason']}"
+    return Entry("ours", sea.get(names), sea.armed_seconds, note=note), cycle
+
+
+def _cycle(run: Path) -> tuple[Cycle, float] | None:
+    """Return the first relay's limit cycle and how long it was flown, from a run directory."""
+    if not (run / "fit.json").exists():
+        return None
+    cycles = json.loads((run / "fit.json").read_text()).get("iso") or []
+    if not cycles:
+        return None
+    c = cycles[0]["cycle"]
+    rows = next(iter(sorted((run / "trials").glob("*-relay-1.csv")))).read_text().splitlines()
+    t = [float(row.split(",")[0]) for row in (rows[1], rows[-1])]
+    return Cycle(c["C"], c["X_m"], c["x_a_star"], c["omega"]), t[1] - t[0]
+
+
+def _quiktune(sea: Sea, vessel: Vessel, default: Mapping[str, float]) -> Entry:
+    throttle = vessel.data.parameters["CRUISE_THROTTLE"] / 100.0
+    demand, rate, seconds = circle_ratio(sea, throttle, 0.5)
+    gains = quiktune(demand / rate, sea.get(["INS_GYRO_FILTER"])["INS_GYRO_FILTER"])
+    shut = rate < math.radians(10.0)
+    note = "its own gate of 10 deg/s would not open at half rudder" if shut else ""
+    return Entry("QuikTune's rule", {**default, **gains}, seconds, note=note)
+
+
+def _oracle(
+    sea: Sea, job: Job, ranges: Mapping[str, tuple[float, float]], entries: list[Entry], base: float, budget: int
+) -> Entry:
+    began = sea.t
+    others = {name: value for name, value in entries[0].gains.items() if name not in ranges}
+
+    def fly(gains: Mapping[str, float]) -> float:
+        return fly_step(sea, job, {**others, **gains}, base).itae
+
+    gains, _, flown = search(fly, ranges, [entry.gains for entry in entries], budget)
+    entry = Entry("oracle", {**others, **gains}, sea.t - began, note=f"{flown} steps flown")
+    entry.metrics = fly_step(sea, job, entry.gains, base)
+    return entry

@@ -1,0 +1,89 @@
+"""The rivals' rules, as published, and what ArduPilot documents as its gains' ranges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+__all__ = ["RANGES", "Cycle", "quiktune", "ziegler_nichols"]
+
+_SPEED_SCALING_BASE = 1.0
+"""MOT_SPD_SCA_BASE [m/s]."""
+
+RANGES: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "rover-heading": {
+        "ATC_STR_RAT_FF": (0.0, 3.0),
+        "ATC_STR_RAT_P": (0.0, 2.0),
+        "ATC_STR_RAT_I": (0.0, 2.0),
+        "ATC_STR_RAT_D": (0.0, 0.4),
+        "ATC_STR_ANG_P": (1.0, 10.0),
+    },
+    "sub-heading": {
+        "ATC_RAT_YAW_P": (0.0, 0.5),
+        "ATC_RAT_YAW_I": (0.0, 0.05),
+        "ATC_RAT_YAW_D": (0.0, 0.02),
+        "ATC_ANG_YAW_P": (0.0, 6.0),
+    },
+    "sub-depth": {
+        "PSC_D_POS_P": (0.5, 4.0),
+        "PSC_D_VEL_P": (1.0, 10.0),
+        "PSC_D_VEL_I": (0.0, 10.0),
+        "PSC_D_ACC_P": (0.01, 0.25),
+        "PSC_D_ACC_I": (0.0, 0.5),
+        "PSC_D_ACC_FF": (0.0, 0.1),
+    },
+}
+"""Documented ranges (ArduPilot's parameter metadata, 4.7-dev of 2025-12)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """A relay's limit cycle: output [share], swing and hysteresis [rad or m], frequency [rad/s]."""
+
+    output: float
+    swing: float
+    hysteresis: float
+    omega: float
+
+    @property
+    def ultimate(self) -> tuple[float, float]:
+        """Ultimate gain [share per rad or m] and period [s]: the relay's describing function, hysteresis and all."""
+        across = math.sqrt(max(self.swing**2 - self.hysteresis**2, 1e-12))
+        return 4.0 * self.output / (math.pi * across), math.tau / self.omega
+
+
+def quiktune(ratio: float, gyro_filter: float) -> dict[str, float]:
+    """Return what ArduPilot's rover-quicktune sets: FF = 0.9 of the measured ratio [s], P = I = 0.5 FF, filters."""
+    ff = 0.9 * ratio
+    return {
+        "ATC_STR_RAT_FF": ff,
+        "ATC_STR_RAT_P": 0.5 * ff,
+        "ATC_STR_RAT_I": 0.5 * ff,
+        "ATC_STR_RAT_FLTT": 0.5 * gyro_filter,
+        "ATC_STR_RAT_FLTD": 0.5 * gyro_filter,
+    }
+
+
+def ziegler_nichols(law: str, cycle: Cycle, speed: float, present: Mapping[str, float]) -> dict[str, float]:
+    """Return ArduPilot's gains that make the classic Ziegler-Nichols PID (0.6 Ku, Tu/2, Tu/8) of its cascade.
+
+    Heading: u = P (A e - r) + I int(A e - r) is a PID with Kp = P A + I, Ki = I A, Kd = P; no feed-forward. A boat's
+    output is scaled by MOT_SPD_SCA_BASE/V, so its Ku is that of the servo times V over it. Depth: the climb-rate gain
+    stays; position and acceleration gains make the PID (throttle is half the share).
+    """
+    ku, tu = cycle.ultimate
+    if law == "rover-heading":
+        ku *= max(speed, _SPEED_SCALING_BASE) / _SPEED_SCALING_BASE
+    kp = 0.6 * ku
+    if law == "sub-depth":
+        B = present["PSC_D_VEL_P"]
+        e = 1.0 + 2.0 / (tu * B)
+        A = 4.0 / tu * (e + math.sqrt(e * e - 1.0))
+        i = 2.0 * kp / (tu * B * A)
+        p = max(kp * tu / 8.0 - i, 0.0) / B
+        return {"PSC_D_POS_P": A, "PSC_D_ACC_P": 0.5 * p, "PSC_D_ACC_I": 0.5 * i, "PSC_D_ACC_FF": 0.0}
+    rate_p, rate_i, angle_p = kp * tu / 8.0, 0.5 * kp, 4.0 / tu
+    if law == "rover-heading":
+        return {"ATC_STR_RAT_FF": 0.0, "ATC_STR_RAT_P": rate_p, "ATC_STR_RAT_I": rate_i, "ATC_STR_ANG_P": angle_p}
+    return {"ATC_RAT_YAW_P": rate_p, "ATC_RAT_YAW_I": rate_i, "ATC_ANG_YAW_P": angle_p}

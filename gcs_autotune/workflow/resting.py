@@ -1,0 +1,35 @@
+"""What a signal does when nothing is asked of the craft: the noise a step is measured through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gcs_autotune.trial import Trial
+
+__all__ = ["resting_noise"]
+
+_LOOK_BACK = 3.0
+"""Seconds of the hold before a step: as long as it has to be steady before the step begins."""
+_LEAST_SAMPLES = 12
+_TREND = 2
+"""Order of the polynomial that counts as motion."""
+
+
+def resting_noise(step: Trial, resolution: float = 0.0) -> float:
+    """Return the standard deviation [rad or m] of the stepped signal while it was held, slow motion taken off.
+
+    What a model leaves unexplained is no noise: a poor model must not make a poor step look good. At least what
+    rounding to *resolution* [rad or m] makes; infinite when the record shows no hold to measure in.
+    """
+    signal = str(step.meta["signal"])
+    targets = [mark.t for mark in step.marks if mark.kind == "target"]
+    if len(targets) < 2:
+        return math.inf
+    held = step[signal].between(max(targets[0], targets[1] - _LOOK_BACK), targets[1])
+    if len(held.t) < _LEAST_SAMPLES:
+        return math.inf
+    t = held.t - held.t[0]
+    rest = held.values - np.polyval(np.polyfit(t, held.values, _TREND), t)
+    return max(float(np.sqrt(np.sum(rest**2) / (len(t) - _TREND - 1))), resolution / math.sqrt(12.0))

@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.trial import Channel, Mark, Trial
+from gcs_autotune.workflow.resting import resting_noise
+
+T = np.arange(0.0, 20.0, 0.1)
+
+
+def held(values: np.ndarray, t: np.ndarray = T) -> Trial:
+    psi = Channel("psi", "rad", t, values)
+    marks = (Mark(0.0, "target"), Mark(10.0, "target"), Mark(15.0, "target"))
+    return Trial("step", {"psi": psi}, marks, meta={"signal": "psi"})
+
+
+def test_noise_is_read_off_the_hold_and_not_off_the_step():
+    noise = np.random.default_rng(1).normal(0.0, 0.003, len(T))
+    step = np.where(T > 10.0, 0.5 * (1.0 - np.exp(-(T - 10.0))), 0.0)
+    assert resting_noise(held(noise + step)) == pytest.approx(0.003, rel=0.4)
+
+
+def test_a_slow_drift_while_holding_is_no_noise():
+    assert resting_noise(held(0.02 * T + 0.001 * T**2)) < 1e-9
+
+
+def test_a_coarse_sensor_that_rests_on_one_step_still_rounds():
+    assert resting_noise(held(np.zeros(len(T))), 0.035) == pytest.approx(0.035 / math.sqrt(12.0))
+
+
+def test_without_a_hold_nothing_is_known():
+    few = T[::20]
+    assert resting_noise(held(np.zeros(len(few)), few)) == math.inf
