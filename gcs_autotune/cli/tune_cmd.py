@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND"]
 
-DEFAULT_CONNECTIONS = {"heading": "sitl:charlie", "depth": "sitl:videoray"}
+DEFAULT_CONNECTIONS = {"heading": "sitl:charlie", "depth": "sitl:videoray", "speed": "sitl:charlie"}
 RESTORED = 8
 """Exit code: tuned, but the old gains proved better and are back."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=sorted(DEFAULT_CONNECTIONS), help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie for heading, sitl:videoray for depth")
+    add_connection(parser, otherwise="sitl:charlie for heading and speed, sitl:videoray for depth")
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gcs_autotune.design.hunting import LONG, Hunting
-from gcs_autotune.design.matching import Problem, peak_demand
+from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import settling_time
 from gcs_autotune.design.selection import Candidate
 from gcs_autotune.design.verdict import is_better
@@ -97,7 +97,7 @@ def _on_the_wish(problem: Problem, shown: Candidate, is_polished: bool) -> Itera
             "saturate; give a settling time to have the matched ones"
         )
         return
-    use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
+    use, velocity = problem.demand(problem.model, shown.wanted)
     if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
         yield (
             f"the wanted step needs {use:.0%} of the actuator: the craft cannot follow it exactly and "

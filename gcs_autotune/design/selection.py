@@ -12,7 +12,6 @@ from gcs_autotune.design.matching import (
     Problem,
     match,
     output_noise,
-    peak_demand,
 )
 from gcs_autotune.design.model_function import model_function, omega_for_settling, settling_time
 from gcs_autotune.design.open_loop import worst
@@ -66,7 +65,7 @@ def choose(problem: Problem) -> Candidate:
         fastest = (tried[0].wanted if tried else wanted).omega_0
         span = problem.spec.step_duration or SPANS * settling_time(wanted.kind, fastest)
         gains = match(problem, wanted, tried[-1].settings if tried else None)
-        settings = {**problem.settings, **problem.law.fixed, **gains}
+        settings = {**problem.settings, **problem.law.fixed, **problem.spec.measured, **gains}
         tried.append(judge(problem, wanted, settings, span))
         if not tried[-1].objections and (best is None or _score(tried[-1]) < NOTICEABLE * _score(best)):
             best = tried[-1]
@@ -155,7 +154,7 @@ def _fastest(problem: Problem) -> float:
     low, high = math.log(SLOWEST), math.log(min(FASTEST, 1.0 / max(model.delay + problem.delay, 1.0 / FASTEST)))
 
     def is_flyable(log_omega: float) -> bool:
-        use, velocity = peak_demand(model, model_function(spec.kind, math.exp(log_omega)), problem.step)
+        use, velocity = problem.demand(model, model_function(spec.kind, math.exp(log_omega)))
         return use <= spec.actuator_use and velocity <= limit
 
     if not is_flyable(low):

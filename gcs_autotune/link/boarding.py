@@ -12,6 +12,7 @@ from gcs_autotune.link.identity import VehicleIdentity, type_name
 from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
 from gcs_autotune.link.overrides import read_override_map
 from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.rate_stick import read_rate_stick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.session import Session
 
@@ -66,7 +67,10 @@ def open_craft(
     session.vehicle = _with_frame(session, parameters, firmware)
     speed = parameters.read_existing([_FULL_SPEED]) if firmware.kind == "boat" else {}
     wiring = Wiring(
-        read_override_map(parameters, firmware), read_servo_map(parameters, firmware), speed.get(_FULL_SPEED, 0.0)
+        read_override_map(parameters, firmware),
+        read_servo_map(parameters, firmware),
+        speed.get(_FULL_SPEED, 0.0),
+        read_rate_stick(parameters, firmware),
     )
     rates = Rates(session, commands)
     craft = MavlinkCraft(

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from gcs_autotune.clock import Clock, Deadline
-from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.errors import (
     ArmingRefused,
     GuardTripped,
@@ -18,10 +18,11 @@ from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.rate_stick import RateStick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
-from gcs_autotune.link.targets import ATTITUDE_TARGETS, depth_target
+from gcs_autotune.link.targets import ATTITUDE_TARGETS, depth_target, turn_rate_target
 from gcs_autotune.link.telemetry import Telemetry
 from gcs_autotune.trial import Mark, Trial
 
@@ -44,12 +45,14 @@ _WARM_UP = 1.0
 class Wiring:
     """How this vehicle's inputs and outputs are connected, as read from its parameters.
 
-    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none.
+    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none. ``rate_stick``
+    says what turn rate the yaw stick asks for in the stabilised modes, None where targets do that (boats).
     """
 
     overrides: OverrideMap
     servos: ServoMap
     full_speed: float = 0.0
+    rate_stick: RateStick | None = None
 
 
 class MavlinkCraft:
@@ -109,6 +112,11 @@ class MavlinkCraft:
     def armed(self) -> bool:
         """Whether the vehicle is armed."""
         return self.session.armed
+
+    @property
+    def skid(self) -> bool:
+        """Whether it steers by the difference of two thrusters."""
+        return self._wiring.servos.skid
 
     # --- watching -----------------------------------------------------------------------------------------
 
@@ -209,10 +217,14 @@ class MavlinkCraft:
         self._duty.postpone()
         self._sent_t = self.telemetry.t
         manual = command if isinstance(command, Actuate) else Actuate()
+        if isinstance(command, TurnRateTarget) and self._wiring.rate_stick is not None:
+            manual = Actuate(N=self._wiring.rate_stick.deflection(command.r, self.telemetry.value("pilot_gain")))
         self.session.send(self._wiring.overrides.message(manual, *self._ids))
         if isinstance(command, HeadingTarget):
             encode = ATTITUDE_TARGETS[self._firmware.kind]
             self.session.send(encode(self._ids, command, self._wiring.full_speed))
+        elif isinstance(command, TurnRateTarget) and self._firmware.kind == "boat":
+            self.session.send(turn_rate_target(self._ids, command, self._wiring.full_speed))
         elif isinstance(command, DepthTarget):
             self.session.send(depth_target(self._ids, command))
 

@@ -4,7 +4,7 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns obser
 :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
 What to use when: ``relay`` to identify one degree of freedom in a few oscillations; ``step`` to prove a
-closed loop; ``turn-about`` to bring a boat back between two of them.
+closed loop; ``throttle-steps`` to identify a boat's surge; ``turn-about`` to bring a boat back between two of them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 from gcs_autotune.manoeuvres.sequencer import Flown, Sequencer, visit
 from gcs_autotune.manoeuvres.step import Step, StepSettings
+from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 
 __all__ = [
     "GUARDS",
+    "LEVELS",
     "MANOEUVRES",
     "Ending",
     "Envelope",
@@ -33,10 +35,17 @@ __all__ = [
     "Sequencer",
     "Step",
     "StepSettings",
+    "ThrottleSteps",
+    "ThrottleStepsSettings",
     "TurnAbout",
     "TurnAboutSettings",
     "visit",
 ]
 
-MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {"relay": Relay, "step": Step, "turn-about": TurnAbout}
+MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
+    "relay": Relay,
+    "step": Step,
+    "throttle-steps": ThrottleSteps,
+    "turn-about": TurnAbout,
+}
 """Name -> manoeuvre (built from its settings); adding one is one file and one line."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,12 +11,30 @@ import numpy as np
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import quantum
-from gcs_autotune.manoeuvres import Relay, RelaySettings, Step, StepSettings, TurnAbout, TurnAboutSettings
+from gcs_autotune.manoeuvres import (
+    LEVELS,
+    Relay,
+    RelaySettings,
+    ThrottleSteps,
+    ThrottleStepsSettings,
+    TurnAbout,
+    TurnAboutSettings,
+)
+from gcs_autotune.manoeuvres.step import FORCES
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 
-__all__ = ["measure", "relay_for", "resolution", "second_output", "speed_for", "step_for", "turn_for"]
+__all__ = [
+    "measure",
+    "noise_in",
+    "relay_for",
+    "resolution",
+    "second_output",
+    "speed_for",
+    "throttle_steps_for",
+    "turn_for",
+]
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
@@ -29,18 +48,9 @@ def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) 
     return throttle, speed
 
 
-def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Step:
-    """Return the before/after step."""
-    d = DEFAULTS[axis.dof]
-    return Step(
-        StepSettings(
-            signal=d.signal,
-            size=settings.step if settings.step is not None else d.step,
-            duration=settings.step_duration or d.step_duration,
-            speed=speed,
-        ),
-        name,
-    )
+def throttle_steps_for(throttle: float, number: int, name: str) -> ThrottleSteps:
+    """Return the *number*-th (from 0) surge experiment of a boat about *throttle* [fraction]."""
+    return ThrottleSteps(ThrottleStepsSettings(throttle, LEVELS[number % len(LEVELS)]), name)
 
 
 def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, output: float | None, name: str) -> Relay:
@@ -81,6 +91,12 @@ def resolution(trial: Trial) -> float:
     return quantum(trial[str(trial.meta["signal"])].values)
 
 
+def noise_in(trial: Trial, signal: str) -> float:
+    """Return the standard deviation of a signal's noise, from second differences, which slow motion leaves alone."""
+    second = np.diff(trial[signal].values, n=2)
+    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
+
+
 def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
@@ -89,7 +105,7 @@ def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> St
     *noise_std* or within the sensor's *resolution* [rad or m] count as none: a compass of two degrees cannot tell one.
     """
     signal = str(trial.meta["signal"])
-    force = "N" if signal == "psi" else "Z"
+    force = FORCES[signal]
     targets = [m for m in trial.marks if m.kind == "target"]
     found = []
     for before, after in itertools.pairwise(targets):

@@ -123,7 +123,7 @@ class Tale:
         )
 
     def _relays(self) -> list[Trial]:
-        return [t for t in self._trials if t.name.startswith("relay")]
+        return [t for t in self._trials if t.name.startswith(("relay", "throttle"))]
 
     def _trial(self, name: str) -> Trial | None:
         return next((t for t in self._trials if t.name == name), None)

@@ -13,26 +13,32 @@ from dataclasses import replace
 from typing import Literal
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import Proposal, Spec, design, design_from, is_better
+from gcs_autotune.design import Actuator, Proposal, Reduction, Spec, design, design_from, is_better
+from gcs_autotune.design.laws import LAWS
+from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
 from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify.surge import CURVE, fit_surge, square_of
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
+from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import axis_of, come_aboard
 from gcs_autotune.workflow.experiments import (
     measure,
+    noise_in,
     relay_for,
     resolution,
     second_output,
     speed_for,
-    step_for,
+    throttle_steps_for,
     turn_for,
 )
 from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.proof import Known, Proof, proof_about_rest, proof_of_speed, proof_of_turn_rate
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.tale import Tale
@@ -75,6 +81,7 @@ class _Tuner:
         self._record = record
         self._craft = craft
         self._axis = axis_of(craft.firmware, settings.axis)
+        self._law = lookup(LAWS, self._axis.law, "control law")
         self._sequencer = Sequencer(craft, settings.envelope, tale, self._keep)
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
@@ -111,16 +118,24 @@ class _Tuner:
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale
         throttle, speed = speed_for(self._settings, self._axis, present)
-        before = self._fly(step_for(self._settings, self._axis, speed, "step-before"), "step with present gains")
+        fit: AxisFit | None = None
+        if self._law.controls_velocity:
+            if self._given is None:
+                fit = self._identify(throttle)
+                self._come_about(throttle)
+            proof = self._proof_of_velocity(throttle, speed, self._known(fit), present)
+        else:
+            proof = proof_about_rest(self._settings, self._axis, speed)
+        before = self._fly(proof.step("step-before"), "step with present gains")
         grain = resolution(before.trial)
         tale.metrics_before = measure(before.trial, resolution=grain)
         if self._given is None:
-            fit = self._identify(throttle)
-            self._noise = fit.noise_std
-            proposal = self._design(fit, present, grain)
+            fit = fit or self._identify(throttle)
+            self._noise = self._noise_of(fit, before.trial)
+            proposal = self._design(fit, present, grain, proof)
         else:
-            self._noise = self._given.noise_std
-            proposal = self._design_from_file(self._given, before.trial, present, grain)
+            self._noise = self._given.noise_std or self._noise_of(None, before.trial)
+            proposal = self._design_from_file(self._given, before.trial, present, grain, proof)
         tale.metrics_before = measure(before.trial, self._noise, grain)
         if proposal.changes:
             tale.say(_promise(proposal))
@@ -131,9 +146,33 @@ class _Tuner:
         elif not self._agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
             tale.end("declined", "the new gains were not wanted; nothing was written")
         else:
-            self._prove(proposal, journal, throttle, speed, grain)
+            self._prove(proposal, journal, throttle, proof, grain)
+
+    def _known(self, fit: AxisFit | None) -> Known:
+        """Return what is known of the craft before its loop is flown."""
+        if fit is not None:
+            reduction = reduction_of(fit)
+            return Known(fit.model, Actuator() if reduction is None else reduction.actuator, fit.noise_std)
+        assert self._given is not None
+        r, full = self._given.reduction, self._given.full_scale or 1.0
+        model, _ = in_fractions(r.model, r.covariance, full)
+        return Known(model, r.actuator.in_fractions(full), self._given.noise_std)
+
+    def _proof_of_velocity(self, throttle: float, speed: float, known: Known, present: Mapping[str, float]) -> Proof:
+        if self._axis.dof == "surge":
+            return proof_of_speed(self._settings, throttle, known, present)
+        return proof_of_turn_rate(self._settings, speed, known)
+
+    def _noise_of(self, fit: AxisFit | None, step: Trial) -> float:
+        """Return the noise of what is stepped: the fit's when it was fitted to that, else read off the step."""
+        signal = str(step.meta["signal"])
+        if fit is not None and signal in fit.noise:
+            return fit.noise[signal]
+        return noise_in(step, signal) if fit is None or self._law.controls_velocity else fit.noise_std
 
     def _identify(self, throttle: float) -> AxisFit:
+        if self._axis.dof == "surge":
+            return self._identify_surge(throttle)
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
         relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
@@ -149,14 +188,26 @@ class _Tuner:
         )
         return tale.fit
 
-    def _design_from_file(self, given: Given, flown: Trial, present: Mapping[str, float], grain: float) -> Proposal:
+    def _identify_surge(self, throttle: float) -> AxisFit:
+        s, tale, trials = self._settings, self._tale, list[Trial]()
+        for n, stage in enumerate(("first throttle steps", "second throttle steps")):
+            self._come_about(throttle)
+            trials.append(self._fly(throttle_steps_for(throttle, n, f"throttle-{n + 1}"), stage).trial)
+        tale.say("identifying")
+        delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
+        tale.fit = think(self._craft, lambda: fit_surge(trials, structure=s.structure, delay=delay))
+        return tale.fit
+
+    def _design_from_file(
+        self, given: Given, flown: Trial, present: Mapping[str, float], grain: float, proof: Proof
+    ) -> Proposal:
         tale, file = self._tale, given.file
         share = think(self._craft, lambda: explained(given, flown))
         if not math.isnan(share):
             strange = "" if share >= STRANGE else ": is it a model of this craft, at this speed, with this full scale?"
             tale.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
         tale.say(f"designing from the model '{file.name}'")
-        spec = replace(self._spec(tale.speed_of([flown]), grain), full_scale=given.full_scale)
+        spec = replace(self._spec(tale.speed_of([flown]), grain, proof), full_scale=given.full_scale)
         tale.proposal = think(
             self._craft,
             lambda: design_from(
@@ -173,35 +224,38 @@ class _Tuner:
             tale.say(remark.sentence)
         return tale.proposal
 
-    def _spec(self, speed: float, grain: float) -> Spec:
-        s, d = self._settings, DEFAULTS[self._axis.dof]
+    def _spec(self, speed: float, grain: float, proof: Proof) -> Spec:
+        s, flown = self._settings, proof.settings
+        speed = speed if proof.design_speed is None else proof.design_speed
         return Spec(
             kind=s.model,
             omega_0=s.omega_0,
             settling_time=s.settling_time,
-            step=abs(s.step) if s.step is not None else d.step,
+            step=abs(flown.size),
             speed=speed if self._axis.needs_speed and speed > 0.0 else None,
-            step_duration=s.step_duration or d.step_duration,
+            step_duration=flown.duration,
             noise_std=self._noise,
             quantum=grain,
             noise_bandwidth=0.5 * s.control_rate,
+            measured=proof.measured,
+            skid=self._craft.skid,
         )
 
-    def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float) -> Proposal:
+    def _design(self, fit: AxisFit, present: Mapping[str, float], grain: float, proof: Proof) -> Proposal:
         tale = self._tale
         tale.say("designing")
-        spec = self._spec(tale.relay_speed(), grain)
-        tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec))
+        spec, curve = self._spec(tale.relay_speed(), grain, proof), reduction_of(fit)
+        tale.proposal = think(self._craft, lambda: design(fit.model, fit.covariance, self._axis, present, spec, curve))
         return tale.proposal
 
-    def _prove(self, proposal: Proposal, journal: Journal, throttle: float, speed: float, grain: float) -> None:
+    def _prove(self, proposal: Proposal, journal: Journal, throttle: float, proof: Proof, grain: float) -> None:
         tale = self._tale
         with ParameterLoan(self._craft.parameters, journal) as loan:
             tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in proposal.new.items()))
             loan.set(proposal.new)
             tale.say("written and read back")
             self._come_about(throttle)
-            after = self._fly(step_for(self._settings, self._axis, speed, "step-after"), "step with new gains")
+            after = self._fly(proof.step("step-after"), "step with new gains")
             assert tale.metrics_before is not None
             tale.metrics_after = measure(after.trial, self._noise, grain)
             verdict = is_better(tale.metrics_before, tale.metrics_after)
@@ -263,17 +317,24 @@ class _Tuner:
     def _announce(self, now: Observation) -> None:
         s, axis, d, firmware = self._settings, self._axis, DEFAULTS[self._axis.dof], self._craft.firmware
         step = s.step if s.step is not None else d.step
-        shown = f"{math.degrees(step):.0f} deg" if d.signal == "psi" else f"{step:g} m"
+        shown = (
+            ""
+            if self._law.controls_velocity
+            else f"{math.degrees(step):.0f} deg "
+            if d.signal == "psi"
+            else f"{step:g} m "
+        )
         _, speed = speed_for(s, axis, self._tale.parameters_before)
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
         gains = ", ".join(g.parameter for g in axis.gains)
-        swings = f" and oscillations about the present {axis.name}" if self._given is None else ""
+        kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {DOF_NAMES[axis.dof]}"
+        swings = f" and {kind}" if self._given is None else ""
         self._tale.announce(
             (
                 "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-                f"move: {shown} steps in {axis.name}{swings}{under_way}",
+                f"move: {shown}steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
                 if s.dry_run
                 else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
@@ -287,6 +348,17 @@ class _Tuner:
             self._tale.say(f"{question} Simulated vehicle: not asking.")
             return True
         return ask(self._craft, self._operator, question)
+
+
+DOF_NAMES = {"yaw": "heading", "heave": "depth"}
+"""Degree of freedom -> what oscillates, to people."""
+
+
+def reduction_of(fit: AxisFit) -> Reduction | None:
+    """Return the model of a surge fit with its thrust curve; None when it has none."""
+    if CURVE not in fit.extra:
+        return None
+    return Reduction(fit.model, fit.model.axis.force, fit.covariance, Actuator(square=square_of(fit)))
 
 
 def _shown(proposal: Proposal) -> str:

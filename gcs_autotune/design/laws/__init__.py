@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gcs_autotune.design.laws.law import Law, Motion, Scenario, Settings
+from gcs_autotune.design.laws.law import SKID, Law, Motion, Scenario, Settings
 from gcs_autotune.design.laws.rover_heading import RoverHeading
+from gcs_autotune.design.laws.rover_speed import RoverSpeed
 from gcs_autotune.design.laws.sub_depth import SubDepth
 from gcs_autotune.design.laws.sub_heading import SubHeading
 
-__all__ = ["LAWS", "Law", "Motion", "Scenario", "Settings"]
+__all__ = ["LAWS", "SKID", "Law", "Motion", "Scenario", "Settings"]
 
-LAWS: Mapping[str, Law] = {law.name: law for law in (RoverHeading(), SubHeading(), SubDepth())}
+LAWS: Mapping[str, Law] = {law.name: law for law in (RoverHeading(), RoverSpeed(), SubHeading(), SubDepth())}
 """Name in ``firmware.Axis.law`` -> law."""

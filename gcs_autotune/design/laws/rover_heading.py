@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
     actuate,
@@ -121,7 +122,7 @@ DEFAULTS: Settings = {
 }
 
 
-class RoverHeading:
+class RoverHeading(AboutRest):
     """``Axis.law == "rover-heading"``."""
 
     name = "rover-heading"
