@@ -317,13 +317,8 @@ class _Tuner:
     def _announce(self, now: Observation) -> None:
         s, axis, d, firmware = self._settings, self._axis, DEFAULTS[self._axis.dof], self._craft.firmware
         step = s.step if s.step is not None else d.step
-        shown = (
-            ""
-            if self._law.controls_velocity
-            else f"{math.degrees(step):.0f} deg "
-            if d.signal == "psi"
-            else f"{step:g} m "
-        )
+        shown = f"{math.degrees(step):.0f} deg " if d.signal == "psi" else f"{step:g} m "
+        shown = "" if self._law.controls_velocity else shown
         _, speed = speed_for(s, axis, self._tale.parameters_before)
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
