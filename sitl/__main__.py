@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
+from sitl.ardupilot_json.command import add_options, run_json, write_parameters
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters
@@ -71,6 +72,7 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--list-effects", action="store_true", help="show the effects there are and their parameters")
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
+    add_options(parser)
     return parser
 
 
@@ -122,6 +124,22 @@ def _run(args: argparse.Namespace) -> None:
         link.close()
 
 
+def _run_under_ardupilot(args: argparse.Namespace) -> None:
+    """Serve the bare hull to ArduPilot's own firmware, or write what that needs."""
+    if args.vehicle is None:
+        raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
+    strange = [name for name in ("param", "eeprom", "lockstep") if getattr(args, name)]
+    if strange:
+        raise _Usage(f"--{strange[0]} is for our own autopilot; ArduPilot has its own (--ardupilot-params FILE)")
+    data = load_vehicle(args.vehicle)
+    if args.ardupilot_params:
+        write_parameters(data, args.ardupilot_params)
+    if args.ardupilot_json:
+        effects = [parse_effect(text) for text in args.effect]
+        model = read_model(args.model) if args.model else None
+        run_json(data, args.ardupilot_json, args.ardupilot_params, seed=args.seed, effects=effects, model=model)
+
+
 def _show_vehicles() -> None:
     for name in VEHICLES:
         print(f"{name:12} {load_vehicle(name).title}")
@@ -146,6 +164,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             _show_vehicles()
         elif args.list_effects:
             _show_effects()
+        elif args.ardupilot_json or args.ardupilot_params:
+            _run_under_ardupilot(args)
         else:
             _run(args)
     except (UnknownVehicle, AddressError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""From servo pulses to forces: a rudder behind a propeller, or a frame of thrusters."""
+"""From servo pulses to forces: a rudder behind a propeller, two thrusters side by side, or a frame of thrusters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from sitl.body import Body, Loads
 
-__all__ = ["FRAMES", "Actuators", "RudderBoat", "ThrusterFrame", "YawSchedule"]
+__all__ = ["FRAMES", "Actuators", "RudderBoat", "ThrustCurve", "ThrusterFrame", "TwinThrusterBoat", "YawSchedule"]
 
 _NEUTRAL_PWM = 1500
 _RUDDER_SPAN, _MOTOR_SPAN = 500.0, 400.0
@@ -115,8 +115,74 @@ class RudderBoat(Actuators):
 
 
 @dataclass(frozen=True, slots=True)
+class TwinThrusterBoat(Actuators):
+    """Two thrusters side by side, each weaker astern by ``astern``; they steer by their difference.
+
+    ``full_thrust`` [N]: of one, ahead; ``arm`` [m]: of each from the centre line.
+    """
+
+    full_thrust: float
+    astern: float
+    arm: float
+    yaw_bias: float
+    left_channel: int
+    right_channel: int
+
+    @property
+    def full(self) -> Mapping[str, float]:
+        """Degree of freedom -> force at a share of 1: one ahead and one astern, both ahead."""
+        return {"yaw": self.arm * (1.0 + self.astern) * self.full_thrust, "surge": 2.0 * self.full_thrust}
+
+    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+        """Return half the difference (``N``, to starboard) and half the sum (``X``) of the two commands."""
+        left = _fraction(pwm[self.left_channel - 1], _RUDDER_SPAN)
+        right = _fraction(pwm[self.right_channel - 1], _RUDDER_SPAN)
+        return {"N": 0.5 * (left - right), "X": 0.5 * (left + right)}
+
+    def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
+        """Return the pulses with both thrusters at what gives *shares*."""
+        pulses = list(pwm)
+        pulses[self.left_channel - 1] = _pulse(shares["X"] + shares["N"], _RUDDER_SPAN)
+        pulses[self.right_channel - 1] = _pulse(shares["X"] - shares["N"], _RUDDER_SPAN)
+        return pulses
+
+    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
+        """Fill *loads*."""
+        left, right = self._force(shares["X"] + shares["N"]), self._force(shares["X"] - shares["N"])
+        loads.X = left + right
+        loads.Z = 0.0
+        loads.N = self.arm * (left - right) + self.yaw_bias
+
+    def _force(self, command: float) -> float:
+        return self.full_thrust * command * (1.0 if command >= 0.0 else self.astern)
+
+
+@dataclass(frozen=True, slots=True)
+class ThrustCurve:
+    """What a thruster makes of its command: an odd polynomial (coefficients of u, u^3, u^5 ...), 0 within ``dead``.
+
+    Scaled so that full command is full force.
+    """
+
+    odd: Sequence[float] = (1.0,)
+    dead: float = 0.0
+
+    def __call__(self, u: float) -> float:
+        """Return the share of full force at a share *u* of full command."""
+        if abs(u) <= self.dead:
+            return 0.0
+        value, square = 0.0, u * u
+        for coefficient in reversed(self.odd):
+            value = value * square + coefficient
+        return u * value / sum(self.odd)
+
+
+@dataclass(frozen=True, slots=True)
 class ThrusterFrame(Actuators):
-    """Fixed thrusters, force proportional to command; the authorities are what all of them do together."""
+    """Fixed thrusters; the authorities are what all of them do together.
+
+    The ``curve`` is that of one thruster, applied to each axis: all that drive an axis share its command.
+    """
 
     motors: Sequence[tuple[float, float, float]]
     full_N: float
@@ -124,6 +190,7 @@ class ThrusterFrame(Actuators):
     full_Z: float
     bias_N: float
     bias_Z: float
+    curve: ThrustCurve | None = None
 
     @property
     def full(self) -> Mapping[str, float]:
@@ -152,10 +219,13 @@ class ThrusterFrame(Actuators):
         return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
 
     def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
-        """Fill *loads*, in proportion."""
-        loads.N = self.full_N * shares["N"] + self.bias_N
-        loads.X = self.full_X * shares["X"]
-        loads.Z = self.full_Z * shares["Z"] + self.bias_Z
+        """Fill *loads*, in proportion unless there is a curve."""
+        N, X, Z = shares["N"], shares["X"], shares["Z"]
+        if self.curve is not None:
+            N, X, Z = self.curve(N), self.curve(X), self.curve(Z)
+        loads.N = self.full_N * N + self.bias_N
+        loads.X = self.full_X * X
+        loads.Z = self.full_Z * Z + self.bias_Z
 
 
 FRAMES: Mapping[str, Sequence[tuple[float, float, float]]] = {
@@ -167,6 +237,13 @@ FRAMES: Mapping[str, Sequence[tuple[float, float, float]]] = {
         (0.25, 0.25, 0.0),
         (0.0, 0.0, 0.5),
         (0.0, 0.0, 0.5),
+    ),
+    "vectored-6dof": (
+        (0.25, -0.25, 0.0),
+        (-0.25, -0.25, 0.0),
+        (-0.25, 0.25, 0.0),
+        (0.25, 0.25, 0.0),
+        *(4 * ((0.0, 0.0, 0.25),)),
     ),
 }
 """Where the thrusters really sit: each motor's share of full (N, X, Z down). Sway is not modelled."""

@@ -13,7 +13,15 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from sitl.actuators import FRAMES, Actuators, RudderBoat, ThrusterFrame, YawSchedule
+from sitl.actuators import (
+    FRAMES,
+    Actuators,
+    RudderBoat,
+    ThrustCurve,
+    ThrusterFrame,
+    TwinThrusterBoat,
+    YawSchedule,
+)
 from sitl.body import AxisDynamics, Body, World
 from sitl.sensors import SensorData
 
@@ -24,11 +32,14 @@ VEHICLES: Mapping[str, str] = {
     "videoray": "videoray.toml",
     "automarine": "automarine.toml",
     "falcon": "falcon.toml",
+    "bluerov2": "bluerov2.toml",
+    "bluerov2-loaded": "bluerov2_loaded.toml",
+    "blueboat": "blueboat.toml",
 }
 """Name -> data file in ``vehicles/``."""
 
 _FOLDER = Path(__file__).parent / "vehicles"
-_RUDDER = "rudder"
+_RUDDER, _TWIN = "rudder", "twin-thruster"
 
 
 class UnknownVehicle(KeyError):
@@ -64,13 +75,14 @@ class VehicleData:
     @property
     def is_boat(self) -> bool:
         """Whether it stays at the surface."""
-        return str(self.tables["actuators"]) == _RUDDER
+        return str(self.tables["actuators"]) in (_RUDDER, _TWIN)
 
     def make_body(self) -> Body:
         """Return a new hull at its starting place, at rest."""
         start = _values(self.tables["start"])
         world = World(bottom=start["bottom"], floats=self.is_boat)
-        yaw = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["yaw"])
+        by_propeller = self.tables["actuators"] == _RUDDER
+        yaw = AxisDynamics(1.0, 0.0, 0.0) if by_propeller else _axis(self.tables["yaw"])
         heave = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["heave"])
         body = Body(_axis(self.tables["surge"]), heave, yaw, world)
         body.z, body.psi = start["depth"], start["heading"]
@@ -79,6 +91,9 @@ class VehicleData:
     def make_actuators(self) -> Actuators:
         """Return what turns servo pulses into forces."""
         yaw, surge = _values(self.tables["yaw"]), _values(self.tables["surge"])
+        if self.tables["actuators"] == _TWIN:
+            each = _values(self.tables["thruster"])
+            return TwinThrusterBoat(each["full_thrust"], each["astern"], each["arm"], yaw["bias"], 1, 3)
         if self.is_boat:
             rows = tuple(zip(yaw["n2"], yaw["alpha"], yaw["beta"], strict=True))
             full_n = _values(self.tables["propeller"])["full_n"]
@@ -86,7 +101,8 @@ class VehicleData:
         heave = _values(self.tables["heave"])
         motors = FRAMES[self.tables["actuators"]]
         full = (yaw["authority"], surge["authority"], heave["authority"])
-        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"])
+        curve = ThrustCurve(**_values(self.tables["thruster"])) if "thruster" in self.tables else None
+        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve)
 
 
 def _values(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from sitl.clock import Pacer
 from sitl.mavlink import Server
 from sitl.vehicle import TICKS_PER_SECOND
 
-__all__ = ["LINKS", "AddressError", "CannotListen", "Link", "open_link", "serve_free_running"]
+__all__ = ["LINKS", "AddressError", "CannotListen", "Link", "host_and_port", "open_link", "serve_free_running"]
 
 _CHUNK = 65536
 _DATAGRAM = 1400
@@ -189,7 +189,8 @@ def _bind(bound: socket.socket, host: str, port: int) -> None:
         raise CannotListen(f"cannot listen on {host}:{port}: {reason}") from error
 
 
-def _host_and_port(rest: str) -> tuple[str, int]:
+def host_and_port(rest: str) -> tuple[str, int]:
+    """Return host and port of ``HOST:PORT``. ``AddressError`` when it is none."""
     host, _, port = rest.rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65535:
         raise AddressError(f"'{rest}' is not HOST:PORT, for example 127.0.0.1:14550")
@@ -204,9 +205,9 @@ def _open_serial(rest: str) -> Link:
 
 
 LINKS: Mapping[str, Callable[[str], Link]] = {
-    "udp": lambda rest: UdpLink(*_host_and_port(rest)),
-    "udpout": lambda rest: UdpLink(*_host_and_port(rest), calls=True),
-    "tcp": lambda rest: TcpLink(*_host_and_port(rest)),
+    "udp": lambda rest: UdpLink(*host_and_port(rest)),
+    "udpout": lambda rest: UdpLink(*host_and_port(rest), calls=True),
+    "tcp": lambda rest: TcpLink(*host_and_port(rest)),
     "serial": _open_serial,
 }
 """Scheme -> what opens the rest of the address. ``udp`` waits to be called, ``udpout`` calls."""

@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from sitl.autopilot import FIRMWARE, Autopilot
 from sitl.autopilot.parameters import ParameterStore
 from sitl.battery import Battery
-from sitl.body import Loads
 from sitl.catalogue import VehicleData
 from sitl.effects import Effect
-from sitl.effects.aboard import describe_vehicle
 from sitl.modelfile import FlownModel
-from sitl.replaced import fit_model
+from sitl.rig import Rig
 from sitl.sensors import Reading, Sensors
 
 __all__ = ["TICKS_PER_SECOND", "Vehicle"]
@@ -44,26 +42,20 @@ class Vehicle:
         effects: Sequence[Effect] = (),
         model: FlownModel | None = None,
     ) -> None:
+        self.rig = Rig(data, effects=effects, model=model)
         self.data = data
-        self.effects = (*(model.effects if model else ()), *effects)
+        self.effects, self.body, self.actuators = self.rig.effects, self.rig.body, self.rig.actuators
         self._make_autopilot, definitions = FIRMWARE[data.firmware]
         self.parameters = ParameterStore(definitions)
         for name, value in {**data.parameters, **(parameters or {})}.items():
             self.parameters.preset(name, value)
-        self.body = data.make_body()
-        self.actuators = data.make_actuators()
-        if model is not None:
-            self.body, self.actuators = fit_model(model, self.body, self.actuators)
         self.battery = Battery()
         self.tick = 0
         self._boot_tick = 0
-        self._loads = Loads()
         self._reading = Reading()
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.autopilot = self._boot()
-        self._plain = self.body.axes()
-        for effect in self.effects:
-            effect.begin(describe_vehicle(self, str(seed)))
+        self.rig.begin(str(seed))
 
     @property
     def ms(self) -> int:
@@ -80,18 +72,10 @@ class Vehicle:
         self.tick += 1
         pwm: Sequence[int] = self.autopilot.pwm
         t = self.seconds
-        if self.effects:
-            self._drive_altered(t, pwm)
-        else:
-            self.actuators.drive(pwm, self.body, self._loads)
-        for effect in self.effects:
-            effect.alter_force(t, self._loads)
-            effect.alter_parameters(t, self.body)
-        self.body.step(self._loads, _DT)
+        self.rig.move(t, _DT, pwm)
         self.battery.drain(pwm, _DT)
         self._sensors.sample(self.body, self._reading)
-        for effect in self.effects:
-            effect.alter_measurement(t, self._reading)
+        self.rig.alter(t, self._reading)
 
     def control(self) -> None:
         """Let the autopilot run its loop on that sample."""
@@ -105,14 +89,3 @@ class Vehicle:
 
     def _boot(self) -> Autopilot:
         return self._make_autopilot(self.parameters, _DT, round(1000.0 * self.data.ready_time))
-
-    def _drive_altered(self, t: float, pwm: Sequence[int]) -> None:
-        """Drive with what the effects make of *pwm*, on the hull's plain inertia and drag."""
-        pulses = list(pwm)
-        for effect in self.effects:
-            effect.alter_command(t, pulses)
-        shares = self.actuators.read(pulses)
-        for effect in self.effects:
-            effect.alter_input(t, _DT, shares)
-        self.body.set_axes(self._plain)
-        self.actuators.apply(shares, self.body, self._loads)

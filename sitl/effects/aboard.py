@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sitl.effects.effect import Setting
 
 if TYPE_CHECKING:
-    from sitl.vehicle import Vehicle
+    from sitl.rig import Rig
 
 __all__ = ["describe_vehicle"]
 
@@ -20,7 +20,7 @@ _NAMES = {
 }
 
 
-def describe_vehicle(vehicle: Vehicle, seed: str) -> Setting:
+def describe_vehicle(vehicle: Rig, seed: str) -> Setting:
     """Return what effects may know of *vehicle* at power-up."""
     body, full = vehicle.body, vehicle.actuators.full
     inputs = {_CHANNELS[dof]: dof for dof in full}
@@ -40,7 +40,7 @@ def describe_vehicle(vehicle: Vehicle, seed: str) -> Setting:
     )
 
 
-def _full_speed(vehicle: Vehicle) -> float:
+def _full_speed(vehicle: Rig) -> float:
     """Return the speed ahead [m/s] that full throttle holds."""
     axis, force = vehicle.body.surge, vehicle.actuators.full["surge"]
     if axis.beta2 <= 0.0 >= axis.beta:

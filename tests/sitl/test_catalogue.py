@@ -30,7 +30,9 @@ def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
         if isinstance(table, dict):
             for key, entry in table.items():
                 assert set(entry) == {"value", "unit", "source"}, (heading, key)
-                assert entry["source"].startswith(("seed 0", "Chosen: ", "ArduSub: ")), (heading, key)
+                assert entry["source"].startswith(
+                    ("seed 0", "Chosen: ", "ArduSub: ", "ArduRover: ", "von Benzon", "jankristia")
+                ), (heading, key)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -47,7 +49,7 @@ def test_an_unknown_vehicle_names_the_nearest():
 
 
 def test_a_name_near_nothing_lists_them_all():
-    with pytest.raises(UnknownVehicle, match="there are charlie, videoray, automarine, falcon"):
+    with pytest.raises(UnknownVehicle, match="there are charlie, videoray, automarine, falcon, bluerov2"):
         load_vehicle("zzz")
 
 

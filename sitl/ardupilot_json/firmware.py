@@ -1,0 +1,79 @@
+"""What ArduPilot must be told so that its outputs drive this hull: parameters, and how to start it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sitl.ardupilot_json.serve import DEFAULT_PORT
+from sitl.catalogue import VehicleData
+
+__all__ = ["needed_parameters", "parameter_text", "start_commands"]
+
+_INSTANCE_STEP = 10
+_BINARY = {"rover": "ardurover", "sub": "ardusub"}
+_RATE = {"rover": 200, "sub": 400}
+"""--rate [Hz], at least SCHED_LOOP_RATE (Rover 50, Sub 400)."""
+
+_SENSORS: Mapping[str, float] = {
+    **{f"INS_ACC{n}OFFS_{axis}": 0.001 for n in ("", "2") for axis in "XYZ"},
+    **{f"INS_ACC{n}SCAL_{axis}": 1.001 for n in ("", "2") for axis in "XYZ"},
+    **{
+        f"COMPASS_OFS{n}_{axis}": value for n in ("", "2", "3") for axis, value in zip("XYZ", (5, 13, -18), strict=True)
+    },
+    "BATT_MONITOR": 4,
+}
+"""Numbers that are not the defaults, so that ArduPilot holds its simulated accelerometers for calibrated; the offsets
+its simulated magnetometers have; its simulated battery."""
+_OUTPUTS: Mapping[str, float] = {
+    f"SERVO{n}_{key}": value for n in (1, 3) for key, value in (("MIN", 1000), ("MAX", 2000), ("TRIM", 1500))
+}
+_BOAT: Mapping[str, float] = {
+    "FRAME_CLASS": 2,
+    "RC1_MIN": 1000,
+    "RC1_MAX": 2000,
+    "RC3_MIN": 1000,
+    "RC3_MAX": 2000,
+    **_OUTPUTS,
+}
+_ROV: Mapping[str, float] = {
+    **{f"INS_ACC3OFFS_{axis}": 0.0 for axis in "XYZ"},
+    **{f"INS_ACC3SCAL_{axis}": 1.0 for axis in "XYZ"},
+    "BARO_EXT_BUS": 1,
+    "SIM_BARO_RND": 0.02,
+    "RC3_TRIM": 1500,
+    "BTN0_FUNCTION": 0,
+    "BTN11_FUNCTION": 42,
+    "BTN12_FUNCTION": 43,
+}
+"""The third simulated accelerometer is ideal; the pressure sensor is outside; two joystick buttons change the gain."""
+_BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
+    "rudder": {**_BOAT, "SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70},
+    "twin-thruster": {**_BOAT, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
+    "vectored": {**_ROV, "FRAME_CONFIG": 1},
+    "vectored-6dof": {**_ROV, "FRAME_CONFIG": 2},
+    "simple-rov-3": {**_ROV, "FRAME_CONFIG": 4},
+}
+"""The vehicle file's ``actuators`` -> parameters."""
+
+
+def needed_parameters(data: VehicleData) -> dict[str, float]:
+    """Return the parameters ArduPilot needs for the vehicle of *data*, by ArduPilot's names; its owner's among them."""
+    return {**_SENSORS, **_BY_ACTUATORS[str(data.tables["actuators"])], **data.parameters}
+
+
+def parameter_text(data: VehicleData) -> str:
+    """Return them as a file for ``--defaults``, one ``NAME VALUE`` a line."""
+    lines = (f"{name} {value:.9g}" for name, value in needed_parameters(data).items())
+    return f"# {data.title}\n" + "\n".join(lines) + "\n"
+
+
+def start_commands(data: VehicleData, port: int, parameter_file: str, *, host: str = "127.0.0.1") -> str:
+    """Return the command line that starts ArduPilot on the hull behind *port*."""
+    instance, rest = divmod(port - DEFAULT_PORT, _INSTANCE_STEP)
+    numbered = rest == 0 and instance >= 0
+    where = f"-I {instance}" if numbered else f"--sim-port-out {port}"
+    calls = 14550 + (_INSTANCE_STEP * instance if numbered else 0)
+    return (
+        f"{_BINARY[data.firmware]} --model JSON:{host} {where} --rate {_RATE[data.firmware]} --speedup 1 "
+        f"--defaults {parameter_file} --serial0 udpclient:127.0.0.1:{calls}"
+    )

@@ -1,0 +1,123 @@
+"""The lock-step loop on UDP: ArduPilot asks, every request is answered, time is ArduPilot's."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import time
+from collections.abc import Callable
+
+from sitl.ardupilot_json.physics import Physics
+from sitl.ardupilot_json.wire import BadPacket, Servos, read_servos, write_state
+from sitl.listen import CannotListen
+
+__all__ = ["DEFAULT_PORT", "JsonServer"]
+
+DEFAULT_PORT = 9002
+"""ArduPilot's instance 0 asks there; instance I at 9002 + 10 I."""
+_LARGEST = 2048
+_SLOWEST_RATE = 11
+"""[Hz]: ArduPilot ignores frames of 0.1 s and more. It begins at 1200 Hz and comes down to its --rate 1 Hz a frame."""
+
+
+class JsonServer:
+    """Answers one ArduPilot at a time, from a bound UDP port.
+
+    A request with the frame count of the last one is a repetition: it gets the same answer. A count that went back
+    to 0 is ArduPilot started again: the hull is at home again. Other senders are not answered.
+
+    Parameters
+    ----------
+    physics : the hull.
+    port : UDP port; 0 lets the system choose (see ``port``).
+    host : address to listen on.
+    say : gets a line for the operator whenever something begins.
+
+    Raises
+    ------
+    CannotListen
+        The port is taken.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        *,
+        port: int = DEFAULT_PORT,
+        host: str = "127.0.0.1",
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.physics = physics
+        self.frames = 0
+        """Answered, repetitions not counted."""
+        self.simulated = 0.0
+        """Time that passed in all of them [s]."""
+        self.began: float | None = None
+        """When the first request came (time.monotonic)."""
+        self._say = say
+        self._peer: tuple[str, int] | None = None
+        self._last: Servos | None = None
+        self._answer = b""
+        self._complained = False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            reason = "the port is in use; stop the other program or choose another port"
+            if error.errno != errno.EADDRINUSE:
+                reason = f"{error.strerror}; check the address"
+            raise CannotListen(f"cannot listen on {host}:{port}: {reason}") from error
+        self.port: int = self._socket.getsockname()[1]
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._socket.close()
+
+    def serve(self) -> None:
+        """Answer for ever; an exception (Ctrl-C) ends it."""
+        while True:
+            self.serve_one()
+
+    def serve_one(self) -> None:
+        """Wait for one datagram and answer it, if it is a request."""
+        try:
+            datagram, sender = self._socket.recvfrom(_LARGEST)
+        except ConnectionError:  # an earlier answer found nobody
+            return
+        try:
+            servos = read_servos(datagram)
+        except BadPacket as error:
+            if not self._complained:
+                self._say(f"a datagram from {sender[0]}:{sender[1]} not answered: {error}")
+            self._complained = True
+            return
+        answer = self._answer_to(servos, sender)
+        if answer:
+            self._socket.sendto(answer, sender)
+
+    def _answer_to(self, servos: Servos, sender: tuple[str, int]) -> bytes:
+        if sender != self._peer:
+            if self._peer is not None and servos.count != 0:
+                return b""
+            self._begin(servos, sender)
+        elif self._last is not None and servos.count == self._last.count:
+            return self._answer
+        elif self._last is not None and servos.count < self._last.count:
+            self._begin(servos, sender)
+        self._last = servos
+        dt = 1.0 / max(servos.rate, _SLOWEST_RATE)
+        self.frames += 1
+        self.simulated += dt
+        self._answer = write_state(self.physics.step(dt, servos.pwm))
+        return self._answer
+
+    def _begin(self, servos: Servos, sender: tuple[str, int]) -> None:
+        """Take *sender* as the autopilot; a hull that has moved is put back home."""
+        if self.physics.seconds > 0.0:
+            self.physics.restart()
+        if servos.count > 0:  # ours was started in mid-run: its clock goes on, or it would take our time for a jump
+            self.physics.seconds = servos.count / max(servos.rate, _SLOWEST_RATE)
+        self._peer = sender
+        self.began = self.began or time.monotonic()
+        self._say(f"ArduPilot at {sender[0]}:{sender[1]}")

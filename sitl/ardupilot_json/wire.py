@@ -1,0 +1,82 @@
+"""The external-physics interface on the wire: servo pulses in, one line of JSON out.
+
+Measured on ArduPilot master of 2025 (``libraries/SITL/SIM_JSON``): its reader wants ``"key":[..]`` without white
+space and a line feed at both ends.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+__all__ = ["BadPacket", "Servos", "State", "read_servos", "write_state"]
+
+_MAGIC_16, _MAGIC_32 = 18458, 29569
+_PACKETS = {_MAGIC_16: struct.Struct("<HHI16H"), _MAGIC_32: struct.Struct("<HHI32H")}
+"""Magic number, SIM_RATE_HZ, frame count, pulses [us]: 16, or 32 with SERVO_32_ENABLE."""
+_OUTPUTS = 16
+
+
+class BadPacket(ValueError):
+    """A datagram that is no servo packet; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Servos:
+    """One request: the ``rate`` [Hz] of frames, the frame's ``count`` since ArduPilot started, pulses [us]."""
+
+    rate: int
+    count: int
+    pwm: tuple[int, ...]
+
+
+@dataclass(slots=True)
+class State:
+    """One answer. SI and radians; north, east, down from home; body axes ahead, starboard, down.
+
+    ``t`` [s] never goes back; ``force`` (3,) [m/s^2] is the specific force an accelerometer feels; ``gyro`` (3,)
+    [rad/s]; ``attitude`` (3,) roll, pitch, yaw; ``position`` (3,) [m]; ``velocity`` (3,) [m/s]; the battery's
+    ``voltage`` [V] and ``current`` [A], which older firmware ignores.
+    """
+
+    t: float = 0.0
+    gyro: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    voltage: float = 0.0
+    current: float = 0.0
+
+
+def read_servos(datagram: bytes) -> Servos:
+    """Return the request in *datagram*; at most the first 16 pulses.
+
+    Raises
+    ------
+    BadPacket
+        It has another magic number or length.
+    """
+    if len(datagram) < 2:
+        raise BadPacket(f"{len(datagram)} bytes: too short for a servo packet")
+    (magic,) = struct.unpack_from("<H", datagram)
+    form = _PACKETS.get(magic)
+    if form is None:
+        raise BadPacket(f"magic number {magic}, not {_MAGIC_16} or {_MAGIC_32}: not from ArduPilot's JSON interface")
+    if len(datagram) != form.size:
+        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}, which goes with {form.size}")
+    _, rate, count, *pwm = form.unpack(datagram)
+    return Servos(rate, count, tuple(pwm[:_OUTPUTS]))
+
+
+_FORM = (
+    '\n{"timestamp":%.9f,"imu":{"gyro":[%.9f,%.9f,%.9f],"accel_body":[%.7f,%.7f,%.7f]},'
+    '"position":[%.7f,%.7f,%.7f],"attitude":[%.9f,%.9f,%.9f],"velocity":[%.7f,%.7f,%.7f],'
+    '"battery":{"voltage":%.3f,"current":%.3f}}\n'
+)
+
+
+def write_state(state: State) -> bytes:
+    """Return the datagram that tells *state*."""
+    motion = (*state.gyro, *state.force, *state.position, *state.attitude, *state.velocity)
+    return (_FORM % (state.t, *motion, state.voltage, state.current)).encode("ascii")
