@@ -201,9 +201,7 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     """Return the stability bound of thesis (8.22)-(8.27), evaluated."""
     left, right = bound
     if math.isnan(left) or math.isnan(right):
-        return (
-            "The closed-form stability bound (thesis 8.22-8.27) is about loops on a position, not on a velocity."
-        )
+        return "The closed-form stability bound (thesis 8.22-8.27) is about loops on a position, not on a velocity."
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="
     return (

@@ -26,7 +26,7 @@ from gcs_autotune.design.laws.kernel import (
     smoothing,
     wrap,
 )
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.law import SKID, Motion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
@@ -139,22 +139,29 @@ class RoverHeading(AboutRest):
         """Return the loop period [s]."""
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
+    def is_skid(self, settings: Settings) -> bool:
+        """Whether the boat steers by the difference of two thrusters: never scaled with speed, never frozen."""
+        return settings.get(SKID, 0.0) > 0.0
+
     def scale(self, settings: Settings, speed: float | None) -> float:
         """Return servo per controller output at *speed* [m/s]."""
+        if self.is_skid(settings):
+            return 1.0
         base = self._get(settings, "MOT_SPD_SCA_BASE")
         vectored = self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0
         return base / speed if speed is not None and not vectored and speed > base > 0.0 else 1.0
 
     def integral_grows(self, settings: Settings, speed: float | None) -> bool:
         """Whether the integral term can grow at *speed*: not at or below MOT_SPD_SCA_BASE."""
-        if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
+        if self.is_skid(settings) or self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
             return True
         return speed is None or speed > self._get(settings, "MOT_SPD_SCA_BASE") > 0.0
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
         """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
-        base = self._get(settings, "MOT_SPD_SCA_BASE")
-        return speed if speed is None else max(speed, JUST_ABOVE * base)
+        if speed is None or self.is_skid(settings):
+            return speed
+        return max(speed, JUST_ABOVE * self._get(settings, "MOT_SPD_SCA_BASE"))
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
@@ -257,6 +264,13 @@ class RoverHeading(AboutRest):
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say at which speeds the gains hold."""
         base = self._get(settings, "MOT_SPD_SCA_BASE")
+        if self.is_skid(settings):
+            return [
+                f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
+                f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
+                "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it",
+                *self._feed_notes(model, settings, speed),
+            ]
         if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
             return [
                 "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot scales steering by throttle, so the gains "
