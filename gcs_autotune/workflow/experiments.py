@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.firmware import Axis
@@ -24,6 +25,11 @@ from gcs_autotune.manoeuvres.step import FORCES
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+
+Array = NDArray[np.float64]
+
+CALMED: Mapping[str, float] = {"u": 0.5}
+"""Signals so noisy that a step is measured through a centred mean of so many seconds."""
 
 __all__ = [
     "measure",
@@ -97,6 +103,16 @@ def noise_in(trial: Trial, signal: str) -> float:
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
 
 
+def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
+    """Return a centred mean of *x* (n,) over *span* [s], shorter at the ends, and its share of white noise's rms."""
+    half = max(round(0.5 * span / float(np.median(np.diff(t)))), 1) if len(t) > 2 else 0
+    total, index = np.concatenate([[0.0], np.cumsum(x)]), np.arange(len(x))
+    reach = np.minimum(half, np.minimum(index, index[::-1]))
+    low, high = index - reach, index + reach + 1
+    mean: Array = (total[high] - total[low]) / (high - low)
+    return mean, 1.0 / math.sqrt(2.0 * half + 1.0)
+
+
 def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
@@ -120,6 +136,9 @@ def _one_step(
     end = start + float(trial.meta["duration"])
     position = trial[signal].between(start - 1.0, end)
     t, x = position.t, position.values
+    if signal in CALMED:
+        x, share = _calmed(t, x, CALMED[signal])
+        noise_std *= share
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
     output = np.array([trial[force].held_at(moment) for moment in t])

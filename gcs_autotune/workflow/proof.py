@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_autotune.design import Actuator
-from gcs_autotune.design.laws.rover_throttle import pulse_of
+from gcs_autotune.design.laws.about_speed import holding
+from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.manoeuvres import Step, StepSettings
@@ -28,6 +29,10 @@ LEAST_NOISES = 8.0
 """A step smaller than so many standard deviations of the measured noise proves nothing."""
 SPEED_BAND, RATE_BAND = 0.2, 0.25
 """How near the held value counts as steady before the step, as a share of it: a velocity is noisy."""
+NEAR = 0.9
+"""A step that ends below this share of the speed kept in the experiments has its cruise pair where it ends."""
+SAME_SPEED = 0.02
+"""A present cruise speed within this share of the measured one is left alone."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
 """A speed step is given so many time constants of the craft, within these bounds [s]."""
 TURN_RATE = math.radians(30.0)
@@ -96,9 +101,23 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     time = model.alpha / max(drag, 1e-3)
     duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_DURATION), MOST_DURATION)
     step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND)
-    percent = round(100.0 * throttle)
-    pair = {"CRUISE_SPEED": float(f"{kept * percent / (100.0 * throttle):.3g}"), "CRUISE_THROTTLE": float(percent)}
-    return Proof(step, top - size, pair)
+    if top < NEAR * kept:
+        throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
+    return Proof(step, top - size, _cruise_pair(known, throttle, present))
+
+
+def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) -> dict[str, float]:
+    """Return the whole percent of throttle nearest to *throttle* and the speed the boat keeps at it.
+
+    The speed is what the measured approaches to it tend to. The present pair stays when it says the same.
+    """
+    percent = float(max(round(100.0 * throttle), 1))
+    force = float(known.actuator.static(np.array([pulse_of(percent / 100.0, present)]))[0])
+    speed = float(f"{known.model.steady_velocity(force):.3g}")
+    old = present.get("CRUISE_SPEED", math.nan)
+    if present.get("CRUISE_THROTTLE") == percent and abs(old - speed) <= SAME_SPEED * speed:
+        speed = old
+    return {"CRUISE_SPEED": speed, "CRUISE_THROTTLE": percent}
 
 
 def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Proof:
