@@ -68,7 +68,7 @@ def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterat
         yield "the present gains are already as good as any this design can offer: nothing to change"
     elif not before.worst_margins.stable:
         yield "with the present gains the loop is, or may be, unstable on the identified craft"
-    elif not is_better(before.prediction.metrics, shown.prediction.metrics).better:
+    elif not is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot).better:
         old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
         yield (
             "the predicted step is not better than with the present gains; what changes is the reserve: worst "

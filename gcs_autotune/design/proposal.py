@@ -88,7 +88,7 @@ def design(
         after = polish(problem, after, span)
     is_polished = after.settings != chosen.settings
     before = judge(problem, chosen.wanted, dict(present), span)
-    verdict = is_better(before.prediction.metrics, after.prediction.metrics)
+    verdict = is_better(before.prediction.metrics, after.prediction.metrics, law.free_overshoot)
     keep = spec.is_automatic and not verdict.better and is_tolerable(before)
     changes = () if keep else _changes(law, axis, before, after, is_polished)
     shown = after if changes else before

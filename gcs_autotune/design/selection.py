@@ -48,6 +48,7 @@ class Candidate:
     worst_margins: Margins
     prediction: Prediction
     objections: tuple[str, ...]
+    free_overshoot: float = 0.0
 
 
 def choose(problem: Problem) -> Candidate:
@@ -98,7 +99,7 @@ def is_tolerable(candidate: Candidate) -> bool:
         low.stable
         and low.gain >= LEAST_GAIN_MARGIN
         and low.phase >= LEAST_PHASE_MARGIN
-        and candidate.prediction.metrics.overshoot <= LEAST_OVERSHOOT
+        and candidate.prediction.metrics.overshoot <= LEAST_OVERSHOOT + candidate.free_overshoot
     )
 
 
@@ -107,7 +108,8 @@ def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration:
     found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
     margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
-    return Candidate(wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction)))
+    found_wanting = tuple(objections(problem, settings, low, prediction))
+    return Candidate(wanted, settings, margins, low, prediction, found_wanting, problem.law.free_overshoot)
 
 
 def objections(problem: Problem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
@@ -125,7 +127,7 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
         if low.delay < needed:
             yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
     metrics = prediction.metrics
-    most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT))
+    most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
     if metrics.overshoot > most:
         yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
     noise = output_noise(problem, settings)

@@ -41,6 +41,15 @@ _HEADING = Axis(
     needs_speed=True,
 )
 
+_YAW = Axis(
+    name="yaw",
+    dof="yaw",
+    law="rover-yaw",
+    gains=_HEADING.gains[:4],
+    context=tuple(name for name in _HEADING.context if name != "ATC_STR_DEC_MAX"),
+    needs_speed=True,
+)
+
 _SPEED = Axis(
     name="speed",
     dof="surge",
@@ -98,7 +107,7 @@ FIRMWARE = Firmware(
     channels={"N": 1, "X": 3},
     channel_signs={"N": 1.0, "X": 1.0},
     neutral_pwm=1500,
-    axes={"heading": _HEADING, "speed": _SPEED},
+    axes={"heading": _HEADING, "yaw": _YAW, "speed": _SPEED},
     servo_functions={26: "N", 70: "X"},
     skid_functions={73: {"X": 1.0, "N": 1.0}, 74: {"X": 1.0, "N": -1.0}},
     motor_span=500.0,

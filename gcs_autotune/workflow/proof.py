@@ -39,7 +39,9 @@ TURN_RATE = math.radians(30.0)
 """The turn-rate step, from half of it to port to half of it to starboard; less where the craft cannot."""
 SHARE_OF_TURN = 0.6
 """Of the turn rate at full output that the step may reach, either way."""
-RATE_DURATION, RATE_SETTLE = 6.0, 6.0
+LEAST_RATE_DURATION, MOST_RATE_DURATION = 6.0, 20.0
+SWEEP = math.radians(75.0)
+"""What the bow may turn through during one step, so that the craft stays where there is room."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +130,11 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
     PreconditionFailed
         The craft hardly turns.
     """
-    most = SHARE_OF_TURN * abs(known.model.steady_velocity(1.0 - abs(known.model.delta)))
-    size = abs(settings.step) if settings.step is not None else min(TURN_RATE, 2.0 * most)
+    m = known.model
+    most = SHARE_OF_TURN * abs(m.steady_velocity(1.0 - abs(m.delta)))
+    time = m.alpha / max(m.beta + 2.0 * m.beta_quadratic * min(0.5 * TURN_RATE, most), 1e-3)
+    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_RATE_DURATION), MOST_RATE_DURATION)
+    size = abs(settings.step) if settings.step is not None else min(TURN_RATE, 2.0 * most, 2.0 * SWEEP / duration)
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
             f"a turn-rate step of {math.degrees(size):.1f} deg/s cannot be told from the noise: give a larger --step"
@@ -137,10 +142,10 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
     step = StepSettings(
         "r",
         size,
-        settings.step_duration or RATE_DURATION,
+        duration,
         speed=speed,
         base=-0.5 * size,
-        settle=RATE_SETTLE,
+        settle=LEAST_RATE_DURATION,
         steady_time=1.5,
         steady_band=RATE_BAND,
     )

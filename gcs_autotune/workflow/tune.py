@@ -258,7 +258,7 @@ class _Tuner:
             after = self._fly(proof.step("step-after"), "step with new gains")
             assert tale.metrics_before is not None
             tale.metrics_after = measure(after.trial, self._noise, grain)
-            verdict = is_better(tale.metrics_before, tale.metrics_after)
+            verdict = is_better(tale.metrics_before, tale.metrics_after, self._law.free_overshoot)
             tale.verdict = (verdict.better, verdict.reasons)
             if verdict.better:
                 loan.keep()

@@ -7,10 +7,14 @@ from collections.abc import Mapping
 from gcs_autotune.design.laws.law import SKID, Law, Motion, Scenario, Settings
 from gcs_autotune.design.laws.rover_heading import RoverHeading
 from gcs_autotune.design.laws.rover_speed import RoverSpeed
+from gcs_autotune.design.laws.rover_yaw import RoverYaw
 from gcs_autotune.design.laws.sub_depth import SubDepth
 from gcs_autotune.design.laws.sub_heading import SubHeading
+from gcs_autotune.design.laws.sub_yaw import SubYaw
 
 __all__ = ["LAWS", "SKID", "Law", "Motion", "Scenario", "Settings"]
 
-LAWS: Mapping[str, Law] = {law.name: law for law in (RoverHeading(), RoverSpeed(), SubHeading(), SubDepth())}
+LAWS: Mapping[str, Law] = {
+    law.name: law for law in (RoverHeading(), RoverYaw(), RoverSpeed(), SubHeading(), SubYaw(), SubDepth())
+}
 """Name in ``firmware.Axis.law`` -> law."""

@@ -39,6 +39,7 @@ class AboutRest:
     """The position is controlled, the craft comes to rest at the end of every step."""
 
     controls_velocity = False
+    free_overshoot = 0.0
     measured: Sequence[str] = ()
 
     def demand(

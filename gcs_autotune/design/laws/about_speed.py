@@ -41,6 +41,7 @@ class AboutSpeed:
     """The velocity is controlled, about the one the craft keeps."""
 
     controls_velocity = True
+    free_overshoot = 0.0
     measured: Sequence[str] = ()
 
     def base(self, step: float, speed: float | None) -> float:

@@ -63,6 +63,8 @@ class Law(Protocol):
     usual_step: float
     controls_velocity: bool
     """Whether what is stepped is the velocity (of surge, or the turn rate) and not the position."""
+    free_overshoot: float
+    """Overshoot [share of the step] that the structure itself causes, not held against the gains."""
     measured: Sequence[str]
     """Gains that are set to what was measured (``Spec.measured``)."""
 

@@ -262,14 +262,20 @@ class RoverHeading(AboutRest):
         return settings[ANG] * settings[I] / max(proportional, 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Say at which speeds the gains hold, and how turn rates are followed."""
+        vectored = self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0
+        plain = self.is_skid(settings) or (not vectored and self.integral_grows(settings, speed))
+        feed = self._feed_notes(model, settings, speed) if plain else []
+        return [*self.speed_notes(settings, speed), *feed]
+
+    def speed_notes(self, settings: Settings, speed: float | None) -> list[str]:
         """Say at which speeds the gains hold."""
         base = self._get(settings, "MOT_SPD_SCA_BASE")
         if self.is_skid(settings):
             return [
                 f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
                 f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
-                "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it",
-                *self._feed_notes(model, settings, speed),
+                "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
             ]
         if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
             return [
@@ -285,8 +291,7 @@ class RoverHeading(AboutRest):
         return [
             f"identified at {speed:.2f} m/s; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the "
             "steering by speed, so the gains hold there as long as the turn rate per rudder grows in proportion "
-            f"to speed; at or below {base:g} m/s the integral term is frozen",
-            *self._feed_notes(model, settings, speed),
+            f"to speed; at or below {base:g} m/s the integral term is frozen"
         ]
 
     def _feed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
