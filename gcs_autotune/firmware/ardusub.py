@@ -42,8 +42,8 @@ _YAW = Axis(
     name="yaw",
     dof="yaw",
     law="sub-yaw",
-    gains=_HEADING.gains[:3],
-    context=("ATC_ANG_YAW_P", *(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC"))),
+    gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "wanted yaw rate per heading error")),
+    context=tuple(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC")),
 )
 
 _DEPTH = Axis(

@@ -1,8 +1,9 @@
 """ArduSub's turn-rate loop as a pilot feels it: the yaw stick of STABILIZE and ALT_HOLD.
 
 No mode of ArduSub leaves the angle loop out: the stick moves a heading target at the wanted rate (shaped by
-ATC_ACCEL_Y_MAX), whose rate is fed forward, and ATC_ANG_YAW_P corrects what the craft falls behind it. So the rate PID
-is tuned with the angle gain as it is. ``N = P e + I int(e) + D de/dt``. What is told as position is the turn rate.
+ATC_ACCEL_Y_MAX), whose rate is fed forward, and ATC_ANG_YAW_P corrects what the craft falls behind it. So that gain is
+tuned with the rate PID, for the turn rate (decision 11). ``N = P e + I int(e) + D de/dt``. What is told as position is
+the turn rate.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ __all__ = ["SubYaw"]
 P, I, D, ANG = "ATC_RAT_YAW_P", "ATC_RAT_YAW_I", "ATC_RAT_YAW_D", "ATC_ANG_YAW_P"  # noqa: E741 - the integral gain
 BEFORE = 8.0
 """A loop that has long settled is shown from so much [s] of holding its rate."""
-REPAID = 0.3
+REPAID = 0.1
 """The craft falls behind the moving target at first and turns faster to catch up: no rate gains can help that."""
 FIXED: Settings = {D: 0.0}
 UNUSED = ("ATC_SLEW_YAW", "ATC_INPUT_TC")
 """They shape headings, not rates."""
-DEFAULTS: Settings = {**{n: v for n, v in OF_HEADING.items() if n not in UNUSED}, ANG: 6.0}
+DEFAULTS: Settings = {n: v for n, v in OF_HEADING.items() if n not in UNUSED}
 Array = NDArray[np.float64]
 
 
@@ -114,7 +115,7 @@ class SubYaw(AboutSpeed):
     """``Axis.law == "sub-yaw"``."""
 
     name = "sub-yaw"
-    tuned: Sequence[str] = (P, I)
+    tuned: Sequence[str] = (P, I, ANG)
     integral = I
     fixed: Settings = FIXED
     usual_step = math.radians(30.0)
@@ -124,9 +125,6 @@ class SubYaw(AboutSpeed):
 
     def _get(self, settings: Settings, name: str) -> float:
         return setting(settings, self.defaults, name)
-
-    def _with_angle(self, settings: Settings) -> Settings:
-        return {**settings, ANG: self._get(settings, ANG)}
 
     def base(self, step: float, speed: float | None) -> float:
         """Return half the step to the other side."""
@@ -151,10 +149,14 @@ class SubYaw(AboutSpeed):
     def starts(
         self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Damping ``2/a1`` by P, and a stiffness the angle loop leaves over for I; and half as quick."""
+        """Damping ``2/a1`` by P, the angle loop a quarter as quick, I slower still; and all half as quick."""
         drag = model.equivalent_drag(0.5 * self.usual_step)
         return [
-            {P: max(2.0 * model.alpha * q / wanted.a1 - drag, 1e-3), I: 0.2 * model.alpha * (q / wanted.a1) ** 2}
+            {
+                P: max(2.0 * model.alpha * q / wanted.a1 - drag, 1e-3),
+                I: 0.05 * model.alpha * (q / wanted.a1) ** 2,
+                ANG: 0.5 * q / wanted.a1,
+            }
             for q in (2.0, 1.0)
         ]
 
@@ -173,7 +175,7 @@ class SubYaw(AboutSpeed):
         position, output = np.empty(count), np.empty(count)
         v0 = start_of(scenario.step, self.base(scenario.step, speed))
         force = (model.beta + model.beta_quadratic * abs(v0)) * v0 - model.delta
-        shape, angle = self._shaping(settings), self._get(settings, ANG)
+        shape, angle = self._shaping(settings), settings[ANG]
         rate_max = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
         limits = np.array(
             [
@@ -200,7 +202,7 @@ class SubYaw(AboutSpeed):
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured turn rate to output, the angle loop closed through its integral."""
-        return self._heading.controller(self._with_angle(settings), speed)
+        return self._heading.controller(settings, speed)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured turn rate to output: here the same as :meth:`controller`."""
@@ -208,11 +210,11 @@ class SubYaw(AboutSpeed):
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
         """Return that of the heading law: the angle loop is in place."""
-        return self._heading.integral_rate(self._with_angle(settings), speed)
+        return self._heading.integral_rate(settings, speed)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what was left alone and why."""
         return [
-            f"{ANG} = {self._get(settings, ANG):g} was left alone but is in the loop: ArduSub's yaw stick moves a "
-            "heading target, it has no mode with the rate loop alone; `tune heading` chooses both together"
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and is chosen with the rate gains, here "
+            "for how turn rates are followed; `tune heading` chooses the same gains for how headings are held"
         ]
