@@ -213,8 +213,8 @@ class SubYaw(AboutSpeed):
         return self._heading.integral_rate(settings, speed)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say what was left alone and why."""
+        """Say why the angle gain is among them."""
         return [
-            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and is chosen with the rate gains, here "
-            "for how turn rates are followed; `tune heading` chooses the same gains for how headings are held"
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and is chosen with the rate gains, "
+            "here for how turn rates are followed; `tune heading` chooses the same gains for how headings are held"
         ]
