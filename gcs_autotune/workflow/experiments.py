@@ -104,13 +104,13 @@ def noise_in(trial: Trial, signal: str) -> float:
 
 
 def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
-    """Return a centred mean of *x* (n,) over *span* [s], shorter at the ends, and its share of white noise's rms."""
+    """Return a mean of *x* (n,) over *span* [s], centred except at the ends, and its share of white noise's rms."""
     half = max(round(0.5 * span / float(np.median(np.diff(t)))), 1) if len(t) > 2 else 0
-    total, index = np.concatenate([[0.0], np.cumsum(x)]), np.arange(len(x))
-    reach = np.minimum(half, np.minimum(index, index[::-1]))
-    low, high = index - reach, index + reach + 1
-    mean: Array = (total[high] - total[low]) / (high - low)
-    return mean, 1.0 / math.sqrt(2.0 * half + 1.0)
+    width = min(2 * half + 1, len(x))
+    low = np.clip(np.arange(len(x)) - half, 0, len(x) - width)
+    total = np.concatenate([[0.0], np.cumsum(x)])
+    mean: Array = (total[low + width] - total[low]) / width
+    return mean, 1.0 / math.sqrt(width)
 
 
 def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> StepMetrics:

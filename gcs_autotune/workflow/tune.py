@@ -16,6 +16,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.design import Actuator, Proposal, Reduction, Spec, design, design_from, is_better
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design.reduction import Remark
 from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.identify.surge import CURVE, fit_surge, square_of
@@ -345,6 +346,8 @@ class _Tuner:
         return ask(self._craft, self._operator, question)
 
 
+STRAIGHT = 0.2
+"""A bend of the thrust curve below this is not worth a word."""
 DOF_NAMES = {"yaw": "heading", "heave": "depth"}
 """Degree of freedom -> what oscillates, to people."""
 
@@ -353,7 +356,15 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
     """Return the model of a surge fit with its thrust curve; None when it has none."""
     if CURVE not in fit.extra:
         return None
-    return Reduction(fit.model, fit.model.axis.force, fit.covariance, Actuator(square=square_of(fit)))
+    square = square_of(fit)
+    curve = Remark(
+        "quadratic-actuator",
+        fit.model.axis.force,
+        f"thrust goes by {square:.0%} with the square of the throttle; the margins hold at both ends of the step",
+        f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would straighten it (then tune again)",
+    )
+    remarks = (curve,) if abs(square) > STRAIGHT else ()
+    return Reduction(fit.model, fit.model.axis.force, fit.covariance, Actuator(square=square), remarks=remarks)
 
 
 def _shown(proposal: Proposal) -> str:

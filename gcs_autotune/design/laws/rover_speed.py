@@ -32,8 +32,6 @@ BEFORE = 15.0
 NEARLY_FULL = 0.98
 """A speed that needs more than this of full output is treated as needing this."""
 NUDGE = 0.01
-STRAIGHT = 0.15
-"""A bend of the thrust curve not worth a word."""
 Array = NDArray[np.float64]
 
 
