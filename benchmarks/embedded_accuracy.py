@@ -125,7 +125,7 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
         sequencer = Sequencer(craft, Envelope(), SilentWatcher(), kept.append)
         kind = craft.firmware.kind
         first = sequencer.fly(relay_for(settings, axis.dof, kind, throttle, None, "relay-1")).trial
-        output = second_output(float(first.meta["C"]))
+        output = second_output(first)
         second = sequencer.fly(relay_for(settings, axis.dof, kind, throttle, output, "relay-2")).trial
     return axis, [first, second]
 

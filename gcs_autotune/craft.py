@@ -127,11 +127,15 @@ class Craft(Protocol):
         ...
 
     def disarm(self) -> None:
-        """Disarm and wait until the heartbeat confirms it."""
+        """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
         ...
 
     def neutral(self) -> None:
-        """Bring every actuator to neutral, release the overrides, and check the measured outputs."""
+        """Bring every actuator to neutral and check the measured outputs; while armed, hold it there."""
+        ...
+
+    def release(self) -> None:
+        """Let go of the sticks, if they are held."""
         ...
 
     def start_recording(self, name: str) -> None:

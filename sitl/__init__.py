@@ -37,6 +37,7 @@ def open_vehicle(
     parameters: Mapping[str, float] | None = None,
     effects: Sequence[Effect] = (),
     model: FlownModel | None = None,
+    names: str = "own",
 ) -> Server:
     """Return the vehicle called *name*, at rest and just booted, behind its MAVLink server.
 
@@ -46,6 +47,7 @@ def open_vehicle(
     parameters : autopilot parameters set before boot.
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of the vehicle's own (:func:`sitl.modelfile.read_model`).
+    names : the firmware generation whose parameter names and units are spoken (``autopilot.generations``).
 
     Raises
     ------
@@ -53,9 +55,12 @@ def open_vehicle(
         There is no such vehicle.
     KeyError
         The firmware has no such parameter.
+    UnknownGeneration
+        There is no such firmware generation.
     BadEffect
         The vehicle has no place for an effect.
     BadModel
         The vehicle cannot fly the model.
     """
-    return Server(Vehicle(load_vehicle(name), seed=seed, parameters=parameters, effects=effects, model=model))
+    data = load_vehicle(name)
+    return Server(Vehicle(data, seed=seed, parameters=parameters, effects=effects, model=model, names=names))

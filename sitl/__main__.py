@@ -11,6 +11,7 @@ from types import FrameType
 
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
 from sitl.ardupilot_json.command import add_options, run_json, write_parameters
+from sitl.autopilot.generations import GENERATIONS
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters
@@ -55,6 +56,12 @@ def _make_parser() -> argparse.ArgumentParser:
         default=[],
         metavar="NAME=VALUE",
         help="set a parameter before boot; repeatable",
+    )
+    parser.add_argument(
+        "--firmware-names",
+        choices=list(GENERATIONS),
+        default="own",
+        help="whose parameter names and units it uses (values scaled as the real one does); own: of mid-2025",
     )
     parser.add_argument(
         "--effect",
@@ -102,11 +109,18 @@ def _open(args: argparse.Namespace) -> Server:
     try:
         effects = [parse_effect(text) for text in args.effect]
         model = read_model(args.model) if args.model else None
-        server = open_vehicle(args.vehicle, seed=args.seed, parameters=presets, effects=effects, model=model)
+        server = open_vehicle(
+            args.vehicle,
+            seed=args.seed,
+            parameters=presets,
+            effects=effects,
+            model=model,
+            names=args.firmware_names,
+        )
     except KeyError as error:
         raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
     if args.eeprom:
-        keep_parameters(server.vehicle.parameters, args.eeprom)
+        keep_parameters(server.vehicle.spoken, args.eeprom)
     return server
 
 
@@ -157,8 +171,7 @@ def _show_effects() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not to be had."""
     args = _make_parser().parse_args(argv)
-    signal.signal(signal.SIGINT, _stop)
-    signal.signal(signal.SIGTERM, _stop)
+    before = {number: signal.signal(number, _stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         if args.list:
             _show_vehicles()
@@ -176,6 +189,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _IN_USE
     except (_Stopped, BrokenPipeError):
         return _OK
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return _OK
 
 

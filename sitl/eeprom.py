@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sitl.autopilot.parameters import ParameterStore
+from sitl.autopilot.generations import Spoken
 
 __all__ = ["keep_parameters", "read_parameters"]
 
@@ -32,7 +32,7 @@ def read_parameters(path: Path) -> Mapping[str, float]:
     return values
 
 
-def keep_parameters(store: ParameterStore, path: Path) -> None:
+def keep_parameters(store: Spoken, path: Path) -> None:
     """From now on write every changed parameter to *path* (whole file, renamed into place)."""
     changed = dict(read_parameters(path))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sitl.autopilot import FIRMWARE, Autopilot
+from sitl.autopilot.generations import Spoken
 from sitl.autopilot.parameters import ParameterStore
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
@@ -29,6 +30,7 @@ class Vehicle:
     data : its data file.
     seed : of all sensor noise.
     parameters : autopilot parameters set before boot, over those of the data file. ``KeyError`` when unknown.
+    names : the firmware generation whose parameter names and units it uses towards the ground (``GENERATIONS``).
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
     """
@@ -41,14 +43,18 @@ class Vehicle:
         parameters: Mapping[str, float] | None = None,
         effects: Sequence[Effect] = (),
         model: FlownModel | None = None,
+        names: str = "own",
     ) -> None:
         self.rig = Rig(data, effects=effects, model=model)
         self.data = data
         self.effects, self.body, self.actuators = self.rig.effects, self.rig.body, self.rig.actuators
         self._make_autopilot, definitions = FIRMWARE[data.firmware]
         self.parameters = ParameterStore(definitions)
-        for name, value in {**data.parameters, **(parameters or {})}.items():
+        for name, value in data.parameters.items():
             self.parameters.preset(name, value)
+        self.spoken = Spoken(self.parameters, names)
+        for name, value in (parameters or {}).items():
+            self.spoken.preset(name, value)
         self.battery = Battery()
         self.tick = 0
         self._boot_tick = 0

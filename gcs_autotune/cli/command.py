@@ -49,9 +49,16 @@ def add_connection(
         metavar="URI",
         default=default,
         required=required,
-        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600, or sitl:NAME for "
-        "a simulated vehicle started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
+        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
+        "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
+        "started for you; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
         f"(`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
+    )
+    group.add_argument(
+        "--backend",
+        metavar="NAME",
+        default="pymavlink",
+        help="what carries the messages: pymavlink (our own sockets and ports) or mavsdk (default pymavlink)",
     )
     group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
     group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")
@@ -78,21 +85,21 @@ def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add the safety limits."""
     d = Envelope()
     group = parser.add_argument_group("safety limits; leaving one ends the manoeuvre with neutral actuators")
-    limits: tuple[tuple[str, float | None, str], ...] = (
+    limits: tuple[tuple[str, float | None, str] | tuple[str, None, str, str], ...] = (
         ("--max-heading-excursion", math.degrees(d.heading_excursion), "from the starting heading, deg"),
         ("--max-depth-excursion", d.depth_excursion, "from the starting depth, m"),
         ("--max-depth", None, "greatest depth, m"),
         ("--min-depth", None, "least depth, m"),
-        ("--max-speed", d.speed, "over ground, m/s"),
-        ("--max-distance", d.distance, "from the start, m"),
+        ("--max-speed", None, "over ground, m/s", f"{d.speed_limit:g}, or 1.5 times cruise"),
+        ("--max-distance", None, "from the start, m", f"{d.distance_limit:g}, or 100 s of cruise"),
         ("--max-roll", math.degrees(d.roll), "deg"),
         ("--max-pitch", math.degrees(d.pitch), "deg"),
         ("--min-battery-voltage", None, "V"),
         ("--min-battery", 100.0 * d.battery_remaining, "remaining, percent"),
         ("--max-time", d.time, "of one manoeuvre, s"),
     )
-    for flag, default, text in limits:
-        shown = "off" if default is None else f"{default:g}"
+    for flag, default, text, *words in limits:
+        shown = words[0] if words else "off" if default is None else f"{default:g}"
         group.add_argument(flag, type=float, metavar="X", default=default, help=f"{text} (default {shown})")
 
 
@@ -120,7 +127,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: by the noise)")
     group.add_argument("--throttle", type=float, help="fraction of full (default: cruise for boats, 0 for ROVs)")
     group.add_argument("--speed", type=float, help="m/s meanwhile (default: from CRUISE_SPEED for boats, 0 for ROVs)")
-    group.add_argument("--control-rate", type=float, default=10.0, metavar="HZ", help="rate of our relay (default 10)")
+    group.add_argument("--control-rate", type=float, metavar="HZ", help="rate of our relay (default 25, simulated 10)")
     group.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
     group.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
 
@@ -129,7 +136,7 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Build the connection to *uri* from the options of :func:`add_connection`."""
     from gcs_autotune.workflow import Connection
 
-    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed)
+    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend)
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 from gcs_autotune.errors import UsageError
 from gcs_autotune.trial import Trial
 
-__all__ = ["add_reading", "add_runs", "read_others", "read_runs"]
+__all__ = ["add_parameters", "add_reading", "add_runs", "read_others", "read_parameters", "read_runs"]
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +19,8 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=Path,
         metavar="RUN",
-        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog) or a log on board (.bin)",
+        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog), a log on board "
+        "(.bin, .log) or what Mission Planner or mavlogdump made of one (.csv)",
     )
 
 
@@ -28,12 +29,39 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
     read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
+    add_parameters(read)
     read.add_argument(
         "--columns",
         metavar="OLD=NEW,...",
         default="",
         help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
     )
+
+
+def add_parameters(group: argparse._ArgumentGroup) -> None:
+    """Add ``--parameters``."""
+    group.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log that has none: "
+        "its servo map makes inputs of the outputs",
+    )
+
+
+def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
+    """Return what ``--parameters`` holds, None when it is not given.
+
+    Raises
+    ------
+    BadFile
+        It cannot be read.
+    """
+    if args.parameters is None:
+        return None
+    from gcs_autotune.link import load_params
+
+    return load_params(args.parameters)
 
 
 def read_runs(args: argparse.Namespace) -> list[Trial]:
@@ -58,7 +86,12 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
     from gcs_autotune.logs import load_runs, parse_columns
 
     columns = parse_columns(args.columns) if args.columns else None
-    return [t for path in paths for t in load_runs(path, pick=pick, system=args.system_id, columns=columns)]
+    given = read_parameters(args)
+    return [
+        trial
+        for path in paths
+        for trial in load_runs(path, pick=pick, system=args.system_id, columns=columns, parameters=given)
+    ]
 
 
 def _stretches(text: str) -> tuple[int, ...]:

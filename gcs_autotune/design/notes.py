@@ -60,7 +60,8 @@ def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:
     for gain in axis.gains:
         old, slack = problem.settings[gain.parameter], ROUNDING * (gain.high - gain.low)
         if not gain.low - slack <= old <= gain.high + slack:
-            yield f"{gain.parameter} = {old:g} on the craft is outside its range {gain.low:g}..{gain.high:g}"
+            value, low, high = (axis.names.own_value(gain.parameter, x) for x in (old, gain.low, gain.high))
+            yield f"{gain.parameter} = {value:g} on the craft is outside its range {low:g}..{high:g}"
 
 
 def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:

@@ -53,8 +53,9 @@ def design(
     """Return new gains for *axis*, with what they promise and what the present ones do.
 
     covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
-    present : the vehicle's parameters; every gain of the axis, and as much of ``axis.context`` as is known (the
-    firmware's defaults stand in for the rest). Nothing is changed.
+    present : the vehicle's parameters under canonical names; every gain of the axis, and as much of ``axis.context`` as
+    is known (the firmware's defaults stand in for the rest). Nothing is changed. The proposal has the vehicle's own
+    names and values (``axis.names``).
     reduction : where *fit_model* came from when it has effects (:func:`design_from` fills it in): its actuator stands
     in the loop.
 
@@ -108,7 +109,7 @@ def design(
         notes=(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
-            *notes_on(problem, axis, before, shown, bool(changes), is_polished),
+            *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_polished)),
         ),
         remarks=remarks,
         left=left,
@@ -204,7 +205,10 @@ def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_polis
         old, new = float(before.settings[gain.parameter]), float(after.settings[gain.parameter])
         if not math.isclose(old, new, rel_tol=SAME, abs_tol=1e-6):
             reason = _reason(law, gain, after, is_polished)
-            found.append(Change(gain.parameter, old, new, gain.low, gain.high, reason))
+            was, will, low, high = (
+                axis.names.own_value(gain.parameter, value) for value in (old, new, gain.low, gain.high)
+            )
+            found.append(Change(axis.names.own(gain.parameter), was, will, low, high, reason))
     return tuple(found)
 
 
@@ -221,5 +225,5 @@ def _reason(law: Law, gain: Gain, after: Candidate, is_polished: bool) -> str:
         else f"matched to a {wanted.kind} step settling in {settled:.1f} s"
     )
     if new in (gain.low, gain.high):
-        reason += f", stopped at the documented {'least' if new == gain.low else 'most'} of {new:g}"
+        reason += f", stopped at the documented {'least' if new == gain.low else 'most'}"
     return reason

@@ -30,7 +30,7 @@ class ModelFunction:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One parameter: old and new value, and why."""
+    """One parameter, as the vehicle calls it and in its unit: old and new value, documented range, and why."""
 
     parameter: str
     old: float

@@ -2,7 +2,7 @@
 
 Pooled per signal: Ljung and Box (1978) over short and long lags; the variance of block means (slow drifts); the
 largest line of the periodogram (Fisher 1929); score tests for forces no base model has (cubes, moduli, sines of twice
-the heading, drifts in time ...), each read off the sensitivity of the motion to such a force. Bonferroni over all.
+the heading, the past of a command ...), each read off the sensitivity of the motion to it. Bonferroni over all.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, kurtosis, kurtosistest
 
+from gcs_autotune.diagnose.history import memories
 from gcs_autotune.effects.effect import Leftover, columns_of
 from gcs_autotune.effects.extended import ExtendedSimulator
 from gcs_autotune.errors import BadFile
@@ -195,15 +196,27 @@ def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
     U, s, _ = np.linalg.svd(fitted.jacobian / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
     Q = U[:, s > 1e-7 * s[0]] if len(s) else U
     variance = float(residual @ residual) / max(len(residual) - Q.shape[1], 1)
-    for j, words in enumerate(terms.values()):
-        d = columns[:, j]
-        free = d - Q @ (Q.T @ d)
-        power = float(free @ free)
-        if power < 1e-6 * float(d @ d) or power <= 0.0:
+    own = ((words, columns[:, j : j + 1]) for j, words in enumerate(terms.values()))
+    for words, group in (*own, *memories(problem, fitted)):
+        basis = _directions(group, Q)
+        if not basis.shape[1]:
             continue
-        score = float(free @ residual)
-        statistic = score**2 / power / variance
-        yield Test(words, "", float(chi2.sf(statistic, 1)), score / math.sqrt(power * float(residual @ residual)))
+        score = basis.T @ residual
+        statistic, power = float(score @ score), float(residual @ residual)
+        side = float(group[:, 0] @ basis[:, 0]) * float(score[0]) if basis.shape[1] == 1 else 1.0
+        size = math.copysign(math.sqrt(statistic / power), side)
+        yield Test(words, "", float(chi2.sf(statistic / variance, basis.shape[1])), size)
+
+
+def _directions(group: Array, Q: Array) -> Array:
+    """Return an orthonormal basis (n, k) of what *group* (n, j) can do that the columns of *Q* cannot."""
+    free = group - Q @ (Q.T @ group)
+    before, after = np.linalg.norm(group, axis=0), np.linalg.norm(free, axis=0)
+    free = free[:, (after > 1e-3 * before) & (after > 0.0)]
+    if not free.shape[1]:
+        return free
+    U, s, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
+    return U[:, s > 1e-4 * s[0]]
 
 
 def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -35,7 +36,7 @@ def in_parallel(
     global _task
     _task = task
     try:
-        with multiprocessing.get_context("fork").Pool(min(jobs, count)) as pool:
+        with multiprocessing.get_context("fork").Pool(min(jobs, count), _begin) as pool:
             for result in pool.imap(_at, range(count)):
                 found.append(result)
                 if progress is not None:
@@ -43,6 +44,12 @@ def in_parallel(
     finally:
         _task = None
     return found
+
+
+def _begin() -> None:
+    """Forget the parent's signal handlers: Ctrl-C is the parent's business, and who is told to end, ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _at(i: int) -> Any:

@@ -8,18 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gcs_autotune.firmware import ardurover, ardusub
+from gcs_autotune.firmware.aliases import ALIASES, Alias
+from gcs_autotune.firmware.names import Names, read_named
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain
 from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
 
 __all__ = [
+    "ALIASES",
     "FIRMWARE",
+    "Alias",
     "Axis",
     "Firmware",
     "Gain",
+    "Names",
     "Output",
     "ParameterSource",
     "ServoMap",
     "firmware_for",
+    "read_named",
     "read_servo_map",
 ]
 

@@ -112,4 +112,5 @@ FIRMWARE = Firmware(
     skid_functions={73: {"X": 1.0, "N": 1.0}, 74: {"X": 1.0, "N": -1.0}},
     motor_span=500.0,
     manual_dead_zone=True,
+    rc_map={"N": "RCMAP_ROLL", "X": "RCMAP_THROTTLE"},
 )

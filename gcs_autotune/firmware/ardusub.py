@@ -1,6 +1,7 @@
 """ArduSub 4.x (MAV_TYPE 12).
 
-Parameter names and documented ranges: ArduPilot's parameter metadata for Sub 4.5-4.6 (4.7 renames PSC_*).
+Parameter names and documented ranges: ArduPilot's parameter metadata for Sub 4.5-4.6; later names and their ranges:
+``aliases``.
 ``ATC_RAT_YAW_FF`` is left out on purpose: Sub reads it and never uses it. Motor factors per frame:
 ArduSub's frame drawings; Z is down here, ArduSub's throttle factor is up, so its sign is turned.
 """
@@ -120,4 +121,6 @@ FIRMWARE = Firmware(
     frame_parameter="FRAME_CONFIG",
     mixing=_FRAMES,
     motor_span=400.0,
+    rc_map={"Z": "RCMAP_THROTTLE", "N": "RCMAP_YAW", "X": "RCMAP_FORWARD", "Y": "RCMAP_LATERAL"},
+    idle=("RCMAP_PITCH", "RCMAP_ROLL"),
 )

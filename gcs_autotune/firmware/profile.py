@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+from gcs_autotune.firmware.aliases import ALIASES
+from gcs_autotune.firmware.names import Names
 
 __all__ = ["Axis", "Firmware", "Gain"]
 
@@ -29,6 +33,7 @@ class Axis:
     gains : the parameters that may be changed.
     context : other parameters the law needs to know (limits, filters, scalings); read, never written.
     needs_speed : whether the actuator only bites with way on (a rudder).
+    names : what the vehicle calls ``gains`` and ``context``, which are canonical; see :meth:`called`.
     """
 
     name: str
@@ -37,6 +42,15 @@ class Axis:
     gains: Sequence[Gain]
     context: Sequence[str]
     needs_speed: bool = False
+    names: Names = field(default_factory=Names)
+
+    def called(self, names: Names) -> Self:
+        """Return this axis on a vehicle with those *names*: its ranges are the ones documented for them."""
+        gains = []
+        for gain in self.gains:
+            low, high = names.limits(gain.parameter, gain.low, gain.high)
+            gains.append(replace(gain, low=low, high=high))
+        return replace(self, gains=tuple(gains), names=names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +62,8 @@ class Firmware:
     (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
     ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead, or, with two side
     thrusters, ``skid_functions`` (function number -> factor per force).
+    ``rc_map`` maps a force name to the parameter that moves its channel elsewhere (RCMAP_*), and ``idle`` names those
+    of sticks that ``manual_mode`` listens to although we drive nothing with them: they are kept at neutral.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     """
 
@@ -63,13 +79,15 @@ class Firmware:
     channel_signs: Mapping[str, float]
     neutral_pwm: int
     axes: Mapping[str, Axis]
-    gcs_id_parameters: Sequence[str] = ("MAV_GCS_SYSID", "SYSID_MYGCS")
+    gcs_id_parameters: Sequence[str] = ("MAV_GCS_SYSID", *(alias.name for alias in ALIASES["MAV_GCS_SYSID"]))
     servo_functions: Mapping[int, str] = field(default_factory=dict)
     skid_functions: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     frame_parameter: str = ""
     mixing: Mapping[int, Sequence[Mapping[str, float]]] = field(default_factory=dict)
     motor_span: float = 500.0
     manual_dead_zone: bool = False
+    rc_map: Mapping[str, str] = field(default_factory=dict)
+    idle: Sequence[str] = ()
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""

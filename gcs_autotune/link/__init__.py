@@ -2,13 +2,14 @@
 
 The only room that knows serial ports, and with ``logs`` the only one that knows pymavlink. Its parts, from the wire up:
 
-* ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``child``, ``memory``;
+* ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``mavsdk_link``, ``child``, ``memory``;
 * ``wire`` frames, ``tlog`` logs; ``session`` heartbeat, discovery, routing, liveness;
 * ``parameters``, ``journal`` and ``loan`` (borrow, verify, give back), ``params_file``;
 * ``commands``, ``rates``; ``telemetry`` with ``stamps``, ``watchdog``, ``recorder``;
 * ``mavlink_craft`` (:class:`MavlinkCraft`), put together by :func:`open_craft` (``boarding``).
 
-Adding a transport: a class with ``_read_available``, ``_write``, ``_close``, and a line in ``TRANSPORTS``.
+Adding a transport: a class with ``_read_available``, ``_write``, ``_close``, a line in ``TRANSPORTS``, and its ends in
+the conformance suite (``tests/link/link_ends.py``).
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ from gcs_autotune.link.session import Session
 from gcs_autotune.link.texts import StatusText
 from gcs_autotune.link.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
 from gcs_autotune.link.transport import Transport
-from gcs_autotune.link.uri import TRANSPORTS, open_link
+from gcs_autotune.link.uri import BACKENDS, TRANSPORTS, open_link
 
 __all__ = [
+    "BACKENDS",
     "NEEDED_RATES",
     "TRANSPORTS",
     "WANTED_RATES",

@@ -1,14 +1,15 @@
-"""Host and port, as people write them."""
+"""Host and port, or serial port and speed, as people write them."""
 
 from __future__ import annotations
 
+import re
 import socket
 from dataclasses import dataclass
 from typing import Any
 
 from gcs_autotune.errors import CannotOpenLink, UsageError
 
-__all__ = ["HostPort", "parse_host_port", "resolve"]
+__all__ = ["HostPort", "SerialName", "parse_host_port", "parse_serial", "resolve"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,33 @@ def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: i
     if port and not (port.isdigit() and int(port) <= 65535):
         raise UsageError(f"'{port}' in '{text}' is not a port number; write HOST:PORT, e.g. 127.0.0.1:14550")
     return HostPort(host.strip("[]") or default_host, int(port) if port else default_port)
+
+
+@dataclass(frozen=True, slots=True)
+class SerialName:
+    """A serial port and its speed ``baud``; ``flow_control`` by the RTS and CTS wires."""
+
+    path: str
+    baud: int
+    flow_control: bool = False
+
+    def __str__(self) -> str:
+        return f"serial_flowcontrol:{self.path}:{self.baud}" if self.flow_control else f"{self.path},{self.baud}"
+
+
+def parse_serial(text: str, *, default_baud: int, flow_control: bool = False) -> SerialName:
+    """Read ``PATH``, ``PATH:BAUD`` or ``PATH,BAUD``.
+
+    Raises
+    ------
+    UsageError
+        No path, or a speed of 0.
+    """
+    match = re.fullmatch(r"(?P<path>.+?)[,:](?P<baud>\d+)", text)
+    path, baud = (match["path"], int(match["baud"])) if match else (text, default_baud)
+    if not path or not baud:
+        raise UsageError(f"'serial:{text}' names no port; write e.g. serial:/dev/ttyUSB0:57600")
+    return SerialName(path, baud, flow_control)
 
 
 def resolve(address: HostPort, kind: int) -> tuple[int, Any]:

@@ -15,6 +15,7 @@ from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_stick import read_rate_stick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.session import Session
+from gcs_autotune.link.stamps import gyro_lag
 
 __all__ = ["NEEDED_RATES", "WANTED_RATES", "open_craft"]
 
@@ -23,6 +24,7 @@ WANTED_RATES: Mapping[str, float] = {
     "SERVO_OUTPUT_RAW": 25.0,
     "LOCAL_POSITION_NED": 10.0,
     "GLOBAL_POSITION_INT": 10.0,
+    "RC_CHANNELS": 10.0,
     "VFR_HUD": 5.0,
     "SYS_STATUS": 1.0,
 }
@@ -34,7 +36,7 @@ NEEDED_RATES: Mapping[str, float] = {"ATTITUDE": 5.0, "SERVO_OUTPUT_RAW": 5.0}
 _FINE_STEP = 0.01
 """Chosen: divides the period of every autopilot loop from 50 to 100 Hz, so a message's tick is met exactly."""
 
-_FULL_SPEED = "WP_SPEED"
+_FULL_SPEED, _LOOP_RATE, _GYRO_FILTER = "WP_SPEED", "SCHED_LOOP_RATE", "INS_GYRO_FILTER"
 
 
 def open_craft(
@@ -65,11 +67,14 @@ def open_craft(
     parameters, commands = Parameters(session), Commands(session, firmware)
     _adopt_gcs_id(session, parameters, firmware)
     session.vehicle = _with_frame(session, parameters, firmware)
-    speed = parameters.read_existing([_FULL_SPEED]) if firmware.kind == "boat" else {}
+    names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.kind == "boat" else [])]
+    told = parameters.read_existing(names)
     wiring = Wiring(
         read_override_map(parameters, firmware),
         read_servo_map(parameters, firmware),
-        speed.get(_FULL_SPEED, 0.0),
+        told.get(_FULL_SPEED, 0.0),
+        1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
+        gyro_lag(told.get(_GYRO_FILTER, 0.0)),
         read_rate_stick(parameters, firmware),
     )
     rates = Rates(session, commands)

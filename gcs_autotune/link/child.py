@@ -29,7 +29,8 @@ _USAGE = 2
 class Rehearsal:
     """What the embedded simulator is to fly: vehicle *name*, noise *seed* (its own when None), and behind the wire
     ``effects`` (each ``SLUG[@PLACE].PARAM=VALUE,...``), ``parameters`` set before boot (``NAME=VALUE``) and the path of
-    a ``model`` file instead of the vehicle's own hull. All as the simulator's command line has them.
+    a ``model`` file instead of the vehicle's own hull, ``names`` the firmware generation whose parameter names it has.
+    All as the simulator's command line has them.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Rehearsal:
     effects: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     model: str | None = None
+    names: str | None = None
 
     @property
     def arguments(self) -> list[str]:
@@ -46,6 +48,8 @@ class Rehearsal:
             line += ["--seed", str(self.seed)]
         line += [f"--effect={text}" for text in self.effects]
         line += [f"--param={text}" for text in self.parameters]
+        if self.names is not None:
+            line.append(f"--firmware-names={self.names}")
         return line if self.model is None else [*line, f"--model={self.model}"]
 
     @property
@@ -54,6 +58,8 @@ class Rehearsal:
         told = [*(f"effect={e}" for e in self.effects), *(f"param={p}" for p in self.parameters)]
         if self.model is not None:
             told.append(f"model={self.model}")
+        if self.names is not None:
+            told.append(f"names={self.names}")
         return f"sitl:{self.name}{'?' if told else ''}{'&'.join(t.replace('&', '%26') for t in told)}"
 
 

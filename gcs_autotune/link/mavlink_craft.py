@@ -7,51 +7,55 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from gcs_autotune.clock import Clock, Deadline
-from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
-from gcs_autotune.errors import (
-    ArmingRefused,
-    GuardTripped,
-    NotAsFound,
-    TelemetryFault,
-)
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.errors import ArmingRefused, AutotuneError, NotAsFound, TelemetryFault
 from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.commands import Commands
+from gcs_autotune.link.company import Company
+from gcs_autotune.link.driver import Driver
+from gcs_autotune.link.hands import Hands
+from gcs_autotune.link.latency import Latency, LinkTimes
+from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_stick import RateStick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
-from gcs_autotune.link.targets import ATTITUDE_TARGETS, depth_target, turn_rate_target
+from gcs_autotune.link.sticks import Sticks
 from gcs_autotune.link.telemetry import Telemetry
 from gcs_autotune.trial import Mark, Trial
 
 __all__ = ["MavlinkCraft", "Wiring"]
 
-_REFRESH = 0.1
-"""Seconds of link time after which the active command is repeated."""
-_STALE = 0.15
-"""Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
 _TICK_TIMEOUT = 3.0
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
 _NEUTRAL_TIMEOUT = 5.0
-_RELEASES = 5
 _WARM_UP = 1.0
 """Seconds of neutral overrides before arming: without an RC receiver Rover arms only when they flow."""
+_LAG_SHARE = 8.0
+"""Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
+swings in four: there half of every quarter is the craft's own)."""
+_SAMPLES = 10.0
+"""Chosen: attitudes per oscillation below which its amplitude is guesswork."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
     """How this vehicle's inputs and outputs are connected, as read from its parameters.
 
-    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none. ``rate_stick``
-    says what turn rate the yaw stick asks for in the stabilised modes, None where targets do that (boats).
+    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none;
+    ``loop_period`` [s] that of the autopilot's main loop, 0 when unknown; ``rate_lag`` [s] how late its gyro filter
+    makes turn rates; ``rate_stick`` what turn rate the yaw stick asks for in the stabilised modes, None where targets
+    do that (boats).
     """
 
     overrides: OverrideMap
     servos: ServoMap
     full_speed: float = 0.0
+    loop_period: float = 0.0
+    rate_lag: float = 0.0
     rate_stick: RateStick | None = None
 
 
@@ -60,7 +64,7 @@ class MavlinkCraft:
 
     Attributes
     ----------
-    session, parameters, commands, rates : the parts it is made of.
+    session, parameters, commands, rates, latency, company : the parts it is made of.
     arm_patience : seconds of link time that :meth:`arm` keeps trying while the pre-arm checks settle.
     """
 
@@ -85,13 +89,24 @@ class MavlinkCraft:
         self._wiring = wiring
         self._ids = (session.vehicle.system, session.vehicle.component)
         self._recorder = Recorder()
-        self.telemetry = Telemetry(session, wiring.servos, self._recorder)
-        self._active: Command | None = None
-        self._sent_t = -math.inf
-        self._expected_mode: int | None = None
-        self._expected_armed: bool | None = None
-        self._duty = session.every(_REFRESH, self._refresh)
-        session.listen("ATTITUDE", lambda _: self._refresh_in_vehicle_time())
+        self.telemetry = Telemetry(
+            session, wiring.servos, self._recorder, loop_period=wiring.loop_period, rate_lag=wiring.rate_lag
+        )
+        self.latency = Latency(session)
+        self.company = Company(session)
+        self._sticks = Sticks(session)
+        self._hands = Hands(session, firmware, parameters, self.company, self._sticks)
+        self._driver = Driver(
+            session,
+            firmware,
+            wiring.overrides,
+            wiring.full_speed,
+            self.telemetry,
+            self.latency,
+            self._sticks,
+            rate_stick=wiring.rate_stick,
+        )
+        self._resting = True
 
     @property
     def firmware(self) -> Firmware:
@@ -142,7 +157,8 @@ class MavlinkCraft:
                 )
             self.session.pump()
         self.telemetry.watchdog.check()
-        self._check_hands()
+        if self._driver.active is not None:
+            self._hands.check()
         return self._observation()
 
     def _observation(self) -> Observation:
@@ -169,123 +185,104 @@ class MavlinkCraft:
             age=self.session.silence,
         )
 
-    def _check_hands(self) -> None:
-        """Look for other hands on the vehicle, while we command it."""
-        if self._active is None:
-            return
-        if self.parameters.intrusions:
-            name, old, new = self.parameters.intrusions[0]
-            raise GuardTripped(
-                f"another ground station wrote {name} = {new:g} (it was {old:g}); disconnect it and start again",
-                guard="parameters",
-                value=new,
-                limit=old,
-            )
-        if self._expected_mode is not None and self.session.custom_mode != self._expected_mode:
-            expected = self._firmware.mode_name(self._expected_mode)
-            raise GuardTripped(
-                f"the vehicle went from {expected} to {self.mode}, not by us{self._last_words()}", guard="mode"
-            )
-        if self._expected_armed and not self.armed:
-            raise GuardTripped(f"the vehicle was disarmed, not by us{self._last_words()}", guard="armed")
+    @property
+    def link_times(self) -> LinkTimes:
+        """How late things are on this link, as measured so far."""
+        return self.latency.times(self._driver.beat.rate, self._driver.beat.longest)
 
-    def _last_words(self) -> str:
-        texts = self.session.texts.recent(self.clock.now() - 5.0)
-        return f" (it says: {'; '.join(texts)})" if texts else ""
+    @property
+    def least_period(self) -> float:
+        """Shortest oscillation [s] that can be flown through this link and still tell about the craft; 0 if unknown."""
+        rate = self.rates.measured.get("ATTITUDE", 0.0)
+        interval = 1.0 / rate if rate > 0.0 else 0.0
+        loop = self.latency.loop
+        lag = loop + 0.5 * interval if math.isfinite(loop) else 0.0
+        return max(_LAG_SHARE * lag, _SAMPLES * interval)
 
     # --- commanding ---------------------------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force until another one or :meth:`neutral`."""
-        if self._active is None:
-            self._expected_mode = self.session.custom_mode
-            self._expected_armed = self.session.armed
-        self._active = command
-        self._transmit(command)
-
-    def _refresh(self) -> None:
-        if self._active is not None:
-            self._transmit(self._active)
-
-    def _refresh_in_vehicle_time(self) -> None:
-        """A simulator that runs ahead of the wall clock lets overrides expire by its own time."""
-        if self.telemetry.t - self._sent_t > _STALE:
-            self._refresh()
-
-    def _transmit(self, command: Command) -> None:
-        """Send the command; targets go with neutral overrides, which tell the failsafes that we are there."""
-        self._duty.postpone()
-        self._sent_t = self.telemetry.t
-        manual = command if isinstance(command, Actuate) else Actuate()
-        if isinstance(command, TurnRateTarget) and self._wiring.rate_stick is not None:
-            manual = Actuate(N=self._wiring.rate_stick.deflection(command.r, self.telemetry.value("pilot_gain")))
-        self.session.send(self._wiring.overrides.message(manual, *self._ids))
-        if isinstance(command, HeadingTarget):
-            encode = ATTITUDE_TARGETS[self._firmware.kind]
-            self.session.send(encode(self._ids, command, self._wiring.full_speed))
-        elif isinstance(command, TurnRateTarget) and self._firmware.kind == "boat":
-            self.session.send(turn_rate_target(self._ids, command, self._wiring.full_speed))
-        elif isinstance(command, DepthTarget):
-            self.session.send(depth_target(self._ids, command))
+        """Put *command* on the wire and keep it in force until another one, :meth:`neutral` or :meth:`release`."""
+        if self._resting:
+            self._hands.take_over()
+            self._resting = False
+        self._driver.command(command)
 
     def set_mode(self, mode: str) -> None:
         """Change the flight mode and wait until the heartbeat confirms it."""
-        self._expected_mode = None
+        self._hands.mode = None
         self.commands.set_mode(mode)
-        self._expected_mode = self.session.custom_mode
+        self._hands.mode = self.session.custom_mode
 
     def arm(self) -> None:
-        """Arm, with neutral overrides flowing, and wait until the heartbeat confirms it.
+        """Arm, with neutral overrides flowing, and make sure that the outputs do what we say.
+
+        Before: RC_CHANNELS must show our overrides. After: in manual mode the steering is twitched by 5 % each way,
+        without thrust, and SERVO_OUTPUT_RAW must follow; that also times the way from command to servo.
 
         Raises
         ------
         ArmingRefused
             Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
+        PreconditionFailed
+            It is deaf to our overrides, or its outputs are; with the likely cause.
         """
-        self.send(Actuate())
-        self.session.pause(_WARM_UP)
+        try:
+            self.send(Actuate())
+            see_overrides_taken(self.session, self._driver, self._sticks, self.parameters, self._firmware)
+            self.session.pause(_WARM_UP)
+            self._arm_patiently()
+            self._hands.armed = True
+            self.set_mode(self._firmware.manual_mode)
+            see_outputs_follow(self._driver, self.telemetry, self.observe, self.mode)
+        except AutotuneError:
+            self._let_go()
+            raise
+
+    def _arm_patiently(self) -> None:
         deadline = Deadline.after(self.clock, self.arm_patience)
         while True:
             try:
                 self.commands.arm()
-                break
+                return
             except ArmingRefused:
                 if deadline.expired:
-                    self._active = None
-                    self._release()
                     raise
                 self.session.pause(_WARM_UP)
-        self._expected_armed = True
 
     def disarm(self) -> None:
-        """Disarm and wait until the heartbeat confirms it."""
-        self._expected_armed = None
+        """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
+        self._hands.armed = None
         self.commands.disarm()
+        self.release()
 
     def neutral(self) -> None:
-        """Bring every actuator to neutral, check that by the measured outputs, and release the overrides.
+        """Bring every actuator to neutral and check that by the measured outputs.
 
-        When the autopilot itself is steering, the rest mode ends that first. The operator has to wait.
+        When the autopilot itself is steering, the rest mode ends that first. While the vehicle is armed neutral
+        overrides go on (without an RC receiver it would fall into its radio failsafe a second after the last one)
+        until :meth:`disarm` or :meth:`release`. The operator has to wait.
 
         Raises
         ------
         NotAsFound
-            The outputs did not become neutral, or cannot be seen to be.
+            The outputs did not become neutral, or cannot be seen to be; the overrides are released.
         LinkError
             The vehicle cannot be heard; the neutral command was sent all the same.
         """
         with self.session.shielded():
-            self._expected_mode = self._expected_armed = None
-            self._active = Actuate()
+            self._hands.change()
+            self._resting = True
             try:
-                for _ in range(_RELEASES):
-                    self._transmit(Actuate())
+                self._driver.rest()
                 if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
                     self.commands.set_mode(self._firmware.rest_mode)
                 self._await_neutral()
-            finally:
-                self._active = None
-                self._release()
+            except BaseException:
+                self._let_go()
+                raise
+            if not self.armed:
+                self.release()
 
     def _await_neutral(self) -> None:
         begun = self.telemetry.output_ticks
@@ -308,9 +305,33 @@ class MavlinkCraft:
         still = all(abs(force) <= _NEUTRAL for force in self.telemetry.outputs.values())
         return True if fresh and still else None
 
-    def _release(self) -> None:
-        for _ in range(_RELEASES):
-            self.session.send(self._wiring.overrides.release(*self._ids))
+    def release(self) -> None:
+        """Hand the sticks back to the RC receiver, and see by RC_CHANNELS that they are its own again.
+
+        Without a receiver there is nothing to see: the vehicle keeps the last value, which was neutral. The operator
+        has to wait.
+
+        Raises
+        ------
+        NotAsFound
+            RC_CHANNELS still shows our overrides; they end by themselves after RC_OVERRIDE_TIME.
+        """
+        if self._driver.active is None:
+            return
+        with self.session.shielded():
+            self._hands.change()
+            self._resting = True
+            if not self._driver.let_go_visibly():
+                raise NotAsFound(
+                    "the overrides were released, but the vehicle still shows them; they end by themselves after "
+                    "RC_OVERRIDE_TIME (neutral until then). Is another station sending the same?",
+                    differences={"overrides": "still in force"},
+                )
+
+    def _let_go(self) -> None:
+        self._resting = True
+        self._hands.change()
+        self._driver.let_go()
 
     def shielded(self) -> AbstractContextManager[None]:
         """While inside, the operator's stop is remembered but not raised."""
@@ -335,5 +356,8 @@ class MavlinkCraft:
             "link": self.session.transport.description,
             "firmware": self._firmware.name,
             "outputs_dated": "midway",
+            "loop_period": self._wiring.loop_period,
+            "rate_lag": self._wiring.rate_lag,
+            "link_times": self.link_times.to_dict(),
         }
         return self._recorder.stop(ending, reason, meta)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed
@@ -11,13 +11,25 @@ from gcs_autotune.firmware import Firmware
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.wire import Message, mavlink
 
-__all__ = ["OverrideMap", "RcChannel", "read_override_map"]
+__all__ = ["OverrideMap", "RcChannel", "read_override_map", "why_deaf"]
 
 _IGNORE = 65535
 _RELEASE = 0
 _CHANNELS = 8
 _SMALLEST = 1e-3
 """Chosen: fractions below this are neutral; half a microsecond of 500."""
+_NUDGE = 8
+"""Chosen [us]: seen in RC_CHANNELS, felt by nobody: inside a dead zone where there is one, else 2 % of a thruster that
+has its own; a receiver's trim is not likely to be off by just that on every channel."""
+_LONGEST_EXPIRY = 10.0
+"""Chosen [s]: a vehicle that obeys its last override for longer than this after the link broke is not flown."""
+_IGNORE_OVERRIDES = 2
+"""RC_OPTIONS bit 1."""
+_ENFORCE_SYSTEM = 1
+"""MAV_OPTIONS bit 0."""
+_OVERRIDE_SWITCH = 46
+"""RCn_OPTION: a switch that turns overrides off."""
+_RC_OPTION_CHANNELS = range(1, 17)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +55,29 @@ class RcChannel:
 
 @dataclass(frozen=True, slots=True)
 class OverrideMap:
-    """Which RC channel (1-based) drives which force, and how."""
+    """Which RC channel (1-based) drives which force, and how; ``held``: channel -> PWM [us] it is kept at."""
 
     channels: Mapping[str, tuple[int, RcChannel]]
+    held: Mapping[int, int] = field(default_factory=dict)
 
-    def message(self, command: Actuate, system: int, component: int) -> Message:
-        """Return the override that commands *command*; channels that we do not drive are left alone."""
-        values = [_IGNORE] * _CHANNELS
-        for force, (number, channel) in self.channels.items():
-            values[number - 1] = channel.pwm(getattr(command, force))
-        return mavlink.MAVLink_rc_channels_override_message(system, component, *values)
+    def values(self, command: Actuate) -> dict[int, int]:
+        """Return channel -> PWM [us] for *command*."""
+        driven = {n: channel.pwm(getattr(command, force)) for force, (n, channel) in self.channels.items()}
+        return {**self.held, **driven}
+
+    @property
+    def nudged(self) -> dict[int, int]:
+        """Channel -> PWM [us] of an override that is as good as neutral, and yet known for ours when seen again."""
+        return {n: pwm + _NUDGE for n, pwm in self.values(Actuate()).items()}
+
+    def message(self, values: Mapping[int, int], system: int, component: int) -> Message:
+        """Return the override that sets *values* (channel -> PWM [us]); the other channels are left alone."""
+        fields = [values.get(n, _IGNORE) for n in range(1, _CHANNELS + 1)]
+        return mavlink.MAVLink_rc_channels_override_message(system, component, *fields)
 
     def release(self, system: int, component: int) -> Message:
         """Return the override that hands the channels that we drive back to the RC receiver."""
-        values = [_IGNORE] * _CHANNELS
-        for number, _ in self.channels.values():
-            values[number - 1] = _RELEASE
-        return mavlink.MAVLink_rc_channels_override_message(system, component, *values)
+        return self.message(dict.fromkeys(self.values(Actuate()), _RELEASE), system, component)
 
 
 def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap:
@@ -68,14 +86,25 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     Raises
     ------
     PreconditionFailed
-        Its RC limits leave no room, or its RC_OVERRIDE_TIME makes overrides useless or everlasting.
+        Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
     """
-    _check_expiry(parameters)
+    told = parameters.read_existing(
+        ["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *(name for name in firmware.idle)]
+    )
+    _check_expiry(told.get("RC_OVERRIDE_TIME"))
+    if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
+        raise PreconditionFailed(
+            f"RC_OPTIONS is {told['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. "
+            f"Set it to {int(told['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
+        )
+    numbers = {force: _channel(told, firmware, force) for force in firmware.channels}
+    idle = [int(told[name]) for name in firmware.idle if name in told]
     fields = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
-    names = {n: [f"RC{n}_{field}" for field in fields] for n in firmware.channels.values()}
-    values = parameters.read_all(name for group in names.values() for name in group)
+    names = {n: [f"RC{n}_{field}" for field in fields] for n in numbers.values()}
+    trims = {n: f"RC{n}_TRIM" for n in idle if n not in names and 1 <= n <= _CHANNELS}
+    values = parameters.read_all([*(name for group in names.values() for name in group), *trims.values()])
     channels = {}
-    for force, number in firmware.channels.items():
+    for force, number in numbers.items():
         low, trim, high, dead_zone, is_reversed = (values[name] for name in names[number])
         dead_zone = dead_zone if firmware.manual_dead_zone else 0.0
         if not low + dead_zone < trim < high - dead_zone:
@@ -85,13 +114,52 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
             )
         sign = firmware.channel_signs[force] * (-1.0 if is_reversed else 1.0)
         channels[force] = (number, RcChannel(low, trim, high, dead_zone, sign))
-    return OverrideMap(channels)
+    return OverrideMap(channels, {n: round(values[name]) for n, name in trims.items()})
 
 
-def _check_expiry(parameters: Parameters) -> None:
-    expiry = parameters.read_existing(["RC_OVERRIDE_TIME"]).get("RC_OVERRIDE_TIME")
-    if expiry is not None and expiry <= 0:
-        meaning = "ignores overrides" if expiry == 0 else "would hold the last override for ever if the link broke"
-        raise PreconditionFailed(
-            f"RC_OVERRIDE_TIME is {expiry:g}: the vehicle {meaning}. Set it to 3 (seconds) and try again"
-        )
+def _channel(told: Mapping[str, float], firmware: Firmware, force: str) -> int:
+    """Return the RC channel of *force*: as mapped aboard, else the firmware's own."""
+    name = firmware.rc_map.get(force, "")
+    number = int(told.get(name, firmware.channels[force]))
+    if not 1 <= number <= _CHANNELS:
+        raise PreconditionFailed(f"{name} is {number}: overrides reach channels 1 to {_CHANNELS} only; map it there")
+    return number
+
+
+def _check_expiry(expiry: float | None) -> None:
+    if expiry is None or 0.0 < expiry <= _LONGEST_EXPIRY:
+        return
+    if expiry == 0.0:
+        meaning = "ignores overrides"
+    elif expiry < 0.0:
+        meaning = "would hold the last override for ever if the link broke"
+    else:
+        meaning = f"would hold the last override for {expiry:g} s if the link broke"
+    raise PreconditionFailed(
+        f"RC_OVERRIDE_TIME is {expiry:g}: the vehicle {meaning}. Set it to 3 (seconds) and try again"
+    )
+
+
+def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> str:
+    """Ask the vehicle why it may not take our overrides; return the likely cause and its cure in one sentence."""
+    switches = [f"RC{n}_OPTION" for n in _RC_OPTION_CHANNELS]
+    names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
+    told = parameters.read_existing([*names, *switches])
+    if not told:
+        return "it answers no question either: the way up to it is broken (a one-way link, or too weak a radio)"
+    name = next((n for n in firmware.gcs_id_parameters if n in told), "")
+    low, high = int(told.get(name, source_system)), int(told.get("MAV_GCS_SYSID_HI", 0.0))
+    if not low <= source_system <= max(low, high):
+        return f"{name} is {low}, but we send as system {source_system}: use --source-system {low}"
+    if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
+        return f"RC_OPTIONS is {told['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides; clear it"
+    if told.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
+        return "RC_OVERRIDE_TIME is 0: it ignores overrides; set it to 3 (seconds)"
+    switch = next((n for n in switches if told.get(n) == _OVERRIDE_SWITCH), "")
+    if switch:
+        return f"{switch} is {_OVERRIDE_SWITCH}: that switch turns overrides off; put it to its other position"
+    signed = "; MAV_OPTIONS bit 0 is set" if int(told.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
+    return (
+        f"its parameters do not say why ({name or 'station id'} {low}, RC_OPTIONS {told.get('RC_OPTIONS', 0.0):g}"
+        f"{signed}); a router that filters RC_CHANNELS_OVERRIDE, a signed link or another station's stream may"
+    )

@@ -7,7 +7,7 @@ saves at once. So: ask by name, repeat, compare the echo, and treat a difference
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 
 from gcs_autotune.clock import Deadline
@@ -123,6 +123,30 @@ class Parameters:
             if found:
                 return found, self._fresh[found]
         raise ParameterMissing(f"{self.session.vehicle} has none of {', '.join(wanted)}", name=wanted[0])
+
+    def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
+        """Return, of each group of alternative names, the one that exists (the first, if several) with its value.
+
+        A group is not asked for again once one of its names has answered, so names this vehicle does not have cost no
+        waiting. Groups of which nothing exists are missing in the answer.
+        """
+        wanted = [list(dict.fromkeys(group)) for group in groups]
+        self._forget(name for group in wanted for name in group)
+        for _ in range(_TRIES):
+            pending = [g for g in wanted if not self._settled(g)]
+            while pending:
+                batch, pending = pending[: _IN_FLIGHT // 2], pending[_IN_FLIGHT // 2 :]
+                for name in (name for group in batch for name in group):
+                    self._request(name)
+                self.session.wait_for(partial(self._all_settled, batch), _REPLY)
+        found = (next((n for n in group if n in self._fresh), None) for group in wanted)
+        return {name: self._fresh[name] for name in found if name is not None}
+
+    def _settled(self, group: Sequence[str]) -> bool:
+        return any(n in self._fresh for n in group) or all(n in self._refused for n in group)
+
+    def _all_settled(self, groups: Sequence[Sequence[str]]) -> bool | None:
+        return True if all(self._settled(group) for group in groups) else None
 
     def read_full(self, timeout: float = 120.0) -> dict[str, float]:
         """Return every parameter: the whole list, then what was lost of it by index.

@@ -8,13 +8,13 @@ from typing import Any
 
 import serial
 
-from gcs_autotune.errors import CannotOpenLink
-from gcs_autotune.link.transport import Transport
+from gcs_autotune.errors import CannotOpenLink, LinkLost
+from gcs_autotune.link.address import SerialName
+from gcs_autotune.link.returning import ReturningTransport
 
-__all__ = ["SerialPort"]
+__all__ = ["SerialPort", "cause_and_cure"]
 
 _WRITE_TIMEOUT = 2.0
-_CURE = "check the cable and its power, then reconnect"
 
 _CURES = {
     errno.ENOENT: "there is no such device; is it plugged in? `ls /dev/tty*` shows what there is",
@@ -25,37 +25,55 @@ _CURES = {
 }
 
 
-class SerialPort(Transport):
-    """A serial port at *baud*, opened for us alone."""
+class SerialPort(ReturningTransport):
+    """A serial port, opened for us alone. When its device goes and comes back under the same name, it is reopened."""
 
-    def __init__(self, path: str, baud: int) -> None:
-        super().__init__(f"{path},{baud}")
-        exclusive = True if os.name == "posix" else None
+    def __init__(self, name: SerialName) -> None:
+        super().__init__(str(name))
+        self._name = name
         try:
-            self._port: Any = serial.Serial(path, baud, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=exclusive)
+            self._port: Any = _open(name)
         except (OSError, ValueError) as error:
-            raise CannotOpenLink(f"cannot open the serial port {path}: {_cause(error)}") from error
+            raise CannotOpenLink(f"cannot open the serial port {name.path}: {cause_and_cure(error)}") from error
 
-    def _read_available(self, timeout: float) -> bytes:
-        try:
-            self._port.timeout = timeout
-            first = bytes(self._port.read(1))
-            waiting = self._port.in_waiting if first else 0
-            return first + bytes(self._port.read(waiting)) if waiting else first
-        except (OSError, TypeError) as error:  # pyserial: TypeError when the descriptor vanished underneath it
-            raise self.lost(f"the serial port stopped working ({error})", _CURE) from error
+    def _receive(self, timeout: float) -> bytes:
+        self._port.timeout = timeout
+        first = bytes(self._port.read(1))
+        waiting = self._port.in_waiting if first else 0
+        return first + bytes(self._port.read(waiting)) if waiting else first
 
-    def _write(self, data: bytes) -> None:
-        try:
-            self._port.write(data)
-        except OSError as error:
-            raise self.lost(f"the serial port takes no bytes ({error})", _CURE) from error
+    def _send(self, data: bytes) -> None:
+        self._port.write(data)
 
-    def _close(self) -> None:
+    def _hang_up(self) -> None:
         self._port.close()
 
+    def _call_again(self) -> bool:
+        try:
+            self._port = _open(self._name)
+        except (OSError, ValueError):
+            return False
+        return True
 
-def _cause(error: OSError | ValueError) -> str:
+    def _loss(self, error: Exception) -> LinkLost:
+        if isinstance(error, serial.SerialTimeoutException):
+            cause = f"the serial port takes no bytes ({error})"
+        else:
+            cause = f"the serial port stopped working ({error})"
+        return self.lost(cause, "check the cable and its power, then reconnect")
+
+
+def _open(name: SerialName) -> Any:
+    options: dict[str, Any] = {"timeout": 0, "write_timeout": _WRITE_TIMEOUT}
+    if os.name == "posix":
+        options["exclusive"] = True
+    if name.flow_control:
+        options["rtscts"] = True
+    return serial.Serial(name.path, name.baud, **options)
+
+
+def cause_and_cure(error: OSError | ValueError) -> str:
+    """Return why a serial port could not be opened, and what to do about it."""
     number = error.errno if isinstance(error, OSError) else None
     if number is None and "lock" in str(error):
         number = errno.EAGAIN

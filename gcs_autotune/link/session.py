@@ -100,6 +100,7 @@ class Session:
         self._interrupt = interrupt
         self._timeout = heartbeat_timeout
         self._listeners: dict[str, list[Listener]] = defaultdict(list)
+        self._overhearing: list[Callable[[Frame], None]] = []
         self._duties: list[Duty] = []
         self._candidates: dict[tuple[int, int], Candidate] = {}
         self._last_heard = self.clock.now()
@@ -145,6 +146,10 @@ class Session:
         self._listeners[name].append(listener)
         return lambda: self._listeners[name].remove(listener)
 
+    def overhear(self, listener: Callable[[Frame], None]) -> None:
+        """Call *listener* with every frame from anybody but the vehicle. What they say is hearsay, never obeyed."""
+        self._overhearing.append(listener)
+
     def every(self, period: float, action: Callable[[], None]) -> Duty:
         """Call *action* every *period* [s of link time] while pumping, first at the next pump."""
         duty = Duty(self.clock, period, action, self.clock.now())
@@ -170,7 +175,7 @@ class Session:
         if self.vehicle is not None and self.silence > self._timeout:
             raise LinkLost(
                 f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
-                "check power, cable and radio range"
+                f"check power, cable and radio range{self._trouble()}"
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
@@ -229,7 +234,7 @@ class Session:
         """
         wanted = self.wait_for(lambda: self._found(system_id), timeout)
         if wanted is None:
-            where, heard = self.transport.description, self._candidates
+            where, heard = f"{self.transport.description}{self._trouble()}", self._candidates
             raise nobody_found(where, timeout, system_id, heard, self.foreign, self._framer.bad_bytes)
         if system_id is None:
             self.pause(2 * _HEARTBEAT_PERIOD)
@@ -239,6 +244,10 @@ class Session:
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
         self.vehicle = wanted.identity(version=self._ask_version())
         return self.vehicle
+
+    def _trouble(self) -> str:
+        said = self.transport.trouble
+        return f" ({said})" if said else ""
 
     def _found(self, system_id: int | None) -> Candidate | None:
         return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)
@@ -305,6 +314,8 @@ class Session:
 
     def _note_foreign(self, frame: Frame) -> None:
         self.foreign[frame.system, frame.component] += 1
+        for hear in self._overhearing:
+            hear(frame)
         is_twin = frame.name == "HEARTBEAT" and frame.system == self.source_system
         if is_twin and self.foreign[frame.system, frame.component] == 1:
             self.notes.append(

@@ -4,55 +4,84 @@ from __future__ import annotations
 
 import select
 import socket
+from typing import Any
 
-from gcs_autotune.errors import CannotOpenLink
+from gcs_autotune.errors import CannotOpenLink, LinkLost
 from gcs_autotune.link.address import HostPort, resolve
-from gcs_autotune.link.transport import Transport
+from gcs_autotune.link.returning import ReturningTransport
 
 __all__ = ["TcpIn", "TcpOut"]
 
 _CHUNK = 65536
 _CONNECT_TIMEOUT = 5.0
+_RECONNECT_TIMEOUT = 0.5
 _WRITE_TIMEOUT = 2.0
-_CURE = "start it again and reconnect"
 
 
-class TcpOut(Transport):
+class _TcpStream(ReturningTransport):
+    """What both kinds share: reading, writing and losing one connection."""
+
+    _connection: socket.socket | None = None
+
+    def _receive(self, timeout: float) -> bytes:
+        assert self._connection is not None
+        if not select.select([self._connection], [], [], timeout)[0]:
+            return b""
+        data = self._connection.recv(_CHUNK)
+        if not data:
+            raise EOFError("the other end closed the connection")
+        return data
+
+    def _send(self, data: bytes) -> None:
+        assert self._connection is not None
+        self._connection.sendall(data)
+
+    def _hang_up(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _loss(self, error: Exception) -> LinkLost:
+        if isinstance(error, TimeoutError):
+            return self.lost("the other end takes no more bytes", "start it again and reconnect")
+        cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        return self.lost(cause, "start it again and reconnect")
+
+    def _take(self, connection: socket.socket) -> None:
+        connection.settimeout(_WRITE_TIMEOUT)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._connection = connection
+
+
+class TcpOut(_TcpStream):
     """A client of somebody else's server, e.g. ArduPilot's simulator on port 5760."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"tcp:{address}")
-        family, target = resolve(address, socket.SOCK_STREAM)
-        self._socket = socket.socket(family, socket.SOCK_STREAM)
-        self._socket.settimeout(_CONNECT_TIMEOUT)
+        self._family, self._target = resolve(address, socket.SOCK_STREAM)
         try:
-            self._socket.connect(target)
+            self._take(_connect(self._family, self._target, _CONNECT_TIMEOUT))
         except OSError as error:
-            self._socket.close()
             raise CannotOpenLink(
                 f"cannot connect to TCP {address}: {error.strerror or error}; "
                 "is the vehicle or simulator running, and is that its port?"
             ) from error
-        _tune(self._socket)
 
-    def _read_available(self, timeout: float) -> bytes:
-        return _receive(self, self._socket, timeout)
-
-    def _write(self, data: bytes) -> None:
-        _send(self, self._socket, data)
-
-    def _close(self) -> None:
-        self._socket.close()
+    def _call_again(self) -> bool:
+        try:
+            self._take(_connect(self._family, self._target, _RECONNECT_TIMEOUT))
+        except OSError:
+            return False
+        return True
 
 
-class TcpIn(Transport):
-    """A server for one caller. What is written before anybody called is dropped, as on a radio."""
+class TcpIn(_TcpStream):
+    """A server for one caller at a time. What is written before anybody called is dropped, as on a radio."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"tcpin:{address}")
         family, target = resolve(address, socket.SOCK_STREAM)
         self._server = socket.socket(family, socket.SOCK_STREAM)
-        self._caller: socket.socket | None = None
         try:
             self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._server.bind(target)
@@ -69,46 +98,40 @@ class TcpIn(Transport):
         """The port that is really bound (useful after asking for port 0)."""
         return int(self._server.getsockname()[1])
 
-    def _read_available(self, timeout: float) -> bytes:
-        if self._caller is None:
-            if not select.select([self._server], [], [], timeout)[0]:
-                return b""
-            self._caller, _ = self._server.accept()
-            _tune(self._caller)
+    def _receive(self, timeout: float) -> bytes:
+        if self._connection is None:
+            self._accept(timeout)
             return b""
-        return _receive(self, self._caller, timeout)
+        return super()._receive(timeout)
 
-    def _write(self, data: bytes) -> None:
-        if self._caller is not None:
-            _send(self, self._caller, data)
+    def _send(self, data: bytes) -> None:
+        if self._connection is not None:
+            super()._send(data)
+
+    def _look(self, timeout: float) -> None:
+        self._is_down = not self._accept(timeout)
+
+    def _accept(self, timeout: float) -> bool:
+        if not select.select([self._server], [], [], timeout)[0]:
+            return False
+        caller, _ = self._server.accept()
+        self._take(caller)
+        return True
+
+    def _call_again(self) -> bool:
+        return self._accept(0.0)
 
     def _close(self) -> None:
+        super()._close()
         self._server.close()
-        if self._caller is not None:
-            self._caller.close()
 
 
-def _tune(connection: socket.socket) -> None:
-    connection.settimeout(_WRITE_TIMEOUT)
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
-def _receive(transport: Transport, connection: socket.socket, timeout: float) -> bytes:
-    if not select.select([connection], [], [], timeout)[0]:
-        return b""
+def _connect(family: int, target: Any, timeout: float) -> socket.socket:
+    connection = socket.socket(family, socket.SOCK_STREAM)
+    connection.settimeout(timeout)
     try:
-        data = connection.recv(_CHUNK)
-    except OSError as error:
-        raise transport.lost(error.strerror or str(error), _CURE) from error
-    if not data:
-        raise transport.lost("the other end closed the connection", _CURE)
-    return data
-
-
-def _send(transport: Transport, connection: socket.socket, data: bytes) -> None:
-    try:
-        connection.sendall(data)
-    except TimeoutError as error:
-        raise transport.lost("the other end takes no more bytes", _CURE) from error
-    except OSError as error:
-        raise transport.lost(error.strerror or str(error), _CURE) from error
+        connection.connect(target)
+    except OSError:
+        connection.close()
+        raise
+    return connection

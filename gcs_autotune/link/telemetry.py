@@ -29,15 +29,23 @@ class Telemetry:
     is not there; never from both, because their origins differ. ``z`` is minus GLOBAL_POSITION_INT's
     relative altitude (LOCAL_POSITION_NED's when there is no other).
 
+    Turn rates have passed the autopilot's gyro filter and are late by ``rate_lag`` [s]; they are recorded at the time
+    they were true, so that they go with the angles, which are not late. ``loop_period`` [s] is the autopilot's.
+
     Attributes
     ----------
     latest : signal -> last value (names of ``sname.SIGNALS``, ``battery``, ``battery_remaining``, ``pressure``).
     t : stamp [s] of the last ATTITUDE. ticks : how many came.
     outputs, output_t : measured force fractions and their stamp. output_ticks : how many came.
+    output_since : when they came to be so [s], as near as the messages tell.
     """
 
-    def __init__(self, session: Session, servos: ServoMap, recorder: Recorder) -> None:
+    def __init__(
+        self, session: Session, servos: ServoMap, recorder: Recorder, *, loop_period: float = 0.0, rate_lag: float = 0.0
+    ) -> None:
         self._servos = servos
+        self._loop_period = loop_period
+        self._rate_lag = rate_lag
         self._recorder = recorder
         self._clock = BootClock()
         self._unwrapper = Unwrapper()
@@ -49,6 +57,7 @@ class Telemetry:
         self.latest: dict[str, float] = {}
         self.outputs: dict[str, float] = {}
         self.output_t = math.nan
+        self.output_since = math.nan
         self.output_ticks = 0
         self.t = math.nan
         self.ticks = 0
@@ -86,10 +95,8 @@ class Telemetry:
         self.t = t
         self.ticks += 1
         psi = self._unwrapper.unwrap(m.yaw)
-        self._take(
-            t,
-            {"phi": m.roll, "theta": m.pitch, "psi": psi, "p": m.rollspeed, "q": m.pitchspeed, "r": m.yawspeed},
-        )
+        self._take(t, {"phi": m.roll, "theta": m.pitch, "psi": psi})
+        self._take(t - self._rate_lag, {"p": m.rollspeed, "q": m.pitchspeed, "r": m.yawspeed})
 
     def _servo_output(self, m: Message) -> None:
         t = self._clock.from_us(m.time_usec)
@@ -112,14 +119,17 @@ class Telemetry:
         self.output_ticks += 1
 
     def _record_outputs(self, t: float, forces: Mapping[str, float]) -> None:
-        """Date a change of output midway between the last message without it and the first with it.
+        """Date a change of output midway between the first and the last moment it may have happened at.
 
-        The output changed somewhere in between; its later stamp would be late by half an interval on average,
-        which an identification of a craft with a two-second oscillation sees.
+        That is one autopilot loop after the last message without it, and the first message with it: outputs change
+        at loops only, and a message carries those of its own loop. The later stamp would be late by half an
+        interval on average, which an identification of a craft with a two-second oscillation sees.
         """
         gap = t - self.output_t
-        midway = t - 0.5 * gap if gap < _LONGEST_GAP else t
+        midway = t - 0.5 * max(gap - self._loop_period, 0.0) if gap < _LONGEST_GAP else t
         changed = {n: f for n, f in forces.items() if f != self.outputs.get(n)}
+        if changed:
+            self.output_since = midway
         self._recorder.take(midway, changed)
         self._recorder.take(t, {n: f for n, f in forces.items() if n not in changed})
 

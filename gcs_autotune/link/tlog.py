@@ -5,11 +5,14 @@ Reading survives truncation and damage: what cannot be a stamped frame is steppe
 
 from __future__ import annotations
 
+import io
+import re
 import struct
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from gcs_autotune.clock import Clock
 from gcs_autotune.errors import BadFile
@@ -22,6 +25,11 @@ SIMULATED_EPOCH = 1_577_836_800.0
 """2020-01-01 00:00 UTC [s]. Chosen: simulated records count from here, so equal seeds give equal bytes."""
 
 _STAMP = struct.Struct(">Q")
+_START = re.compile(b"[\xfd\xfe]")
+_CHUNK = 1 << 20
+"""Chosen: bytes read at a time."""
+_LOOKAHEAD = 512
+"""More than a stamp, the longest frame and the stamp and first byte of its follower."""
 
 
 def time_base(transport: Transport) -> Callable[[], float]:
@@ -86,7 +94,9 @@ class TlogRecord:
 
 
 class TlogReader:
-    """Iterates over a log's frames.
+    """Iterates over a log's frames, reading as it goes: a log larger than the memory is no trouble.
+
+    data : the log itself, or an open binary stream of it, closed at the end of the iteration.
 
     Attributes (complete once the iteration has ended)
     --------------------------------------------------
@@ -96,8 +106,11 @@ class TlogReader:
     truncated : whether the file ends within a frame.
     """
 
-    def __init__(self, data: bytes) -> None:
-        self._data = bytearray(data)
+    def __init__(self, data: bytes | BinaryIO) -> None:
+        self._stream: BinaryIO = io.BytesIO(data) if isinstance(data, bytes) else data
+        self._buffer = bytearray()
+        self._position = 0
+        self._is_whole = False
         self.frames = 0
         self.damaged = 0
         self.damaged_bytes = 0
@@ -105,29 +118,57 @@ class TlogReader:
 
     def __iter__(self) -> Iterator[TlogRecord]:
         decoder = mavlink.MAVLink(None)
-        data, position, damaged_at = self._data, 0, -1
-        while position + _STAMP.size < len(data):
-            length = frame_length(data, position + _STAMP.size)
-            end = position + _STAMP.size + (length or 0)
-            frame = None
-            if length is not None and end <= len(data):
-                frame = decode_frame(decoder, data[position + _STAMP.size : end])
-            if frame is not None and self._plausible(frame, end):
-                self.frames += 1
-                yield TlogRecord(_STAMP.unpack_from(data, position)[0] * 1e-6, frame)
-                position = end
-                continue
-            self.damaged += damaged_at != position - 1
-            self.damaged_bytes += 1
-            damaged_at = position
-            position += 1
-        self.truncated = position < len(data) or damaged_at == position - 1 >= 0
+        is_bad = False
+        with self._stream:
+            while self._fill():
+                buffer, position = self._buffer, self._position
+                length = frame_length(buffer, position + _STAMP.size)
+                end = position + _STAMP.size + (length or 0)
+                frame = None
+                if length is not None and end <= len(buffer):
+                    frame = decode_frame(decoder, buffer[position + _STAMP.size : end])
+                if frame is not None and self._plausible(frame, end):
+                    self.frames += 1
+                    is_bad = False
+                    self._position = end
+                    yield TlogRecord(_STAMP.unpack_from(buffer, position)[0] * 1e-6, frame)
+                    continue
+                step = self._to_next_start(position)
+                self.damaged += not is_bad
+                self.damaged_bytes += step
+                is_bad = True
+                self._position = position + step
+            self.truncated = self._position < len(self._buffer) or is_bad
+
+    def _fill(self) -> bool:
+        """Read on when less than the longest frame is left; return whether a frame may still be there."""
+        if not self._is_whole and len(self._buffer) - self._position < _LOOKAHEAD:
+            del self._buffer[: self._position]
+            self._position = 0
+            try:
+                more = self._stream.read(_CHUNK)
+            except OSError as error:
+                raise BadFile(f"the telemetry log cannot be read to its end: {error.strerror}") from error
+            self._is_whole = not more
+            self._buffer += more
+        return self._position + _STAMP.size < len(self._buffer)
+
+    def _to_next_start(self, position: int) -> int:
+        """Return how many bytes to skip until a frame might start behind a stamp (at least one)."""
+        last = len(self._buffer) if self._is_whole else len(self._buffer) - _LOOKAHEAD
+        found = _START.search(self._buffer, position + _STAMP.size + 1, max(last, position + _STAMP.size + 1))
+        stop = found.start() if found else max(last, position + _STAMP.size + 1)
+        return stop - _STAMP.size - position
 
     def _plausible(self, frame: Frame, end: int) -> bool:
         """Whether a frame of unknown kind, whose checksum nobody can test, is followed by another."""
         follower = end + _STAMP.size
         known = not frame.name.startswith("UNKNOWN_")
-        return known or end == len(self._data) or (follower < len(self._data) and self._data[follower] in (0xFE, 0xFD))
+        return (
+            known
+            or end == len(self._buffer)
+            or (follower < len(self._buffer) and self._buffer[follower] in (0xFE, 0xFD))
+        )
 
 
 def read_tlog(path: Path) -> TlogReader:
@@ -139,9 +180,11 @@ def read_tlog(path: Path) -> TlogReader:
         When it cannot be read, or is empty.
     """
     try:
-        data = path.read_bytes()
+        stream = path.open("rb")
+        is_empty = not stream.peek(1)
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror}") from error
-    if not data:
+    if is_empty:
+        stream.close()
         raise BadFile(f"{path} is empty: nothing was logged")
-    return TlogReader(data)
+    return TlogReader(stream)

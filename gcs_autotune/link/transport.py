@@ -6,6 +6,7 @@ the transport because only it knows whether time is the machine's or a simulator
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
@@ -13,7 +14,12 @@ from typing import Self
 from gcs_autotune.clock import Clock, Deadline, WallClock
 from gcs_autotune.errors import LinkLost
 
-__all__ = ["Transport"]
+__all__ = ["Transport", "idle"]
+
+
+def idle(seconds: float) -> None:
+    """Let real time pass on a link that has nothing to wait on."""
+    time.sleep(seconds)
 
 
 class Transport(ABC):
@@ -42,6 +48,16 @@ class Transport(ABC):
     def description(self) -> str:
         """The connection as a person would write it."""
         return self._description
+
+    @property
+    def carrier(self) -> str:
+        """What carries the bytes when it is not this package itself, e.g. ``MAVSDK 4.1.0``; else empty."""
+        return ""
+
+    @property
+    def trouble(self) -> str:
+        """What the carrier last complained of, for the error that tells of silence; empty when it did not."""
+        return ""
 
     def read(self, timeout: float) -> bytes:
         """Return what arrives within *timeout* [s of the link's clock]; ``b""`` when nothing does.

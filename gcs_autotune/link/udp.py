@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import select
 import socket
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
 
 from gcs_autotune.errors import CannotOpenLink
 from gcs_autotune.link.address import HostPort, resolve
@@ -12,18 +15,59 @@ from gcs_autotune.link.transport import Transport
 __all__ = ["UdpIn", "UdpOut"]
 
 _DATAGRAM = 65535
+_AT_ONCE = 256
+"""Chosen: datagrams taken in one read; a parameter list comes as a thousand of them."""
+_ROOM = 1 << 20
+"""Chosen: bytes asked of the system for what arrives while we compute; it may give less."""
+_REMEMBERED = 10.0
+"""Chosen: seconds after which one who has gone silent is not answered any more, unless nobody else is there."""
+_MOST_PEERS = 8
 
 
-class UdpIn(Transport):
-    """Bind a port, wait for whoever talks, answer the last one who did."""
+class _UdpSocket(Transport):
+    """What both kinds share."""
+
+    def __init__(self, description: str, address: HostPort) -> None:
+        super().__init__(description)
+        family, self._target = resolve(address, socket.SOCK_DGRAM)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        with suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _ROOM)
+
+    def _read_available(self, timeout: float) -> bytes:
+        if not select.select([self._socket], [], [], timeout)[0]:
+            return b""
+        data = bytearray()
+        for _ in range(_AT_ONCE):
+            try:
+                data += self._receive()
+            except (BlockingIOError, ConnectionError):  # refused: nobody listens there yet; silence, not an end
+                break
+        return bytes(data)
+
+    def _try(self, send: Callable[[], object]) -> None:
+        try:
+            send()
+        except (BlockingIOError, ConnectionError):
+            return
+        except OSError as error:
+            raise self.lost(str(error.strerror), "check the network") from error
+
+    def _receive(self) -> bytes:
+        return self._socket.recv(_DATAGRAM)
+
+    def _close(self) -> None:
+        self._socket.close()
+
+
+class UdpIn(_UdpSocket):
+    """Bind a port, wait for whoever talks, answer everybody who talked lately (vehicle and relays alike)."""
 
     def __init__(self, address: HostPort) -> None:
-        super().__init__(f"udpin:{address}")
-        family, target = resolve(address, socket.SOCK_DGRAM)
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        self._peer: tuple[str, int] | None = None
+        super().__init__(f"udpin:{address}", address)
+        self._peers: dict[Any, float] = {}
         try:
-            self._socket.bind(target)
+            self._socket.bind(self._target)
         except OSError as error:
             self._socket.close()
             raise CannotOpenLink(
@@ -37,58 +81,35 @@ class UdpIn(Transport):
         """The port that is really bound (useful after asking for port 0)."""
         return int(self._socket.getsockname()[1])
 
-    def _read_available(self, timeout: float) -> bytes:
-        if not select.select([self._socket], [], [], timeout)[0]:
-            return b""
-        try:
-            data, self._peer = self._socket.recvfrom(_DATAGRAM)
-        except (BlockingIOError, ConnectionError):
-            return b""
+    def _receive(self) -> bytes:
+        data, peer = self._socket.recvfrom(_DATAGRAM)
+        self._peers.pop(peer, None)
+        self._peers[peer] = self._clock.now()
+        if len(self._peers) > _MOST_PEERS:
+            del self._peers[next(iter(self._peers))]
         return data
 
     def _write(self, data: bytes) -> None:
-        if self._peer is None:
-            return
-        try:
-            self._socket.sendto(data, self._peer)
-        except (BlockingIOError, ConnectionError):
-            return
-        except OSError as error:
-            raise self.lost(str(error.strerror), "check the network") from error
-
-    def _close(self) -> None:
-        self._socket.close()
+        forgotten = self._clock.now() - _REMEMBERED
+        latest = next(reversed(self._peers), None)
+        for peer, heard in tuple(self._peers.items()):
+            if heard < forgotten and peer != latest:
+                del self._peers[peer]
+                continue
+            self._try(lambda peer=peer: self._socket.sendto(data, peer))  # type: ignore[misc]
 
 
-class UdpOut(Transport):
+class UdpOut(_UdpSocket):
     """Send to a fixed address and listen for its answers."""
 
     def __init__(self, address: HostPort) -> None:
-        super().__init__(f"udpout:{address}")
-        family, target = resolve(address, socket.SOCK_DGRAM)
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        super().__init__(f"udpout:{address}", address)
         try:
-            self._socket.connect(target)
+            self._socket.connect(self._target)
         except OSError as error:
             self._socket.close()
             raise CannotOpenLink(f"cannot reach UDP {address}: {error.strerror}; check the address") from error
         self._socket.setblocking(False)
 
-    def _read_available(self, timeout: float) -> bytes:
-        if not select.select([self._socket], [], [], timeout)[0]:
-            return b""
-        try:
-            return self._socket.recv(_DATAGRAM)
-        except (BlockingIOError, ConnectionError):  # nobody listens there yet: silence, not an end
-            return b""
-
     def _write(self, data: bytes) -> None:
-        try:
-            self._socket.send(data)
-        except (BlockingIOError, ConnectionError):
-            return
-        except OSError as error:
-            raise self.lost(str(error.strerror), "check the network") from error
-
-    def _close(self) -> None:
-        self._socket.close()
+        self._try(lambda: self._socket.send(data))

@@ -1,16 +1,40 @@
 """Recorded runs from every ordinary log, as trials: no robot middleware, no ground station needed.
 
-* ``files``: :func:`load_runs` and the table of readers by suffix; ``renaming`` for columns by other names;
-* ``tlog`` telemetry logs, ``dataflash`` logs on board: both write a ``tape`` (samples by source, one per boot);
-* ``channels`` which source becomes which motion channel, ``outputs`` what drove the craft;
-* ``stretches`` the tape cut into runs, one per stretch armed in one mode.
+* ``files``: :func:`load_runs` and the tables of readers; ``renaming`` for columns by other names;
+* ``tlog``, ``mavlink_csv`` MAVLink messages, written onto tapes (samples by source, one ``tape`` per boot) by
+  ``mavlink_scribe``; ``dataflash`` logs on board, with ``dataflash_binary`` and ``dataflash_text``; ``qgc_csv``;
+  which message brings which source is in the tables ``mavlink_signals`` and ``dataflash_signals``;
+* ``channels`` which source becomes which motion channel, ``filters`` what the autopilot did to it before,
+  ``outputs`` what drove the craft;
+* ``stretches`` a recording cut into runs, one per stretch armed in one mode; ``excitation`` and ``survey`` what is in
+  it; ``importing`` writes it down.
+
+Everything reads its file a piece at a time.
 """
 
 from __future__ import annotations
 
-from gcs_autotune.logs.dataflash import load_dataflash
-from gcs_autotune.logs.files import READERS, TRIALS_FOLDER, load_runs
+from gcs_autotune.logs.files import READERS, TRIALS_FOLDER, load_runs, record
+from gcs_autotune.logs.importing import fresh_folder, write_runs
+from gcs_autotune.logs.recording import Census, Recording
 from gcs_autotune.logs.renaming import parse_columns, renamed
-from gcs_autotune.logs.tlog import load_tlog
+from gcs_autotune.logs.stretches import Cut, LeftOut, cut_runs, runs_of
+from gcs_autotune.logs.survey import survey
 
-__all__ = ["READERS", "TRIALS_FOLDER", "load_dataflash", "load_runs", "load_tlog", "parse_columns", "renamed"]
+__all__ = [
+    "READERS",
+    "TRIALS_FOLDER",
+    "Census",
+    "Cut",
+    "LeftOut",
+    "Recording",
+    "cut_runs",
+    "fresh_folder",
+    "load_runs",
+    "parse_columns",
+    "record",
+    "renamed",
+    "runs_of",
+    "survey",
+    "write_runs",
+]

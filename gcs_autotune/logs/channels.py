@@ -19,12 +19,14 @@ Array = NDArray[np.float64]
 ENOUGH = 20
 """Fewest samples that make a source worth preferring."""
 
+ATTITUDES = ("attitude", "ahrs2")
+"""Sources of ``phi theta psi``, preferred first: the estimate the autopilot steers by, then its second one."""
 POSITIONS = ("local", "ekf", "global", "gps")
 """Sources of ``x y`` and of velocity over ground, preferred first; never mixed, because their origins differ."""
 DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
 """Sources of ``z``, preferred first."""
-RATES = ("attitude", "rate", "imu")
-"""Sources of ``p q r``, preferred first."""
+RATES = ("attitude", "rate", "imu", "steering")
+"""Sources of ``p q r``, preferred first, but those that carry a stamp of their own before those that do not."""
 SPEEDS = ("hud", "gps")
 """Sources of ``U`` when no velocity over ground is there."""
 
@@ -43,13 +45,15 @@ def motion_channels(tape: Tape) -> tuple[dict[str, Channel], dict[str, str]]:
     ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own stamps.
     """
     pick = _Pick({}, {})
-    for name in ("phi", "theta", "psi"):
-        _put(pick, name, "attitude", *tape.series(f"attitude.{name}"))
-    for source in RATES:
-        if _has(tape, f"{source}.r"):
-            for name in "pqr":
+    for source in ATTITUDES:
+        if _has(tape, f"{source}.psi"):
+            for name in ("phi", "theta", "psi"):
                 _put(pick, name, source, *tape.series(f"{source}.{name}"))
             break
+    rates = [s for s in RATES if _has(tape, f"{s}.r")]
+    for source in sorted(rates, key=lambda s: s in tape.dated_by_arrival)[:1]:
+        for name in "pqr":
+            _put(pick, name, source, *tape.series(f"{source}.{name}"))
     _position(pick, tape)
     _depth(pick, tape)
     return pick.channels, pick.sources

@@ -7,12 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.logs.dataflash import load_dataflash
+from gcs_autotune.logs.dataflash import record_dataflash
+from gcs_autotune.logs.mavlink_csv import is_mavlogdump, is_mission_planner, record_mavlogdump, record_mission_planner
+from gcs_autotune.logs.qgc_csv import is_qgc, record_qgc
+from gcs_autotune.logs.recording import LogReader, Recording
 from gcs_autotune.logs.renaming import renamed
-from gcs_autotune.logs.tlog import load_tlog
+from gcs_autotune.logs.stretches import runs_of
+from gcs_autotune.logs.tlog import record_tlog
 from gcs_autotune.trial import Trial, load_trial
 
-__all__ = ["READERS", "TRIALS_FOLDER", "load_runs"]
+__all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "record"]
 
 TRIALS_FOLDER = "trials"
 """Where a run directory keeps its recorded manoeuvres."""
@@ -26,12 +30,51 @@ INPUTS = frozenset("XYZKMN") | {"delta"}
 IDENTIFYING = "relay"
 """The manoeuvre (``meta["manoeuvre"]`` in a trial's side file) a run directory is identified from."""
 
-READERS: Mapping[str, Callable[[Path, int | None], list[Trial]]] = {
-    ".tlog": load_tlog,
-    ".bin": load_dataflash,
-    ".log": load_dataflash,
+READERS: Mapping[str, LogReader] = {
+    ".tlog": record_tlog,
+    ".bin": record_dataflash,
+    ".log": record_dataflash,
 }
 """Suffix -> reader of (path, system id); anything else is read as CSV. A format is one file and one line here."""
+
+CSV_READERS: tuple[tuple[Callable[[str], bool], LogReader], ...] = (
+    (is_mission_planner, record_mission_planner),
+    (is_mavlogdump, record_mavlogdump),
+    (is_qgc, record_qgc),
+)
+"""Whether the first lines of a text file are of a ground station's making -> reader; else it is a table of runs."""
+HEAD = 1 << 16
+"""Characters of a text file that are looked at."""
+
+
+def record(path: Path, system: int | None = None, parameters: Mapping[str, float] | None = None) -> Recording | None:
+    """Read *path* as the log its suffix (or, of a CSV file, its first lines) says it is; None when it is no log.
+
+    parameters : of the vehicle, for what the log itself does not tell.
+
+    Raises
+    ------
+    BadFile
+        Not there, unreadable, or not what its name says. UsageError: no vehicle of that *system*.
+    """
+    if not path.is_file():
+        raise BadFile(f"{path}: no such file")
+    reader = READERS.get(path.suffix.lower()) or _csv_reader(path)
+    if reader is None:
+        return None
+    log = reader(path, system)
+    for tape in log.tapes:
+        tape.parameters = {**(parameters or {}), **tape.parameters}
+    return log
+
+
+def _csv_reader(path: Path) -> LogReader | None:
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            head = stream.read(HEAD)
+    except OSError as error:
+        raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
+    return next((reader for fits, reader in CSV_READERS if fits(head)), None)
 
 
 def load_runs(
@@ -40,6 +83,7 @@ def load_runs(
     pick: Collection[int] = (),
     system: int | None = None,
     columns: Mapping[str, str] | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> list[Trial]:
     """Return the runs at *path*, in order of file name or of time.
 
@@ -55,6 +99,7 @@ def load_runs(
     pick : numbers of the stretches of a log to return (``dive#3`` is 3); all when empty.
     system : system id of the vehicle meant, for a log that heard several.
     columns : name in the file -> ``channel[unit]``, see :func:`parse_columns`.
+    parameters : of the vehicle, for what a log itself does not tell.
 
     Raises
     ------
@@ -67,13 +112,13 @@ def load_runs(
     """
     place = Path(path)
     if place.is_dir():
-        return _of_directory(place, pick, system, columns)
+        return _of_directory(place, pick, system, columns, parameters)
     if not place.is_file():
         raise BadFile(f"{place}: no such file or run directory")
-    reader = READERS.get(place.suffix.lower())
-    if reader is None:
+    log = record(place, system, parameters)
+    if log is None:
         return [load_trial(place, columns)]
-    runs = reader(place, system)
+    runs = runs_of(log)
     if columns:
         runs = [renamed(run, columns) for run in runs]
     return _picked(place, runs, pick)
@@ -103,7 +148,11 @@ def _with_history(trial: Trial, file: Path) -> Trial:
 
 
 def _of_directory(
-    place: Path, pick: Collection[int], system: int | None, columns: Mapping[str, str] | None
+    place: Path,
+    pick: Collection[int],
+    system: int | None,
+    columns: Mapping[str, str] | None,
+    parameters: Mapping[str, float] | None,
 ) -> list[Trial]:
     folder = place / TRIALS_FOLDER if (place / TRIALS_FOLDER).is_dir() else place
     files = sorted(folder.glob("*.csv"))
@@ -111,7 +160,11 @@ def _of_directory(
         logs = sorted(f for f in folder.iterdir() if f.suffix.lower() in READERS and f.suffix.lower() != ".log")
         if not logs:
             raise BadFile(f"{folder} holds no recorded run (*.csv, *.tlog, *.bin); give a file or a run directory")
-        return [run for log in logs for run in load_runs(log, pick=pick, system=system, columns=columns)]
+        return [
+            run
+            for log in logs
+            for run in load_runs(log, pick=pick, system=system, columns=columns, parameters=parameters)
+        ]
     trials = [load_trial(file, columns) for file in files]
     if not any("manoeuvre" in t.meta for t in trials):
         return trials

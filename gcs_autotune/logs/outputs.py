@@ -45,10 +45,12 @@ def drive_channels(tape: Tape) -> tuple[dict[str, Channel], str, list[Note]]:
             note = (
                 "input-is-command",
                 f"the inputs are {source}, not what the actuators did ({why})",
-                "log SERVO_OUTPUT_RAW and the parameters (load all of them once while the ground station records)",
+                "log SERVO_OUTPUT_RAW and the parameters (load all of them once while the ground station records), or "
+                "give a parameter file with --parameters",
             )
             return {**pwm, **found}, source, [note]
-    note = ("no-inputs", f"no input could be read ({why})", "log SERVO_OUTPUT_RAW and the vehicle's parameters")
+    cure = "log SERVO_OUTPUT_RAW and the vehicle's parameters, or give a parameter file with --parameters"
+    note = ("no-inputs", f"no input could be read ({why})", cure)
     return pwm, "", [note]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,16 +10,22 @@ import numpy as np
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.logs.channels import motion_channels
+from gcs_autotune.logs.filters import filters_of
 from gcs_autotune.logs.outputs import drive_channels
+from gcs_autotune.logs.recording import Recording
 from gcs_autotune.logs.tape import Note, Tape
 from gcs_autotune.trial import Channel, Mark, Trial
 
-__all__ = ["runs_of"]
+__all__ = ["Cut", "LeftOut", "cut_runs", "runs_of"]
 
 SHORTEST = 5.0
 """Chosen [s]: a shorter stretch is no manoeuvre."""
+SILENCE = 3.0
+"""Chosen [s]: when nothing at all was heard for longer, what follows is another run."""
 FEWEST = 20
 """Fewest samples of any motion channel."""
+NO_INPUT = ("motion-only", "no-inputs")
+"""Notes that say why a log has no input."""
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 
@@ -33,18 +38,45 @@ class _Stretch:
     mode: str
 
 
-def runs_of(tapes: list[Tape], meta: Mapping[str, Any], notes: list[Note]) -> list[Trial]:
-    """Return the runs in *tapes*, numbered through in order of time, e.g. ``dive#3 MANUAL 120-185 s``.
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A stretch from which nothing can be identified, and why."""
+
+    run: Trial
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.run.name}: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """What became of a log: the ``runs``, and the stretches left out."""
+
+    runs: list[Trial]
+    left_out: list[LeftOut]
+
+
+def runs_of(log: Recording) -> list[Trial]:
+    """Return the runs in a log, numbered through in order of time, e.g. ``dive#3 MANUAL 120-185 s``.
 
     Raises
     ------
     NotInformative
         No stretch is driven and moves; the message says what was there.
     """
+    cut = cut_runs(log)
+    if not cut.runs:
+        raise NotInformative(_nothing(log.tapes, cut.left_out))
+    return cut.runs
+
+
+def cut_runs(log: Recording) -> Cut:
+    """Cut a log at boots, silences, and every change of mode or arming."""
     runs: list[Trial] = []
-    dropped: list[str] = []
+    dropped: list[LeftOut] = []
     number = 0
-    for tape in tapes:
+    for tape in log.tapes:
         motion, sources = motion_channels(tape)
         drive, origin, doubts = drive_channels(tape)
         zero = tape.span[0]
@@ -58,27 +90,30 @@ def runs_of(tapes: list[Tape], meta: Mapping[str, Any], notes: list[Note]) -> li
                 _marks(tape, stretch),
                 "imported",
                 meta={
-                    **meta,
+                    **log.meta,
+                    "format": log.form,
                     "vehicle": tape.vehicle,
                     "firmware": tape.firmware.name if tape.firmware else "unknown",
                     "mode": stretch.mode,
                     "stretch": number,
                     "clock": tape.clock,
                     "late_samples": tape.late,
+                    "absurd_samples": tape.absurd,
+                    "dated_by_arrival": sorted(tape.dated_by_arrival),
                     "input_from": origin,
                     "sources": sources,
+                    "filters": filters_of(tape.parameters, sources),
                     **({"outputs_dated": "midway"} if origin == "servo outputs" else {}),
-                    "notes": [*notes, *tape.notes, *doubts],
+                    "notes": [*log.notes, *tape.notes, *doubts],
                 },
             )
-            why = _useless(run, stretch, doubts)
+            why = _useless(run, stretch, [*log.notes, *doubts])
             if why:
-                dropped.append(f"{name}: {why}")
+                dropped.append(LeftOut(run, why))
             else:
                 runs.append(run)
-    if not runs:
-        raise NotInformative(_nothing(tapes, dropped))
-    return [_with_dropped(run, dropped) for run in runs]
+    words = [str(left) for left in dropped]
+    return Cut([_with_dropped(run, words) for run in runs], dropped)
 
 
 def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
@@ -86,15 +121,16 @@ def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
 
 
 def _stretches(tape: Tape) -> list[_Stretch]:
-    """Cut at every change of mode or arming; without any word of arming the craft counts as armed."""
+    """Cut at every change of mode or arming and around silences; without any word of arming it counts as armed."""
     start, end = tape.span
+    silent = tape.silences(SILENCE)
     armed = tape.arming or [(start, True)]
     modes = tape.modes or [(start, -1)]
-    cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end})
+    cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end} | {t for gap in silent for t in gap})
     found: list[_Stretch] = []
     for a, b in itertools.pairwise(cuts):
         is_armed = _at(armed, a)
-        if not is_armed or b <= a:
+        if not is_armed or b <= a or (a, b) in silent:
             continue
         number = _at(modes, a)
         mode = "armed" if number is None or number < 0 else _mode_name(tape, number)
@@ -128,7 +164,7 @@ def _useless(run: Trial, stretch: _Stretch, doubts: list[Note]) -> str:
         return f"shorter than {SHORTEST:g} s"
     forces = [run[n] for n in FORCES if n in run]
     if not forces:
-        return doubts[0][1] if doubts else "no input was recorded"
+        return next((cause for slug, cause, _ in doubts if slug in NO_INPUT), "no input was recorded")
     if not any(_varies(c) for c in forces):
         return "nothing was driven"
     if not any(_varies(c) and len(c) >= FEWEST for n, c in run.channels.items() if n in _MOTION):
@@ -143,7 +179,7 @@ def _varies(channel: Channel) -> bool:
     return len(channel) > 1 and bool(np.ptp(channel.values) > 0.0)
 
 
-def _nothing(tapes: list[Tape], dropped: list[str]) -> str:
+def _nothing(tapes: list[Tape], dropped: list[LeftOut]) -> str:
     name = tapes[0].name if tapes else "the log"
     if not tapes or all(t.span == (0.0, 0.0) for t in tapes):
         return f"{name} holds no motion of a vehicle: was an autopilot connected while it was recorded?"
@@ -154,6 +190,6 @@ def _nothing(tapes: list[Tape], dropped: list[str]) -> str:
             "can be learnt; record a relay, a zig-zag or steps"
         )
     return (
-        f"{name} holds no stretch to identify from ({'; '.join(dropped[:6])}): record a relay or steps, with "
+        f"{name} holds no stretch to identify from ({'; '.join(map(str, dropped[:6]))}): record a relay or steps, with "
         "servo outputs and parameters in the log"
     )

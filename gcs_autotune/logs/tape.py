@@ -2,11 +2,13 @@
 
 Readers fill a :class:`Tape` with *named sources* (``attitude.psi``, ``local.x``, ``ekf.z``, ``servo.1``); which source
 becomes which channel is decided afterwards, in :mod:`.channels`. Angles are in radians, the rest in SI, positions on
-the globe in degrees.
+the globe in degrees. Samples lie in flat arrays of doubles, a column that never changes in one number, so that an
+hour's log costs megabytes and not gigabytes.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -21,6 +23,18 @@ __all__ = ["Note", "RecordedParameters", "Tape"]
 Array = NDArray[np.float64]
 Note = tuple[str, str, str]
 """Slug, cause and cure: becomes a ``Doubt`` of whatever is identified from the run."""
+
+LIMITS: Mapping[str, float] = {
+    **dict.fromkeys(("phi", "theta", "psi"), 10.0),
+    **dict.fromkeys("pqr", 200.0),
+    **dict.fromkeys(("U", "vn", "ve", "w"), 200.0),
+    **dict.fromkeys("xyz", 1e7),
+    "lat": 90.0,
+    "lon": 180.0,
+}
+"""Chosen: largest believable size of a source's values, by what comes after the dot (rad, rad/s, m/s, m, deg)."""
+LARGEST = 1e5
+"""Chosen: the same for every other source (pulses in us, stick fractions)."""
 
 
 class RecordedParameters:
@@ -52,6 +66,50 @@ class RecordedParameters:
         return {n: self.values[n] for n in names if n in self.values}
 
 
+class _Column:
+    """Values of one source; one number and a count until they change for the first time."""
+
+    __slots__ = ("count", "first", "values")
+
+    def __init__(self, first: float) -> None:
+        self.first = first
+        self.count = 0
+        self.values: array[float] | None = None
+
+    def append(self, value: float) -> None:
+        if self.values is not None:
+            self.values.append(value)
+        elif value == self.first:
+            self.count += 1
+        else:
+            self._unfold().append(value)
+
+    def extend(self, values: Array) -> None:
+        if self.values is None and bool(np.all(values == self.first)):
+            self.count += len(values)
+        else:
+            (self.values if self.values is not None else self._unfold()).frombytes(values.tobytes())
+
+    def _unfold(self) -> array[float]:
+        self.values = array("d", [self.first]) * self.count
+        return self.values
+
+    def read(self) -> Array:
+        if self.values is None:
+            return np.full(self.count, self.first)
+        return np.array(self.values, dtype=np.float64)
+
+
+class _Group:
+    """Sources that share their stamps, because one message brings them."""
+
+    __slots__ = ("columns", "stamps")
+
+    def __init__(self, values: Iterable[float]) -> None:
+        self.stamps = array("d")
+        self.columns = [_Column(v) for v in values]
+
+
 @dataclass(eq=False)
 class Tape:
     """One vehicle from one boot to the next; times [s] since that boot.
@@ -61,6 +119,8 @@ class Tape:
     name : of the file. vehicle : in words. firmware : its profile, None when unknown.
     parameters : last recorded value of each. texts, modes, arming : what was said or became so, with its time.
     clock : whose stamps these are. late : samples left out because they came after younger ones.
+    absurd : samples left out because they were no number, or one that no craft can have (see :data:`LIMITS`).
+    dated_by_arrival : sources whose messages carry no stamp: dated by when they came.
     """
 
     name: str
@@ -72,34 +132,95 @@ class Tape:
     arming: list[tuple[float, bool]] = field(default_factory=list)
     texts: list[tuple[float, str]] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
+    dated_by_arrival: set[str] = field(default_factory=set)
     late: int = 0
-    _samples: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
+    absurd: int = 0
+    _groups: dict[tuple[str, ...], _Group] = field(default_factory=dict)
+    _limits: dict[tuple[str, ...], list[float]] = field(default_factory=dict)
 
     def take(self, t: float, values: Mapping[str, float]) -> None:
-        """Add samples stamped *t*; one older than the last of its source is counted and left out."""
-        for name, value in values.items():
-            stamps, column = self._samples.setdefault(name, ([], []))
-            if stamps and t < stamps[-1]:
-                self.late += 1
-                continue
-            stamps.append(t)
+        """Add samples stamped *t* [s]; one older than the last of its kind is counted and left out."""
+        if not values:
+            return
+        names = tuple(values)
+        group = self._groups.get(names)
+        if group is None:
+            group = self._groups[names] = _Group(values.values())
+            self._limits[names] = _limits(names)
+        if group.stamps and t < group.stamps[-1]:
+            self.late += 1
+            return
+        if not all(-most <= v <= most for v, most in zip(values.values(), self._limits[names], strict=True)):
+            self.absurd += 1
+            return
+        group.stamps.append(t)
+        for column, value in zip(group.columns, values.values(), strict=True):
             column.append(value)
 
+    def take_all(self, t: Array, values: Mapping[str, Array]) -> None:
+        """Add many samples at once. t : (n,) stamps [s]; values : source -> (n,)."""
+        names = tuple(values)
+        columns = [np.asarray(v, dtype=np.float64) for v in values.values()]
+        believable = np.isfinite(t)
+        for column, most in zip(columns, _limits(names), strict=True):
+            believable &= np.abs(column) <= most  # also false for NaN
+        self.absurd += int(np.sum(~believable))
+        t = t[believable]
+        columns = [c[believable] for c in columns]
+        if not len(t):
+            return
+        group = self._groups.get(names)
+        if group is None:
+            group = self._groups[names] = _Group([float(c[0]) for c in columns])
+            self._limits[names] = _limits(names)
+        newest = np.maximum.accumulate(t)
+        if group.stamps:
+            newest = np.maximum(newest, group.stamps[-1])
+        in_order = t >= newest
+        self.late += int(np.sum(~in_order))
+        group.stamps.frombytes(t[in_order].tobytes())
+        for target, column in zip(group.columns, columns, strict=True):
+            target.extend(column[in_order])
+
     def __contains__(self, source: object) -> bool:
-        return source in self._samples
+        return any(source in names and group.stamps for names, group in self._groups.items())
 
     def series(self, source: str) -> tuple[Array, Array]:
         """Return stamps and values of a source, both empty when the log has none of it."""
-        stamps, column = self._samples.get(source, ([], []))
-        return np.array(stamps, dtype=np.float64), np.array(column, dtype=np.float64)
+        found = [
+            (np.array(group.stamps, dtype=np.float64), group.columns[names.index(source)].read())
+            for names, group in self._groups.items()
+            if source in names
+        ]
+        if len(found) == 1:
+            return found[0]
+        if not found:
+            return np.empty(0), np.empty(0)
+        t = np.concatenate([f[0] for f in found])
+        order = np.argsort(t, kind="stable")
+        return t[order], np.concatenate([f[1] for f in found])[order]
 
     def numbered(self, source: str) -> list[int]:
         """Return the numbers *n* of all sources called ``source.n``, in order."""
         prefix = source + "."
-        return sorted(int(n.removeprefix(prefix)) for n in self._samples if n.startswith(prefix))
+        every = {n for names, group in self._groups.items() if group.stamps for n in names}
+        return sorted(int(n.removeprefix(prefix)) for n in every if n.startswith(prefix))
 
     @property
     def span(self) -> tuple[float, float]:
         """First and last stamp [s]; (0, 0) when there is nothing."""
-        ends = [(s[0], s[-1]) for s, _ in self._samples.values() if s]
+        ends = [(g.stamps[0], g.stamps[-1]) for g in self._groups.values() if g.stamps]
         return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 0.0)
+
+    def silences(self, longest: float) -> list[tuple[float, float]]:
+        """Return the stretches [s] longer than *longest* in which no source at all has a sample."""
+        groups = [np.array(g.stamps, dtype=np.float64) for g in self._groups.values() if g.stamps]
+        if not groups:
+            return []
+        t = np.unique(np.concatenate(groups))
+        at = np.flatnonzero(np.diff(t) > longest)
+        return [(float(t[i]), float(t[i + 1])) for i in at]
+
+
+def _limits(names: Iterable[str]) -> list[float]:
+    return [LIMITS.get(name.rpartition(".")[2], LARGEST) for name in names]

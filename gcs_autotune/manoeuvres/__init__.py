@@ -4,7 +4,8 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns obser
 :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
 What to use when: ``relay`` to identify one degree of freedom in a few oscillations; ``step`` to prove a
-closed loop; ``throttle-steps`` to identify a boat's surge; ``turn-about`` to bring a boat back between two of them.
+closed loop; ``throttle-steps`` to identify a boat's surge; ``turn-about`` to bring a boat back between two of them;
+``dive`` to take an ROV off the surface.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
@@ -24,6 +26,8 @@ __all__ = [
     "GUARDS",
     "LEVELS",
     "MANOEUVRES",
+    "Dive",
+    "DiveSettings",
     "Ending",
     "Envelope",
     "Flown",
@@ -47,5 +51,6 @@ MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
     "step": Step,
     "throttle-steps": ThrottleSteps,
     "turn-about": TurnAbout,
+    "dive": Dive,
 }
 """Name -> manoeuvre (built from its settings); adding one is one file and one line."""

@@ -19,7 +19,8 @@ class Envelope:
     ``heading_excursion`` and ``depth_excursion`` count from where the manoeuvre started, ``distance`` from where
     the whole visit did; ``depth_min`` and
     ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining`` [0..1] are lower
-    limits; ``time`` bounds one manoeuvre.
+    limits; ``time`` bounds one manoeuvre. ``speed`` and ``distance`` None: 4 m/s and 300 m, or what going at
+    ``cruise`` [m/s] takes where that is more.
     Defaults are chosen for boats and ROVs of up to a few metres in a few boat lengths of free water.
     """
 
@@ -27,13 +28,24 @@ class Envelope:
     depth_min: float = 0.0
     depth_max: float = math.inf
     depth_excursion: float = 3.0
-    speed: float = 4.0
-    distance: float = 300.0
+    speed: float | None = None
+    distance: float | None = None
     roll: float = math.radians(45.0)
     pitch: float = math.radians(45.0)
     battery_voltage: float = 0.0
     battery_remaining: float = 0.1
     time: float = 600.0
+    cruise: float = 0.0
+
+    @property
+    def speed_limit(self) -> float:
+        """Return the speed over ground [m/s] not to be exceeded; a boat sent to its cruise overshoots it a little."""
+        return max(4.0, 1.5 * self.cruise) if self.speed is None else self.speed
+
+    @property
+    def distance_limit(self) -> float:
+        """Return the distance from the start [m] not to be exceeded: 100 s of going straight ahead, at least 300 m."""
+        return max(300.0, 100.0 * self.cruise) if self.distance is None else self.distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +80,8 @@ GUARDS: tuple[Guard, ...] = (
     Guard("depth excursion", "m", lambda e, a, o: (abs(o.z - a.z), e.depth_excursion)),
     Guard("greatest depth", "m", lambda e, a, o: (o.z, e.depth_max)),
     Guard("least depth", "m", lambda e, a, o: (o.z, e.depth_min) if e.depth_min > 0.0 else None, below=True),
-    Guard("speed", "m/s", lambda e, a, o: (o.speed, e.speed)),
-    Guard("distance from start", "m", lambda e, a, o: (_distance(a, o), e.distance)),
+    Guard("speed", "m/s", lambda e, a, o: (o.speed, e.speed_limit)),
+    Guard("distance from start", "m", lambda e, a, o: (_distance(a, o), e.distance_limit)),
     Guard("roll", "rad", lambda e, a, o: (abs(o.phi), e.roll)),
     Guard("pitch", "rad", lambda e, a, o: (abs(o.theta), e.pitch)),
     Guard("battery voltage", "V", lambda e, a, o: (o.battery_voltage, e.battery_voltage), below=True),

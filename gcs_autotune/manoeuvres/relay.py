@@ -23,8 +23,17 @@ from gcs_autotune.watch import Progress
 
 __all__ = ["Relay", "RelaySettings"]
 
+ENOUGH_TO_TELL = 2
+"""Chosen: proper periods after which it is clear how quick an oscillation is."""
+
+WIDEST_STEP = 3.0
+"""Chosen: a relay is not widened by more than this at once, whatever the link would like."""
+
 LEAST_MOMENTUM = 5.0
 """Chosen [s]: no craft is said to drift against the relay sooner than this after a switching."""
+
+LEAST_TICKS = 5.0
+"""Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +52,7 @@ class RelaySettings:
     unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
         given is widened by ``growth``, so many times at most.
     patience : longest time without a switching [s].
+    least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
     """
 
     signal: str
@@ -62,6 +72,7 @@ class RelaySettings:
     unsettled_periods: int = 10
     most_widenings: int = 2
     patience: float = 30.0
+    least_period: float = 0.0
 
 
 class Relay:
@@ -90,7 +101,7 @@ class Relay:
         self._first_half = self._extreme = math.nan
         self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
         self._integral = 0.0
-        self._last_t = math.nan
+        self._last_t = self._last_tick = self._tick = math.nan
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -118,6 +129,7 @@ class Relay:
     def update(self, observation: Observation) -> Command:
         """Drive the relay."""
         x = self._watched(observation)
+        self._time_ticks(observation.t)
         if not self._lead_in.done:
             self._lead_in.update(observation.t, x, observation.speed)
             return self._command(0.0, observation)
@@ -149,6 +161,13 @@ class Relay:
             scatter=state.cycle.scatter if state.cycle is not None else math.nan,
             age=observation.age,
         )
+
+    def _time_ticks(self, t: float) -> None:
+        """Keep the mean time between control ticks, of about the last twenty."""
+        if math.isfinite(self._last_tick):
+            last = t - self._last_tick
+            self._tick = last if math.isnan(self._tick) else self._tick + 0.05 * (last - self._tick)
+        self._last_tick = t
 
     def _watched(self, observation: Observation) -> float:
         if self._settings.signal != "x":
@@ -183,6 +202,13 @@ class Relay:
     def _judge(self, t: float, x: float) -> None:
         s = self._settings
         state = self._monitor.update(t, x, self._high)
+        if (
+            state.periods >= ENOUGH_TO_TELL
+            and state.cycle is not None
+            and state.cycle.T_H + state.cycle.T_L < s.least_period
+        ):
+            self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
+            return
         if state.settled:
             self.outcome = Outcome("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
             return
@@ -193,10 +219,12 @@ class Relay:
             self._grow(t, self._overwhelmed() if self._switched_once else self._wrong_way())
         elif t - self._last_switch > s.patience:
             self._grow(t, self._no_oscillation())
+        elif self._improper_periods >= 2 and self._outruns_the_ticks():
+            self._widen(t, s.growth) if self._may_widen() else self._give_up(self._too_fast())
         elif self._improper_periods >= 2:
             self._grow(t, self._improper())
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
-            self._widen(t)
+            self._widen(t, s.growth)
         elif state.switchings >= 2 * s.most_periods:
             self.outcome = Outcome("aborted", self._never_settled())
 
@@ -213,13 +241,28 @@ class Relay:
         sign = 1.0 if self._high else -1.0
         self._marks.append(Mark(t, "switch", {s.force: sign * self._output}))
 
+    def _give_up(self, reason: str) -> None:
+        self.outcome = Outcome("aborted", reason)
+
+    def _outruns_the_ticks(self) -> bool:
+        """Whether the craft swings through the hysteresis within a few control ticks: a larger relay makes it worse."""
+        cycle = self._monitor.state.cycle
+        return cycle is not None and 0.5 * (cycle.T_H + cycle.T_L) < LEAST_TICKS * self._tick
+
     def _may_widen(self) -> bool:
         return self._settings.hysteresis is None and self._widenings < self._settings.most_widenings
 
-    def _widen(self, t: float) -> None:
+    def _slow_down(self, t: float, period: float) -> None:
+        """The link cannot carry an oscillation of this *period* [s]: make it wider and so slower, or give up."""
+        if self._may_widen():
+            self._widen(t, min(max(self._settings.least_period / period, self._settings.growth), WIDEST_STEP))
+        else:
+            self.outcome = Outcome("aborted", self._link_too_slow(period))
+
+    def _widen(self, t: float, factor: float) -> None:
         """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
         self._widenings += 1
-        self._hysteresis *= self._settings.growth
+        self._hysteresis *= factor
         self._improper_periods = 0
         self._reset_monitor()
         self._marks.append(Mark(t, "widen", {"x_a": self._hysteresis}))
@@ -252,6 +295,13 @@ class Relay:
             "a larger --relay-output or --relay-hysteresis"
         )
 
+    def _link_too_slow(self, period: float) -> str:
+        return (
+            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
+            f"quicker than {self._settings.least_period:.2f} s tells about the craft rather than about the link's "
+            "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
+        )
+
     def _wrong_way(self) -> str:
         return (
             f"{self._output:.2f} of full {self._settings.force} output moved {self._settings.signal} the wrong way: "
@@ -271,6 +321,13 @@ class Relay:
             f"no self-oscillation at relay output {self._output:.2f}: the craft did not cross the hysteresis within "
             f"{self._settings.patience:.0f} s. Check that the actuator moves it, or give a larger --relay-output or a "
             "smaller --relay-hysteresis"
+        )
+
+    def _too_fast(self) -> str:
+        return (
+            f"the craft swings through the hysteresis within {LEAST_TICKS:g} control ticks of {self._tick:.2f} s at "
+            f"relay output {self._output:.2f}: the relay cannot follow it. Give a higher --control-rate, a larger "
+            "--relay-hysteresis or a smaller --relay-output"
         )
 
     def _improper(self) -> str:

@@ -154,6 +154,7 @@ def _put_back(craft: Craft, found: Observation) -> dict[str, str]:
     if not found.armed:
         steps.append(("armed state", craft.disarm))
     steps.append(("mode", lambda: craft.set_mode(found.mode)))
+    steps.append(("overrides", craft.release))
     for what, act in steps:
         try:
             act()

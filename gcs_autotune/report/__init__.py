@@ -11,6 +11,7 @@ from __future__ import annotations
 from gcs_autotune.report.diagnosis_page import render_diagnosis
 from gcs_autotune.report.diagnosis_terminal import diagnosis_summary, effects_list, effects_to_dict
 from gcs_autotune.report.live import TerminalWatcher
+from gcs_autotune.report.log_survey import log_summary
 from gcs_autotune.report.run_directory import summarise, write_story
 from gcs_autotune.report.ship_sheet import sheets_summary
 from gcs_autotune.report.stages import StageBar
@@ -33,6 +34,7 @@ __all__ = [
     "effects_list",
     "effects_to_dict",
     "fit_summary",
+    "log_summary",
     "render_diagnosis",
     "render_study",
     "sheets_summary",

@@ -13,10 +13,18 @@ from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["axis_of", "come_aboard", "connect", "telemetry_rates"]
+__all__ = ["TWITCHING", "axis_of", "come_aboard", "connect", "say_link_times", "telemetry_rates"]
+
+TWITCHING = "twitch the steering by 5 %, without thrust, to see that it obeys and how late"
+"""What arming brings with it, for announcements."""
 
 SERVO_RATE = 40.0
 """Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
+
+
+CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
+"""Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
+half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
@@ -30,7 +38,7 @@ def connect(
 ) -> Iterator[Session]:
     """Open the link and find the vehicle; the link is closed on every way out."""
     with connection.open() as transport:
-        watcher.say(f"link: {transport.description}")
+        watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         with Session(
             transport,
             source_system=connection.source_system or 255,
@@ -44,17 +52,32 @@ def connect(
 
 @contextmanager
 def come_aboard(
-    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory, control_rate: float
+    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory, control_rate: float | None
 ) -> Iterator[MavlinkCraft]:
     """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates."""
     with connect(connection, operator, watcher, record) as session:
+        usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
+        control_rate = control_rate or usual
         craft = open_craft(session, wanted_rates=telemetry_rates(control_rate))
         try:
             for note in session.notes:
                 watcher.say(note)
             yield craft
         finally:
-            craft.rates.restore()
+            _leave(craft)
+
+
+def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:
+    """Say how late things are on the link of a craft just armed, and what that allows."""
+    watcher.say(f"link: {craft.link_times}; oscillations quicker than {craft.least_period:.1f} s cannot be flown")
+
+
+def _leave(craft: MavlinkCraft) -> None:
+    """Let go of the sticks, should a broken visit have left them in our hands, and put the message rates back."""
+    try:
+        craft.release()
+    finally:
+        craft.rates.restore()
 
 
 def axis_of(firmware: Firmware, name: str) -> Axis:

@@ -15,9 +15,10 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Sequencer, visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import come_aboard
-from gcs_autotune.workflow.experiments import relay_for, second_output, throttle_steps_for, turn_for
+from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
+from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for, turn_for
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
 from gcs_autotune.workflow.waiting import ask, think
@@ -52,7 +53,9 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         _announce(settings, craft, operator, watcher, craft.observe())
         with visit(craft, watcher):
+            make_ready(craft, watcher)
             craft.arm()
+            say_link_times(craft, watcher)
             trials = _fly(settings, dof, craft, watcher, record)
             delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
             surge = dof == "surge" and craft.firmware.kind == "boat"
@@ -68,22 +71,28 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
 
 def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory) -> list[Trial]:
     cruise = _cruise(settings, dof, craft)
-    settings = replace(settings, speed=cruise.speed)
+    settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
     sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
     if dof == "surge" and craft.firmware.kind == "boat":
         return [_swing(sequencer, settings, craft, cruise, n) for n in range(2)]
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
+    dive = dive_for(dof, craft.firmware.kind, craft.observe())
+    if dive is not None:
+        flown = sequencer.fly(dive, "diving")
+        if flown.outcome.ending == "aborted":
+            raise NotAchieved(f"diving: {flown.outcome.reason}")
     for name in ("relay-1", "relay-2"):
         turn = turn_for(craft.firmware.kind, cruise.throttle)
         if trials and turn is not None:
             sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
-        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name)
+        least = craft.least_period
+        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name, least_period=least)
         flown = sequencer.fly(relay, name)
         if flown.outcome.ending == "aborted":
             raise NotAchieved(f"{name}: {flown.outcome.reason}")
         trials.append(flown.trial)
-        output = second_output(float(flown.trial.meta["C"]), room)
+        output = second_output(flown.trial, room)
     return trials
 
 
@@ -121,10 +130,15 @@ def _announce(
     settings: TuneSettings, craft: MavlinkCraft, operator: Operator, watcher: Watcher, now: Observation
 ) -> None:
     armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
+    dive = dive_for(EXPERIMENTS[settings.axis], craft.firmware.kind, now)
+    modes, down = f"mode {craft.firmware.manual_mode}", ""
+    if dive is not None:
+        modes = f"modes {craft.firmware.hold_mode} and {craft.firmware.manual_mode}"
+        down = f"dive to {dive.settings['depth']:g} m, then "
     for text in (
-        armed,
-        f"use the mode {craft.firmware.manual_mode}, and go back to {now.mode} at the end",
-        f"move: two {_kind(settings, craft)} experiments in {settings.axis}",
+        f"{armed}; {TWITCHING}",
+        f"use the {modes}, and go back to {now.mode} at the end",
+        f"move: {down}two {_kind(settings, craft)} experiments in {settings.axis}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")

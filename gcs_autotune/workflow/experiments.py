@@ -9,11 +9,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import quantum
 from gcs_autotune.manoeuvres import (
     LEVELS,
+    Dive,
+    DiveSettings,
     Relay,
     RelaySettings,
     ThrottleSteps,
@@ -32,6 +35,7 @@ CALMED: Mapping[str, float] = {"u": 0.5}
 """Signals so noisy that a step is measured through a centred mean of so many seconds."""
 
 __all__ = [
+    "dive_for",
     "measure",
     "noise_in",
     "relay_for",
@@ -59,10 +63,20 @@ def throttle_steps_for(throttle: float, number: int, name: str) -> ThrottleSteps
     return ThrottleSteps(ThrottleStepsSettings(throttle, LEVELS[number % len(LEVELS)]), name)
 
 
-def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, output: float | None, name: str) -> Relay:
+def relay_for(
+    settings: TuneSettings,
+    dof: str,
+    kind: str,
+    throttle: float,
+    output: float | None,
+    name: str,
+    *,
+    least_period: float = 0.0,
+) -> Relay:
     """Return a relay experiment on *dof* for a *kind* of craft (``boat``, ``rov``).
 
-    *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest.
+    *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest. ``least_period``
+    [s] is that of the quickest oscillation that the link can carry.
     """
     d = DEFAULTS[dof]
     return Relay(
@@ -77,6 +91,7 @@ def relay_for(settings: TuneSettings, dof: str, kind: str, throttle: float, outp
             first_output=0.3 if d.signal != "x" else min(0.3, 0.9 - abs(throttle)),
             keep_still=kind == "rov",
             least_hysteresis=d.least_hysteresis,
+            least_period=least_period,
         ),
         name,
     )
@@ -87,9 +102,34 @@ def turn_for(kind: str, throttle: float) -> TurnAbout | None:
     return TurnAbout(TurnAboutSettings(throttle)) if kind == "boat" else None
 
 
-def second_output(first: float, room: float = 0.9) -> float:
-    """Return the relay output of the second experiment: as different as there is *room* for (thesis 7.1)."""
-    return min(2.0 * first, room) if first <= room / 1.5 else 0.5 * first
+def second_output(first: Trial, room: float = 0.9) -> float:
+    """Return the relay output of the second experiment: as different as there is *room* for (thesis 7.1).
+
+    Smaller than that of the *first* where there is no room above it, or where a larger one would swing the craft
+    faster than the relay can follow tick by tick.
+    """
+    C = float(first.meta["C"])
+    return min(2.0 * C, room) if C <= room / 1.5 and not _is_hasty(first) else 0.5 * C
+
+
+def _is_hasty(relay: Trial) -> bool:
+    """Whether half a period of *relay* is over within ten of the ticks it was controlled at."""
+    switches = [m.t for m in relay.marks if m.kind == "switch"]
+    ticks = np.diff(relay["psi"].t)
+    if len(switches) < 3 or not len(ticks):
+        return False
+    return bool(np.median(np.diff(switches)) < 10.0 * np.median(ticks))
+
+
+WORKING_DEPTH, SHALLOW = 1.5, 1.0
+"""Chosen [m]: where depth is tuned when the craft is found above the second, at the surface or nearly so."""
+
+
+def dive_for(dof: str, kind: str, now: Observation) -> Dive | None:
+    """Return what takes an ROV off the surface before its depth is swung; None when it need not."""
+    if kind != "rov" or dof != "heave" or not now.z < SHALLOW:
+        return None
+    return Dive(DiveSettings(WORKING_DEPTH))
 
 
 def resolution(trial: Trial) -> float:

@@ -23,15 +23,16 @@ class Connection:
     system_id: int | None = None
     source_system: int | None = None
     seed: int | None = 1
+    backend: str = "pymavlink"
 
     def open(self) -> Transport:
         """Open the link.
 
         Raises
         ------
-        CannotOpenLink, UnknownName
+        CannotOpenLink, UsageError, UnknownName
         """
-        return open_link(self.uri, baud=self.baud, seed=self.seed)
+        return open_link(self.uri, baud=self.baud, seed=self.seed, backend=self.backend)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,8 @@ class TuneSettings:
 
     ``step`` [rad or m], ``step_duration`` [s] each way, ``relay_output`` fraction of full output,
     ``relay_hysteresis`` [rad or m], ``throttle`` fraction and ``speed`` [m/s] for boats, ``model`` the model
-    function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz]. ``given``: a model
+    function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz] (None: 25, or 10 in
+    simulated time). ``given``: a model
     to design from, instead of experiments; ``full_scale`` its input at full output, when that is in newtons or rad.
     """
 
@@ -61,7 +63,7 @@ class TuneSettings:
     given: ModelFile | None = None
     full_scale: float | None = None
     dry_run: bool = False
-    control_rate: float = 10.0
+    control_rate: float | None = None
     envelope: Envelope = field(default_factory=Envelope)
 
 

@@ -30,6 +30,7 @@ class Tale:
         self._trials: list[Trial] = []
         self._vehicle: dict[str, object] = {"link": settings.connection.uri}
         self._rates: dict[str, tuple[float, float]] = {}
+        self._craft: MavlinkCraft | None = None
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "it never got under way"
         self.fit: AxisFit | None = None
@@ -52,6 +53,7 @@ class Tale:
 
     def meet(self, craft: MavlinkCraft) -> None:
         """Note which vehicle it is and how fast it talks."""
+        self._craft = craft
         transport, vehicle = craft.session.transport, craft.session.vehicle
         self._vehicle = {
             **({"name": str(vehicle), **vehicle.to_dict()} if vehicle is not None else {}),
@@ -100,7 +102,7 @@ class Tale:
         return TuneStory(
             title=f"tune {s.axis}",
             when=self._when,
-            vehicle=self._vehicle,
+            vehicle={**self._vehicle, **self._link_times()},
             axis=s.axis,
             announced=self._announced,
             rates=self._rates,
@@ -121,6 +123,13 @@ class Tale:
             reason=self._reason,
             directory=str(s.directory),
         )
+
+    def _link_times(self) -> dict[str, object]:
+        """Return how late things were on the link, as one sentence and as numbers [s]."""
+        if self._craft is None:
+            return {}
+        times = self._craft.link_times
+        return {"link_times": str(times), "link_seconds": times.to_dict()}
 
     def _relays(self) -> list[Trial]:
         return [t for t in self._trials if t.name.startswith(("relay", "throttle"))]

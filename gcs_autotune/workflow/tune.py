@@ -17,7 +17,8 @@ from gcs_autotune.design import Actuator, Proposal, Reduction, Spec, design, des
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.reduction import Remark
-from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped
+from gcs_autotune.errors import AutotuneError, NotAchieved, NotAsFound, OperatorStopped, ParameterMissing
+from gcs_autotune.firmware import read_named
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.identify.surge import CURVE, fit_surge, square_of
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
@@ -26,8 +27,9 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import axis_of, come_aboard
+from gcs_autotune.workflow.aboard import TWITCHING, axis_of, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import (
+    dive_for,
     measure,
     noise_in,
     relay_for,
@@ -40,6 +42,7 @@ from gcs_autotune.workflow.experiments import (
 from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.proof import Known, Proof, proof_about_rest, proof_of_speed, proof_of_turn_rate
+from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.tale import Tale
@@ -83,7 +86,7 @@ class _Tuner:
         self._craft = craft
         self._axis = axis_of(craft.firmware, settings.axis)
         self._law = lookup(LAWS, self._axis.law, "control law")
-        self._sequencer = Sequencer(craft, settings.envelope, tale, self._keep)
+        self._envelope = settings.envelope
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
 
@@ -91,9 +94,12 @@ class _Tuner:
         """Everything between coming aboard and leaving."""
         tale = self._tale
         tale.meet(self._craft)
-        present = self._read_parameters()
-        tale.parameters_before = present
-        tale.say(f"present parameters saved to {self._record.save_parameters('before', present)}")
+        own = self._read_parameters()
+        tale.parameters_before = own
+        present = self._axis.names.to_canonical(own)
+        self._envelope = replace(self._envelope, cruise=speed_for(self._settings, self._axis, present)[1])
+        self._sequencer = Sequencer(self._craft, self._envelope, tale, self._keep)
+        tale.say(f"present parameters saved to {self._record.save_parameters('before', own)}")
         self._announce(self._craft.observe())
         try:
             self._visit(present)
@@ -107,7 +113,9 @@ class _Tuner:
         try:
             with visit(self._craft, self._tale) as found:
                 journal = self._open_journal(found)
+                make_ready(self._craft, self._tale)
                 self._craft.arm()
+                say_link_times(self._craft, self._tale)
                 self._on_the_water(present, journal)
         except NotAsFound:
             as_found = False
@@ -119,6 +127,9 @@ class _Tuner:
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale
         throttle, speed = speed_for(self._settings, self._axis, present)
+        dive = dive_for(self._axis.dof, self._craft.firmware.kind, self._craft.observe())
+        if dive is not None:
+            self._fly(dive, "diving")
         fit: AxisFit | None = None
         if self._law.controls_velocity:
             if self._given is None:
@@ -176,10 +187,11 @@ class _Tuner:
             return self._identify_surge(throttle)
         s, tale = self._settings, self._tale
         kind = self._craft.firmware.kind
-        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1")
+        least = self._craft.least_period
+        relay = relay_for(s, self._axis.dof, kind, throttle, s.relay_output, "relay-1", least_period=least)
         self._come_about(throttle)
         first = self._fly(relay, "first self-oscillation").trial
-        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(float(first.meta["C"])), "relay-2")
+        relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2", least_period=least)
         self._come_about(throttle)
         second = self._fly(relay, "second self-oscillation").trial
         tale.say("identifying")
@@ -237,7 +249,7 @@ class _Tuner:
             step_duration=flown.duration,
             noise_std=self._noise,
             quantum=grain,
-            noise_bandwidth=0.5 * s.control_rate,
+            noise_bandwidth=0.5 * self._craft.rates.granted["ATTITUDE"].granted,
             measured=proof.measured,
             skid=self._craft.skid,
         )
@@ -278,7 +290,7 @@ class _Tuner:
         """Turn a boat round, so that it does not run away in one direction."""
         turn = turn_for(self._craft.firmware.kind, throttle)
         if turn is not None:
-            free = replace(self._settings.envelope, heading_excursion=math.inf)
+            free = replace(self._envelope, heading_excursion=math.inf)
             self._sequencer.fly(turn, "turning about", free)
 
     def _keep(self, trial: Trial) -> None:
@@ -296,19 +308,27 @@ class _Tuner:
         )
 
     def _read_parameters(self) -> dict[str, float]:
-        parameters, axis = self._craft.parameters, self._axis
-        values = parameters.read_all([gain.parameter for gain in axis.gains])
-        context = parameters.read_existing(axis.context)
-        missing = [name for name in axis.context if name not in context]
+        """Return the axis' parameters under the vehicle's own names, and learn those."""
+        wanted = [*(gain.parameter for gain in self._axis.gains), *self._axis.context]
+        names, found = read_named(self._craft.parameters, wanted)
+        missing = [name for name in wanted if names.own(name) not in found]
+        gains = [gain.parameter for gain in self._axis.gains if gain.parameter in missing]
+        if gains:
+            raise ParameterMissing(
+                f"{self._craft.session.vehicle} has no parameter {', '.join(gains)}, nor under any newer name we know; "
+                "its firmware is older, newer or built without that feature",
+                name=gains[0],
+            )
         if missing:
             self._tale.say(f"this firmware has no {', '.join(missing)}; the design does without")
-        return {**values, **context}
+        self._axis = self._axis.called(names)
+        return found
 
     def _read_again(self) -> None:
         """Read the parameters once more, whatever happened: the proof of what the vehicle holds now."""
         try:
             with self._craft.shielded():
-                after = self._read_parameters()
+                after = self._craft.parameters.read_existing(self._tale.parameters_before)
         except AutotuneError as error:
             self._tale.say(f"the parameters could not be read again: {error}")
         else:
@@ -320,17 +340,20 @@ class _Tuner:
         step = s.step if s.step is not None else d.step
         shown = f"{math.degrees(step):.0f} deg " if d.signal == "psi" else f"{step:g} m "
         shown = "" if self._law.controls_velocity else shown
-        _, speed = speed_for(s, axis, self._tale.parameters_before)
+        _, speed = speed_for(s, axis, axis.names.to_canonical(self._tale.parameters_before))
         room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
         under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
-        gains = ", ".join(g.parameter for g in axis.gains)
+        gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
+        dive = dive_for(axis.dof, firmware.kind, now)
+        down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
         kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {DOF_NAMES[axis.dof]}"
         swings = f" and {kind}" if self._given is None else ""
         self._tale.announce(
             (
-                "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end",
+                ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
+                + f"; {TWITCHING}",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-                f"move: {shown}steps in {axis.name}{swings}{under_way}",
+                f"move: {down}{shown}steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
                 if s.dry_run
                 else f"write some of {gains}, after asking again; the old values come back unless the new prove better",

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import struct
-import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["Definition", "ParameterStore", "ReadOnlyParameter", "parse_table"]
+__all__ = ["Definition", "ParameterStore", "ReadOnlyParameter", "parse_table", "stored"]
 
 _FLOAT = 9
 _TYPES: Mapping[str, int] = {"i8": 2, "i16": 4, "i32": 6, "f32": _FLOAT}
@@ -42,7 +41,8 @@ def _as_float32(value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
-def _store(kind: int, value: float) -> float:
+def stored(kind: int, value: float) -> float:
+    """Return *value* as a parameter of that MAV_PARAM_TYPE holds it."""
     if kind == _FLOAT:
         limit = 3.4028234e38
         return _as_float32(max(-limit, min(limit, value)))
@@ -62,9 +62,8 @@ class ParameterStore:
         self._definitions = {d.name: d for d in ordered}
         self._index = {d.name: k for k, d in enumerate(ordered)}
         self._names = tuple(self._definitions)
-        self.values: dict[str, float] = {d.name: _store(d.kind, d.default) for d in ordered}
+        self.values: dict[str, float] = {d.name: stored(d.kind, d.default) for d in ordered}
         self.version = 0
-        self.on_change: Callable[[str, float], None] | None = None
 
     def __len__(self) -> int:
         return len(self._names)
@@ -103,18 +102,20 @@ class ParameterStore:
         if not math.isfinite(value):
             return False
         self.preset(name, value)
-        if self.on_change is not None:
-            self.on_change(name, self.values[name])
         return True
 
     def preset(self, name: str, value: float) -> None:
         """Set a value from inside: defaults of a vehicle, a memory read at boot. ``KeyError`` when unknown."""
-        self.values[name] = _store(self._definitions[name].kind, value)
+        self.values[name] = stored(self._definitions[name].kind, value)
         self.version += 1
 
-    def hash(self) -> int:
-        """Return a 24-bit check sum of all names and values (24 bits survive the float of a PARAM_VALUE)."""
-        state = 0
-        for name in self._names:
-            state = zlib.crc32(name.encode() + struct.pack("<f", self.values[name]), state)
-        return state & 0xFFFFFF
+    def preset_exact(self, name: str, value: float) -> None:
+        """Set a value that is stored elsewhere, in another unit: it is not rounded to the type here."""
+        if name not in self.values:
+            raise KeyError(name)
+        self.values[name] = value
+        self.version += 1
+
+    def is_read_only(self, name: str) -> bool:
+        """Whether only the firmware may change *name*."""
+        return self._definitions[name].read_only

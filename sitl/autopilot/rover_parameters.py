@@ -62,6 +62,12 @@ LOIT_TYPE         i8  0
 MANUAL_OPTIONS    i32 0
 MANUAL_STR_EXPO   f32 0
 MODE_CH           i8  8
+RCMAP_FORWARD     i8  6
+RCMAP_LATERAL     i8  7
+RCMAP_PITCH       i8  2
+RCMAP_ROLL        i8  1
+RCMAP_THROTTLE    i8  3
+RCMAP_YAW         i8  4
 MODE1             i8  0
 MODE2             i8  0
 MODE3             i8  11

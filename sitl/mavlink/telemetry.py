@@ -26,6 +26,8 @@ _FIRMWARE_VERSION = 4 << 24 | 7 << 16
 """4.7.0, development: parameter names are those of mid-2025."""
 _CAPABILITIES = 2 | 4 | 8 | 64 | 128 | 256 | 8192
 """Float parameters, MISSION_INT, COMMAND_INT, attitude target, local and global position target, MAVLink 2."""
+_ESTIMATOR_ALIGNED, _ESTIMATOR_READY = 167, 831
+"""EKF_STATUS_REPORT.flags of ArduRover 4.7 on its simulator: from 6 s after boot, and from its first position on."""
 _CUSTOM_MODE, _ARMED = 1, 128
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | 0x20 | 0x8000 | 0x2000000
@@ -105,6 +107,11 @@ def _water_pressure(vehicle: Vehicle) -> Message:
     return mavlink.MAVLink_scaled_pressure2_message(vehicle.ms, fit_float(pressure), 0.0, 2000)
 
 
+def _estimator(vehicle: Vehicle) -> Message:
+    flags = _ESTIMATOR_READY if vehicle.autopilot.position_ok else _ESTIMATOR_ALIGNED
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.05, 0.05, 0.05, 0.0)
+
+
 def _system_time(vehicle: Vehicle) -> Message:
     return mavlink.MAVLink_system_time_message(_EPOCH_US + vehicle.tick * 20_000, vehicle.ms)
 
@@ -134,6 +141,7 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: (_one(_rc_channels), 1.0),
     mavlink.MAVLINK_MSG_ID_VFR_HUD: (_one(_vfr_hud), 2.0),
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: (_one(_estimator), 1.0),
     mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
 }

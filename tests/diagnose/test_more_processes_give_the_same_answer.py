@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 
 from gcs_autotune.diagnose import diagnose
@@ -27,6 +29,14 @@ def test_results_come_in_order_and_progress_to_its_end() -> None:
         i * i for i in range(7)
     ]
     assert said == [(i, 7) for i in range(1, 8)]
+
+
+def test_processes_end_although_whoever_asked_for_them_catches_signals() -> None:
+    before = signal.signal(signal.SIGTERM, lambda number, frame: None)
+    try:
+        assert in_parallel(abs, 3, 2) == [0, 1, 2]
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_a_diagnosis_does_not_depend_on_the_number_of_processes() -> None:

@@ -28,6 +28,7 @@ def boat_parameters() -> dict[str, float]:
         "ATC_STR_RAT_P": 0.2,
     }
     parameters |= {"ATC_STR_RAT_I": 0.1, "ATC_STR_RAT_FF": 0.75, "CRUISE_THROTTLE": 30}
+    parameters |= {"RCMAP_ROLL": 1, "RCMAP_THROTTLE": 3, "RC_OPTIONS": 32, "SCHED_LOOP_RATE": 50, "INS_GYRO_FILTER": 0}
     for n in range(1, 9):
         parameters |= {f"RC{n}_{key}": value for key, value in RC.items()}
         parameters |= {f"SERVO{n}_{key}": value for key, value in SERVO.items()}
@@ -36,6 +37,9 @@ def boat_parameters() -> dict[str, float]:
 
 def rov_parameters() -> dict[str, float]:
     parameters: dict[str, float] = {"SYSID_MYGCS": 255, "RC_OVERRIDE_TIME": 3, "FRAME_CONFIG": 4, "PSC_POSZ_P": 3}
+    maps = {"PITCH": 1, "ROLL": 2, "THROTTLE": 3, "YAW": 4, "FORWARD": 5, "LATERAL": 6}
+    parameters |= {f"RCMAP_{name}": channel for name, channel in maps.items()}
+    parameters |= {"RC_OPTIONS": 0, "SCHED_LOOP_RATE": 400, "INS_GYRO_FILTER": 0}
     for n in range(1, 9):
         parameters |= {f"RC{n}_{key}": value for key, value in SUB_RC.items()}
         parameters[f"SERVO{n}_FUNCTION"] = 32 + n
@@ -64,6 +68,8 @@ class ScriptedVehicle:
         self.heard: list[Any] = []
         self.alive = True
         self.overrides: dict[int, tuple[int, float]] = {}
+        self.receiver: dict[int, int] | None = dict.fromkeys(range(1, 9), 1500)
+        self.rc = [1500] * 19
         self.servos = [1500] * 8
         self.psi, self.r, self.z = 3.0, 0.0, 0.0
         self.turn_rate = 0.5
@@ -140,6 +146,7 @@ class ScriptedVehicle:
             "GLOBAL_POSITION_INT": lambda: mavlink.MAVLink_global_position_int_message(
                 ms, 0, 0, 0, round(-self.z * 1000), 0, 0, 0, 0
             ),
+            "RC_CHANNELS": lambda: mavlink.MAVLink_rc_channels_message(ms, len(self.receiver or ()), *self.rc[1:], 255),
             "VFR_HUD": lambda: mavlink.MAVLink_vfr_hud_message(0.0, 1.25, 0, 0, 0.0, 0.0),
             "SYS_STATUS": lambda: mavlink.MAVLink_sys_status_message(
                 0, 0x10000000, 0x10000000, 0, 12600, 0, 87, 0, 0, 0, 0, 0, 0
@@ -163,6 +170,8 @@ class ScriptedVehicle:
     def _actuate(self) -> None:
         expiry = self.parameters["RC_OVERRIDE_TIME"]
         fresh = {n: pwm for n, (pwm, at) in self.overrides.items() if self.time - at < expiry}
+        for n in range(1, 19):
+            self.rc[n] = fresh.get(n, (self.receiver or {}).get(n, self.rc[n]))
         if not self.armed:
             fresh = {}
         if self.kind == BOAT:
@@ -185,6 +194,10 @@ class ScriptedVehicle:
                 self.overrides.pop(n, None)
             elif pwm != 65535:
                 self.overrides[n] = (pwm, self.time)
+
+    def _on_timesync(self, m: Any) -> None:
+        if not m.tc1:
+            self.send(mavlink.MAVLink_timesync_message(round(self.time * 1e9), m.ts1))
 
     def _on_param_request_read(self, m: Any) -> None:
         names = list(self.parameters)

@@ -138,7 +138,8 @@ def test_a_reversed_channel_is_driven_the_other_way(boat: ScriptedVehicle) -> No
     boat.parameters["RC1_REVERSED"] = 1
     session = Session(MemoryLink(boat))
     session.discover()
-    message = read_override_map(Parameters(session), ROVER).message(Actuate(N=0.5, X=0.5), 1, 1)
+    overrides = read_override_map(Parameters(session), ROVER)
+    message = overrides.message(overrides.values(Actuate(N=0.5, X=0.5)), 1, 1)
     assert (message.chan1_raw, message.chan3_raw) == (1500 - 265, 1500 + 265)
     assert {getattr(message, f"chan{n}_raw") for n in (2, 4, 5, 6, 7, 8)} == {65535}
     assert {getattr(message, f"chan{n}_raw") for n in range(9, 19)} == {0}
@@ -148,10 +149,10 @@ def test_a_rovs_throttle_is_up_and_z_is_down(rov: ScriptedVehicle) -> None:
     session = Session(MemoryLink(rov))
     session.discover()
     overrides = read_override_map(Parameters(session), SUB)
-    message = overrides.message(Actuate(Z=0.25, N=-0.5), 1, 1)
+    message = overrides.message(overrides.values(Actuate(Z=0.25, N=-0.5)), 1, 1)
     assert (message.chan3_raw, message.chan4_raw, message.chan5_raw) == (1400, 1300, 1500)
     release = overrides.release(1, 1)
-    assert [getattr(release, f"chan{n}_raw") for n in range(1, 9)] == [65535, 65535, 0, 0, 0, 0, 65535, 65535]
+    assert [getattr(release, f"chan{n}_raw") for n in range(1, 9)] == [0, 0, 0, 0, 0, 0, 65535, 65535]
 
 
 @pytest.mark.parametrize(("expiry", "words"), [(0, "ignores overrides"), (-1, "for ever")])

@@ -1,186 +1,26 @@
-"""Every transport passes the same back-to-back suite; then each one's own ways to fail."""
+"""Each transport's own ways to fail; what they have in common is in the suites test_every_link_*."""
 
 from __future__ import annotations
 
 import errno
 import os
-import pty
 import socket
 import subprocess
 import sys
-import tty
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
+import types
 
 import pytest
 import serial
+from link_ends import ECHO_CHILD, LOCAL, Echo, free_port
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.clock import Deadline
 from gcs_autotune.errors import CannotOpenLink, LinkLost, UnknownName, UsageError
-from gcs_autotune.link import TRANSPORTS, MemoryLink, Transport, open_link, serial_port
+from gcs_autotune.link import BACKENDS, TRANSPORTS, MemoryLink, mavsdk_link, open_link, returning, serial_port, udp
 from gcs_autotune.link import child as child_module
 from gcs_autotune.link.address import HostPort, parse_host_port
 from gcs_autotune.link.child import ChildLink
-from gcs_autotune.link.tcp import TcpIn
+from gcs_autotune.link.tcp import TcpOut
 from gcs_autotune.link.udp import UdpIn
-
-LOCAL = "127.0.0.1"
-ECHO_CHILD = str(Path(__file__).with_name("echo_child.py"))
-
-
-class Echo:
-    """A peer that sends back what it receives, at its next step."""
-
-    def __init__(self) -> None:
-        self._held = b""
-
-    def receive(self, data: bytes) -> None:
-        self._held += data
-
-    def advance_to(self, t: float) -> bytes:
-        held, self._held = self._held, b""
-        return held
-
-
-@dataclass
-class Ends:
-    """Our end, and what the other end receives and sends."""
-
-    ours: Transport
-    receive: Callable[[], bytes]
-    send: Callable[[bytes], object]
-    hang_up: Callable[[], object] | None = None
-
-
-def memory_ends() -> Iterator[Ends]:
-    ours = MemoryLink(Echo())
-    yield Ends(ours, lambda: ours.read(1.0), ours.write)
-
-
-def child_ends() -> Iterator[Ends]:
-    ours = ChildLink([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
-    yield Ends(ours, lambda: ours.read(1.0), ours.write, ours._child.kill)
-    ours.close()
-
-
-def udpin_ends() -> Iterator[Ends]:
-    ours = UdpIn(HostPort(LOCAL, 0))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs:
-        theirs.settimeout(5.0)
-        theirs.connect((LOCAL, ours.port))
-        theirs.send(b"hello")
-        assert ours.read(5.0) == b"hello"
-        yield Ends(ours, lambda: theirs.recv(1000), theirs.send)
-
-
-def udpout_ends() -> Iterator[Ends]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs:
-        theirs.settimeout(5.0)
-        theirs.bind((LOCAL, 0))
-        ours = open_link(f"udpout:{LOCAL}:{theirs.getsockname()[1]}")
-        ours.write(b"hello")
-        _, address = theirs.recvfrom(1000)
-        theirs.connect(address)
-        yield Ends(ours, lambda: theirs.recv(1000), theirs.send)
-
-
-def tcp_ends() -> Iterator[Ends]:
-    with socket.create_server((LOCAL, 0)) as server:
-        ours = open_link(f"tcp:{LOCAL}:{server.getsockname()[1]}")
-        theirs, _ = server.accept()
-        with theirs:
-            theirs.settimeout(5.0)
-            yield Ends(ours, lambda: theirs.recv(1000), theirs.sendall, theirs.close)
-
-
-def tcpin_ends() -> Iterator[Ends]:
-    ours = TcpIn(HostPort(LOCAL, 0))
-    with socket.create_connection((LOCAL, ours.port), timeout=5.0) as theirs:
-        theirs.sendall(b"hello")
-        assert ours.read(5.0) == b"hello"
-        yield Ends(ours, lambda: theirs.recv(1000), theirs.sendall, theirs.close)
-
-
-def serial_ends() -> Iterator[Ends]:
-    master, slave = pty.openpty()
-    tty.setraw(master)
-    tty.setraw(slave)
-    ours = open_link(f"{os.ttyname(slave)},57600")
-    os.close(slave)
-    is_open = True
-
-    def hang_up() -> None:
-        nonlocal is_open
-        is_open = False
-        os.close(master)
-
-    yield Ends(ours, lambda: os.read(master, 1000), lambda data: os.write(master, data), hang_up)
-    if is_open:
-        os.close(master)
-
-
-ENDS = {
-    "memory": memory_ends,
-    "child": child_ends,
-    "udpin": udpin_ends,
-    "udpout": udpout_ends,
-    "tcp": tcp_ends,
-    "tcpin": tcpin_ends,
-    "serial": serial_ends,
-}
-BREAKABLE = ["child", "tcp", "tcpin", "serial"]
-
-
-@pytest.fixture
-def ends(request: pytest.FixtureRequest) -> Iterator[Ends]:
-    made = ENDS[request.param]()
-    pair = next(made)
-    yield pair
-    pair.ours.close()
-    assert list(made) == []
-
-
-@pytest.mark.parametrize("ends", ENDS, indirect=True)
-class TestBackToBack:
-    def test_what_is_written_arrives_at_the_other_end(self, ends: Ends) -> None:
-        ends.ours.write(b"\xfd\x00\x0d\x0a\x03ping")
-        assert ends.receive() == b"\xfd\x00\x0d\x0a\x03ping"
-
-    def test_what_the_other_end_sends_is_read(self, ends: Ends) -> None:
-        ends.send(bytes(range(256)))
-        data, deadline = b"", Deadline.after(ends.ours.clock, 5.0)
-        while len(data) < 256 and not deadline.expired:
-            data += ends.ours.read(deadline.remaining)
-        assert data == bytes(range(256))
-
-    def test_a_read_with_nothing_to_read_ends_at_its_deadline(self, ends: Ends) -> None:
-        begun = ends.ours.clock.now()
-        assert ends.ours.read(0.02) == b""
-        assert 0.02 <= ends.ours.clock.now() - begun < 5.0
-
-    def test_reading_and_writing_after_closing_is_a_lost_link(self, ends: Ends) -> None:
-        ends.ours.close()
-        ends.ours.close()
-        with pytest.raises(LinkLost, match="closed"):
-            ends.ours.read(0.0)
-        with pytest.raises(LinkLost, match="closed"):
-            ends.ours.write(b"x")
-
-    def test_it_says_what_it_is(self, ends: Ends) -> None:
-        assert ends.ours.description
-        assert ends.ours.is_simulated == isinstance(ends.ours, MemoryLink | ChildLink)
-
-
-@pytest.mark.parametrize("ends", BREAKABLE, indirect=True)
-def test_a_peer_that_goes_away_is_a_lost_link_and_not_a_spin(ends: Ends) -> None:
-    assert ends.hang_up is not None
-    ends.hang_up()
-    with pytest.raises(LinkLost, match="lost"):
-        for _ in range(50):
-            ends.ours.write(b"x" * 100)
-            ends.ours.read(0.1)
 
 
 def test_udpout_to_nobody_is_silence() -> None:
@@ -193,7 +33,7 @@ def test_udpout_to_nobody_is_silence() -> None:
             assert link.read(0.01) == b""
 
 
-def test_udpin_answers_whoever_spoke_last() -> None:
+def test_udpin_answers_everybody_who_spoke_lately(monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         UdpIn(HostPort(LOCAL, 0)) as ours,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
@@ -204,7 +44,13 @@ def test_udpin_answers_whoever_spoke_last() -> None:
             theirs.sendto(b"here", (LOCAL, ours.port))
             assert ours.read(5.0) == b"here"
         ours.write(b"you")
-        assert second.recv(100) == b"you"
+        assert (first.recv(100), second.recv(100)) == (b"you", b"you")
+        monkeypatch.setattr(udp, "_REMEMBERED", 0.0)
+        ours.write(b"last")
+        assert second.recv(100) == b"last"
+        first.settimeout(0.01)
+        with pytest.raises(TimeoutError):
+            first.recv(100)
 
 
 # --- lock-step --------------------------------------------------------------------------------
@@ -453,3 +299,87 @@ def test_addresses_have_sensible_defaults() -> None:
     assert parse_host_port("14551") == HostPort("0.0.0.0", 14551)
     assert parse_host_port("boat.local") == HostPort("boat.local", 14550)
     assert parse_host_port("[::1]:14550/") == HostPort("::1", 14550)
+
+
+# --- MAVSDK's connection URLs, in both backends ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("url", "understood"),
+    [
+        ("udpin://127.0.0.1:{udp}", "udpin:127.0.0.1:{udp}"),
+        ("udpin://:{udp}", "udpin:0.0.0.0:{udp}"),
+        ("udp://:{udp}", "udpin:0.0.0.0:{udp}"),
+        ("udp://0.0.0.0:{udp}", "udpin:0.0.0.0:{udp}"),
+        ("udp:127.0.0.1:{udp}", "udpin:127.0.0.1:{udp}"),
+        ("udp://127.0.0.1:{udp}", "udpout:127.0.0.1:{udp}"),
+        ("udpout://localhost:{udp}", "udpout:localhost:{udp}"),
+        ("tcpin://127.0.0.1:{tcp}", "tcpin:127.0.0.1:{tcp}"),
+    ],
+)
+def test_mavsdk_urls_mean_the_same_in_both_backends(backend: str, url: str, understood: str) -> None:
+    ports = {"udp": free_port(socket.SOCK_DGRAM), "tcp": free_port(socket.SOCK_STREAM)}
+    with open_link(url.format(**ports), backend=backend) as link:
+        assert link.description == understood.format(**ports)
+    with open_link(link.description, backend=backend) as again:  # what a journal keeps can be opened again
+        assert again.description == link.description
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:{tcp}", "tcpout://127.0.0.1:{tcp}", "tcp:127.0.0.1:{tcp}"])
+def test_calling_a_server_is_written_in_three_ways(backend: str, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mavsdk_link, "_CONNECT_PATIENCE", 0.02)
+    with (
+        socket.create_server((LOCAL, 0)) as server,
+        open_link(url.format(tcp=server.getsockname()[1]), backend=backend) as link,
+    ):
+        assert link.description == f"tcp:127.0.0.1:{server.getsockname()[1]}"
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("tcpout://127.0.0.1:{free}", "cannot connect to TCP 127.0.0.1:{free}: .*refused; is the vehicle or simulator"),
+        ("udpin://127.0.0.1:{taken}", "cannot listen on UDP 127.0.0.1:{taken}: .*in use; is another ground station"),
+        ("udpin://192.0.2.1:14550", "cannot listen on UDP 192.0.2.1:14550: .*Cannot assign"),
+        ("udpout://no host of this name:1", "cannot find the host"),
+        ("serial:///dev/no-such-port:57600", "cannot open /dev/no-such-port,57600: .*No such file"),
+        ("sitl:charlie?seed=3", "own time.*gcs-autotune sitl charlie --listen"),
+        ("udpout://[::1]:14550", "IPv6.*--backend pymavlink"),
+        ("upd://:14540", "Did you mean"),
+    ],
+)
+def test_what_mavsdk_cannot_do_is_said_with_a_cure(url: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind((LOCAL, 0))
+        ports = {"free": free_port(socket.SOCK_STREAM), "taken": taken.getsockname()[1]}
+        with pytest.raises((CannotOpenLink, UsageError), match=words.format(**ports)):
+            open_link(url.format(**ports), backend="mavsdk")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_or_old_mavsdk_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mavsdk", None)
+    with pytest.raises(UsageError, match=r"cannot be loaded here .*pip install 'mavsdk>=4'"):
+        open_link("udpin://:0", backend="mavsdk")
+    monkeypatch.setitem(sys.modules, "mavsdk", types.ModuleType("mavsdk"))
+    with pytest.raises(UsageError, match=r"MAVSDK 4 or newer.*pip install"):
+        open_link("udpin://:0", backend="mavsdk")
+
+
+def test_an_unknown_backend_gets_the_nearest() -> None:
+    with pytest.raises(UnknownName, match="mavsdk"):
+        open_link("udpin://:0", backend="mavsd")
+
+
+def test_a_refused_reconnection_is_waited_for_and_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(returning, "_RETRY", 0.001)
+    with socket.create_server((LOCAL, 0)) as server:
+        ours = TcpOut(HostPort(LOCAL, server.getsockname()[1]))
+        server.accept()[0].close()
+    with ours:
+        with pytest.raises(LinkLost, match="closed the connection"):
+            ours.read(1.0)
+        for _ in range(5):
+            assert ours.read(0.002) == b""

@@ -89,6 +89,9 @@ class PondCraft:
         self.log.append("neutral")
         self.command = Actuate()
 
+    def release(self) -> None:
+        self.log.append("release")
+
     def start_recording(self, name: str) -> None:
         self._name, self._rows, self._marks = name, [], []
 

@@ -112,7 +112,7 @@ def test_a_visit_leaves_mode_and_armed_state_as_found():
         craft.arm()
         craft.set_mode("MANUAL")
     assert (craft.mode, craft.armed) == ("STABILIZE", False)
-    assert craft.log[-3:] == ["neutral", "disarm", "mode STABILIZE"]
+    assert craft.log[-4:] == ["neutral", "disarm", "mode STABILIZE", "release"]
 
 
 def test_a_craft_found_armed_stays_armed():

@@ -1,0 +1,100 @@
+"""``gcs-autotune logs``: what is in a log, and its runs as CSV files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.reading import add_parameters, read_parameters
+from gcs_autotune.errors import BadFile, NotInformative
+
+if TYPE_CHECKING:
+    from gcs_autotune.logs import Cut, Recording
+
+__all__ = ["COMMAND"]
+
+FORMATS = (
+    "telemetry logs (.tlog), logs on board (.bin, or .log as text), Mission Planner's and mavlogdump's CSV of one, "
+    "QGroundControl's CSV"
+)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", required=True)
+    show = actions.add_parser("list", help="show what is in logs: messages, modes, parameters, runs; writes nothing")
+    take = actions.add_parser("import", help="write the runs in logs as CSV files with their meta data")
+    for action in (show, take):
+        action.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
+        action.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a log that heard several")
+        add_parameters(action.add_argument_group("parameters"))
+        action.add_argument("--json", action="store_true", help="print JSON on standard output")
+    take.add_argument("--out", type=Path, metavar="DIR", help="folder for the runs (default runs/log-FILE)")
+    take.add_argument(
+        "--all", action="store_true", help="also stretches from which nothing can be identified (motion only, at rest)"
+    )
+    take.add_argument("--dry-run", action="store_true", help="show what would be imported, write nothing")
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from gcs_autotune.logs import fresh_folder, survey, write_runs
+    from gcs_autotune.report import log_summary
+
+    logs = [(path, *_read(path, args)) for path in args.files]
+    surveys = [survey(log, cut) for _, log, cut in logs]
+    if not args.json:
+        for told in surveys:
+            Console().print(log_summary(told))
+    written: list[Path] = []
+    if args.action == "import" and not args.dry_run:
+        folder = fresh_folder(args.out or Path("runs") / f"log-{args.files[0].stem}")
+        labels = _labels(args.files)
+        for label, (_, log, cut), told in zip(labels, logs, surveys, strict=True):
+            runs = cut.runs + ([left.run for left in cut.left_out if left.run.channels] if args.all else [])
+            written += write_runs(folder, label, sorted(runs, key=lambda r: int(r.meta["stretch"])), log, told)
+    if args.json:
+        _print({"schema": 1, "logs": surveys, "written": [str(p) for p in written]})
+    else:
+        for path in written:
+            sys.stdout.write(f"{path}\n")
+    if args.action == "import" and not args.dry_run and not written:
+        raise NotInformative("no run was written: none can be identified from; --all writes the other stretches too")
+    return 0
+
+
+def _read(path: Path, args: argparse.Namespace) -> tuple[Recording, Cut]:
+    from gcs_autotune.logs import cut_runs, record
+
+    log = record(path, args.system_id, read_parameters(args))
+    if log is None:
+        raise BadFile(f"{path} is none of: {FORMATS}. A table of runs (name[unit] heads) needs no import")
+    return log, cut_runs(log)
+
+
+def _labels(files: Sequence[Path]) -> list[str]:
+    """Return a name for each file: its stem, with its suffix or a number where that is not enough."""
+    names = [p.stem for p in files]
+    if len(set(names)) < len(names):
+        names = [p.name for p in files]
+    twice = {n for n in names if names.count(n) > 1}
+    return [f"{name}-{i}" if name in twice else name for i, name in enumerate(names, start=1)]
+
+
+def _print(data: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(data, indent=1) + "\n")
+
+
+COMMAND = Command(
+    name="logs",
+    help="show what is in a telemetry or onboard log, and import its runs",
+    description=f"Read {FORMATS}: show what is in them, or write their runs, one per stretch armed in one mode, as CSV "
+    "files that every other command takes. identify and diagnose read the logs themselves, too.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

@@ -1,0 +1,101 @@
+"""One parameter, several names: what ArduPilot called it before and after, and what became of its number.
+
+The *canonical* name is the one our laws and axes use (that of 4.5 and 4.6, but for the MAVLink system ids). Sources:
+"Parameter Name Changes", 4.6 to 4.7 (ardupilot.org, common-param-name-changes), and the control loops and metadata of
+ArduPilot 8264a9b4a2 (December 2025, "4.7.0-dev": PSC_D_*, MAV_* and ARMING_SKIPCHK are new there, ATC_ACCEL_Y_MAX,
+ATC_SLEW_YAW and Sub's PILOT_* still old). That a vehicle mixes the two is usual: every name is resolved by itself.
+
+The acceleration loop went from throttle per cm/s^2 x 0.001 to throttle per m/s^2, hence 0.1 on all its gains. That
+holds for FF too, although ArduPilot's own conversion of stored values (AC_PosControl.cpp, ``convert_parameters``) moves
+FF unscaled, and Sub does not run that conversion at all: after an update a Sub has the new defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+__all__ = ["ALIASES", "Alias"]
+
+_ALL_CHECKS = 1
+_CHECK_BITS = (1 << 21) - 2
+"""ARMING_CHECK's bits but for the first, which means all of them."""
+_SKIP_ALL = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Alias:
+    """Another name of a parameter.
+
+    Attributes
+    ----------
+    name : what such a vehicle calls it.
+    scale : value under that name per value under the canonical one.
+    low, high : range documented under that name, in its own unit; None when it is the canonical one's, scaled.
+    inverted_bits : the value is a mask of arming checks to skip, where the canonical one is of checks to run.
+    """
+
+    name: str
+    scale: float = 1.0
+    low: float | None = None
+    high: float | None = None
+    inverted_bits: bool = False
+
+    def to_own(self, value: float) -> float:
+        """Return the number under this name for the canonical *value*."""
+        return _skipped(int(value)) if self.inverted_bits else value * self.scale
+
+    def to_canonical(self, value: float) -> float:
+        """Return the canonical number for *value* under this name."""
+        return _run(int(value)) if self.inverted_bits else value / self.scale
+
+
+def _skipped(checks: int) -> float:
+    if checks == 0:
+        return float(_SKIP_ALL)
+    return 0.0 if checks & _ALL_CHECKS else float(~checks & _CHECK_BITS)
+
+
+def _run(skipped: int) -> float:
+    if skipped == _SKIP_ALL:
+        return 0.0
+    return float(_ALL_CHECKS) if skipped == 0 else float(~skipped & _CHECK_BITS)
+
+
+ALIASES: Mapping[str, tuple[Alias, ...]] = {
+    "PSC_POSZ_P": (Alias("PSC_D_POS_P", low=0.5, high=4.0),),
+    "PSC_VELZ_P": (Alias("PSC_D_VEL_P", low=1.0, high=10.0),),
+    "PSC_VELZ_I": (Alias("PSC_D_VEL_I", low=0.0, high=10.0),),
+    "PSC_VELZ_D": (Alias("PSC_D_VEL_D", low=0.0, high=2.0),),
+    "PSC_VELZ_FF": (Alias("PSC_D_VEL_FF", low=0.0, high=2.0),),
+    "PSC_VELZ_IMAX": (Alias("PSC_D_VEL_IMAX", 0.01),),
+    "PSC_VELZ_FLTE": (Alias("PSC_D_VEL_FLTE"),),
+    "PSC_VELZ_FLTD": (Alias("PSC_D_VEL_FLTD"),),
+    "PSC_ACCZ_P": (Alias("PSC_D_ACC_P", 0.1, 0.01, 0.25),),
+    "PSC_ACCZ_I": (Alias("PSC_D_ACC_I", 0.1, 0.0, 0.5),),
+    "PSC_ACCZ_D": (Alias("PSC_D_ACC_D", 0.1, 0.0, 0.1),),
+    "PSC_ACCZ_FF": (Alias("PSC_D_ACC_FF", 0.1, 0.0, 0.1),),
+    "PSC_ACCZ_D_FF": (Alias("PSC_D_ACC_D_FF", 0.1, 0.0, 0.05),),
+    "PSC_ACCZ_IMAX": (Alias("PSC_D_ACC_IMAX", 0.001),),
+    "PSC_ACCZ_FLTT": (Alias("PSC_D_ACC_FLTT"),),
+    "PSC_ACCZ_FLTE": (Alias("PSC_D_ACC_FLTE"),),
+    "PSC_ACCZ_FLTD": (Alias("PSC_D_ACC_FLTD"),),
+    "PSC_JERK_Z": (Alias("PSC_JERK_D"),),
+    "PSC_POSXY_P": (Alias("PSC_NE_POS_P"),),
+    "PSC_VELXY_P": (Alias("PSC_NE_VEL_P"),),
+    "PSC_VELXY_I": (Alias("PSC_NE_VEL_I"),),
+    "PSC_VELXY_D": (Alias("PSC_NE_VEL_D"),),
+    "PSC_JERK_XY": (Alias("PSC_JERK_NE"),),
+    "ATC_ACCEL_R_MAX": (Alias("ATC_ACC_R_MAX", 0.01),),
+    "ATC_ACCEL_P_MAX": (Alias("ATC_ACC_P_MAX", 0.01),),
+    "ATC_ACCEL_Y_MAX": (Alias("ATC_ACC_Y_MAX", 0.01),),
+    "ATC_SLEW_YAW": (Alias("ATC_RATE_WPY_MAX", 0.01),),
+    "ANGLE_MAX": (Alias("ATC_ANGLE_MAX", 0.01),),
+    "PILOT_SPEED_UP": (Alias("PILOT_SPD_UP", 0.01),),
+    "PILOT_SPEED_DN": (Alias("PILOT_SPD_DN", 0.01),),
+    "PILOT_ACCEL_Z": (Alias("PILOT_ACC_Z", 0.01),),
+    "MAV_GCS_SYSID": (Alias("SYSID_MYGCS"),),
+    "MAV_SYSID": (Alias("SYSID_THISMAV"),),
+    "ARMING_CHECK": (Alias("ARMING_SKIPCHK", inverted_bits=True),),
+}
+"""Canonical name -> its other names; adding one is one line."""

@@ -1,0 +1,80 @@
+"""The names one vehicle gives its parameters, found by asking it, never by its version."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gcs_autotune.firmware.aliases import ALIASES, Alias
+
+__all__ = ["AlternativesSource", "Names", "read_named"]
+
+
+class AlternativesSource(Protocol):
+    """A vehicle that can be asked for a parameter under several names at once."""
+
+    def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
+        """Return, of each group of names, the one there is (the first, if several) with its value."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """Canonical name -> what this vehicle calls it; a name that is missing is the vehicle's own already.
+
+    Inside (laws, gains) names and values are canonical; on the wire, in journals, files and for people they are the
+    vehicle's own.
+    """
+
+    spelled: Mapping[str, Alias] = field(default_factory=dict)
+
+    def own(self, name: str) -> str:
+        """Return the vehicle's name for the canonical *name*."""
+        alias = self.spelled.get(name)
+        return name if alias is None else alias.name
+
+    def own_value(self, name: str, value: float) -> float:
+        """Return the vehicle's number for *value* of the canonical *name*."""
+        alias = self.spelled.get(name)
+        return value if alias is None else alias.to_own(value)
+
+    def to_own(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return *values* under the vehicle's names, in its units."""
+        return {self.own(name): self.own_value(name, value) for name, value in values.items()}
+
+    def to_canonical(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the vehicle's *values* under canonical names, in canonical units."""
+        back = {alias.name: (name, alias) for name, alias in self.spelled.items()}
+        found = {}
+        for own, value in values.items():
+            name, alias = back.get(own, (own, None))
+            found[name] = value if alias is None else alias.to_canonical(value)
+        return found
+
+    def limits(self, name: str, low: float, high: float) -> tuple[float, float]:
+        """Return the range documented for what this vehicle calls *name*, in canonical units; else *low*, *high*."""
+        alias = self.spelled.get(name)
+        if alias is None or alias.low is None or alias.high is None:
+            return low, high
+        return alias.to_canonical(alias.low), alias.to_canonical(alias.high)
+
+    def worded(self, text: str) -> str:
+        """Return *text* with every canonical name in it replaced by the vehicle's."""
+        if not self.spelled:
+            return text
+        return re.sub(r"\b[A-Z][A-Z0-9_]+\b", lambda match: self.own(match[0]), text)
+
+
+def read_named(parameters: AlternativesSource, names: Iterable[str]) -> tuple[Names, dict[str, float]]:
+    """Ask for the canonical *names* under all they may have; return the names found and the vehicle's own values.
+
+    What the vehicle has under no name is missing in the values.
+    """
+    wanted = list(dict.fromkeys(names))
+    found = parameters.read_any([(name, *(alias.name for alias in ALIASES.get(name, ()))) for name in wanted])
+    spelled = {
+        name: alias for name in wanted if name not in found for alias in ALIASES.get(name, ()) if alias.name in found
+    }
+    return Names(spelled), found

@@ -1,0 +1,207 @@
+"""MAVLink messages from CSV files: Mission Planner's conversion of a tlog, and ``mavlogdump.py --format csv``.
+
+Mission Planner writes a line per message: its local time, the head of the frame in hexadecimal (7 cells of MAVLink 1,
+8 of MAVLink 2, the last three being system, component and message id), the name of its structure
+(``mavlink_attitude_t``), then ``name,value`` pairs and a tail after an empty cell. Numbers are in the language of
+its computer, so a decimal comma splits a value in two cells: values are put together again by the names that follow.
+``mavlogdump`` writes one table for all kinds asked for: ``timestamp`` [s since 1970], then ``ATTITUDE.roll``...
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TextIO
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.link.wire import mavlink
+from gcs_autotune.logs.mavlink_scribe import transcribe
+from gcs_autotune.logs.recording import Heard, Recording
+from gcs_autotune.logs.tape import Note
+
+__all__ = ["is_mavlogdump", "is_mission_planner", "record_mavlogdump", "record_mission_planner"]
+
+LONGEST_LINE = 1 << 16
+STRUCTURE = re.compile(r",\s*mavlink_(\w+)_t\s*,")
+DUMPED = re.compile(r"^timestamp[,;\t][A-Z][A-Z0-9_]+\.\w+")
+GROUND_STATION = (255, 190)
+VEHICLE = (1, 1)
+TEXTS = frozenset({"param_id", "text"})
+OLD_STAMP = "%m/%d/%Y %I:%M:%S %p"
+
+
+def is_mission_planner(head: str) -> bool:
+    """Whether the first lines of a file look like Mission Planner's conversion."""
+    return STRUCTURE.search(head) is not None
+
+
+def is_mavlogdump(head: str) -> bool:
+    """Whether the first lines of a file look like mavlogdump's table of a telemetry log."""
+    return DUMPED.match(head) is not None
+
+
+def record_mission_planner(path: Path, system: int | None = None) -> Recording:
+    """Read Mission Planner's CSV at *path*. Raises as ``record_tlog``."""
+    lines = _Lines(path)
+    return _recording(path, "Mission Planner CSV", lines, _planner(lines), system, ())
+
+
+def record_mavlogdump(path: Path, system: int | None = None) -> Recording:
+    """Read mavlogdump's CSV at *path*, which does not tell senders. Raises as ``record_tlog``."""
+    lines = _Lines(path)
+    note = (
+        "senders-unknown",
+        "this CSV does not tell who sent a message: all are taken to be of one vehicle",
+        "use the .tlog itself when the log heard several",
+    )
+    return _recording(path, "mavlogdump CSV", lines, _dumped(lines), None, (note,))
+
+
+class _Lines:
+    """The lines of a file, and how many of them were of no use."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.read = 0
+        self.bad = 0
+        self.bad_bytes = 0
+
+    def __iter__(self) -> Iterator[str]:
+        try:
+            with self.path.open(encoding="utf-8-sig", errors="replace") as stream:
+                yield from self._of(stream)
+        except OSError as error:
+            raise BadFile(f"{self.path} cannot be read: {error.strerror or error}") from error
+
+    def _of(self, stream: TextIO) -> Iterator[str]:
+        while line := stream.readline(LONGEST_LINE):
+            if line.strip():
+                self.read += 1
+                yield line.rstrip("\r\n")
+
+    def damaged(self, line: str) -> None:
+        """Count a line that is of no use."""
+        self.bad += 1
+        self.bad_bytes += len(line)
+
+
+def _recording(
+    path: Path, form: str, lines: _Lines, heard: Iterator[Heard], system: int | None, notes: Sequence[Note]
+) -> Recording:
+    told = transcribe(path, heard, system)
+    damaged = lines.bad + told.misfits
+    if damaged > lines.read / 2:
+        raise BadFile(
+            f"{path}: {damaged} of {lines.read} lines make no sense as {form}; convert the log again, or give the .tlog"
+        )
+    if damaged:
+        cure = "use the .tlog itself: it has checksums"
+        notes = (*notes, ("damaged-log", f"{damaged} lines of the log made no sense and were left out", cure))
+    meta = {
+        "source": path.name,
+        "messages": told.messages,
+        "damaged": damaged,
+        "damaged_bytes": lines.bad_bytes,
+        "truncated": False,
+        "system": told.vehicle[0],
+    }
+    return Recording(form, told.tapes, meta, [*told.notes, *notes], told.census)
+
+
+def _planner(lines: _Lines) -> Iterator[Heard]:
+    for line in lines:
+        cells = [c.strip() for c in line.split(",")]
+        at = next((i for i, c in enumerate(cells) if c.startswith("mavlink_") and c.endswith("_t")), 0)
+        time = _time(cells[0])
+        if at < 4 or math.isnan(time):
+            lines.damaged(line)
+            continue
+        name = cells[at].removeprefix("mavlink_").removesuffix("_t").upper()
+        try:
+            sender = int(cells[at - 3], 16), int(cells[at - 2], 16)
+        except ValueError:
+            lines.damaged(line)
+            continue
+        yield Heard(time, *sender, name, _message(name, _pairs(cells[at + 1 :], _fields(name))))
+
+
+def _pairs(cells: list[str], known: frozenset[str]) -> dict[str, str]:
+    """Read ``name,value`` pairs until the empty cell before the tail; a value may have commas of its own."""
+    found: dict[str, str] = {}
+    at = 0
+    while at + 1 < len(cells) and cells[at]:
+        end = at + 2
+        while end < len(cells) and cells[end] and cells[end] not in known and known:
+            end += 1
+        found[cells[at]] = ",".join(cells[at + 1 : end])
+        at = end
+    return found
+
+
+def _dumped(lines: _Lines) -> Iterator[Heard]:
+    rows = iter(lines)
+    head = next(rows, "")
+    separator = next((s for s in ",;\t" if s in head), ",")
+    heads = [h.strip().partition(".") for h in head.split(separator)]
+    for line in rows:
+        cells = line.split(separator)
+        filled = [i for i in range(1, min(len(cells), len(heads))) if cells[i].strip()]
+        kinds = {heads[i][0] for i in filled}
+        try:
+            time = float(cells[0])
+        except ValueError:
+            time = math.nan
+        if len(cells) != len(heads) or len(kinds) != 1 or not math.isfinite(time):
+            lines.damaged(line)
+            continue
+        name = kinds.pop()
+        message = _message(name, {heads[i][2]: cells[i].strip() for i in filled})
+        is_ground = name == "MANUAL_CONTROL" or (name == "HEARTBEAT" and getattr(message, "autopilot", 0) == 8)
+        yield Heard(time, *(GROUND_STATION if is_ground else VEHICLE), name, message)
+
+
+def _message(name: str, values: dict[str, str]) -> SimpleNamespace:
+    """Return a message with its fields as numbers; SERVO_OUTPUT_RAW of MAVLink 1 has no ports above the first."""
+    fields: dict[str, float | int | str] = {k: v if k in TEXTS else _number(v) for k, v in values.items()}
+    if name == "SERVO_OUTPUT_RAW":
+        fields.setdefault("port", 0)
+    return SimpleNamespace(**fields)
+
+
+def _number(text: str) -> float | int | str:
+    for piece in (text, text.replace(",", ".", 1)):
+        try:
+            return int(piece)
+        except ValueError:
+            pass
+        try:
+            return float(piece)
+        except ValueError:
+            pass
+    return text
+
+
+def _time(text: str) -> float:
+    """Return seconds since 1970 of Mission Planner's local time, NaN when it is none."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        try:
+            moment = datetime.strptime(text, OLD_STAMP)
+        except ValueError:
+            return math.nan
+    try:
+        return moment.replace(tzinfo=UTC).timestamp()
+    except (OverflowError, ValueError):
+        return math.nan
+
+
+@cache
+def _fields(name: str) -> frozenset[str]:
+    kind = next((k for k in mavlink.mavlink_map.values() if getattr(k, "msgname", "") == name), None)
+    return frozenset(kind.fieldnames) if kind is not None else frozenset()

@@ -1,0 +1,104 @@
+"""QGroundControl's own CSV (settings: "Save CSV log of telemetry data"): what its instruments showed, once a second.
+
+Its head line is ``Timestamp,roll,pitch,heading,rollRate,...,gps.lat,...,localPosition.x,...``. Values are as displayed:
+whole degrees of heading, speeds in the unit chosen in the settings (metres per second unless somebody changed it),
+``--.--`` for nothing. It holds neither actuator outputs nor mode nor arming: motion only, nothing to identify from.
+Where batteries were found after its head line was written, all later columns are shifted (qgroundcontrol issue 11763):
+of such rows only the columns in front of the groups are read.
+"""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.logs.recording import Census, Recording
+from gcs_autotune.logs.tape import Note, Tape
+
+__all__ = ["is_qgc", "record_qgc"]
+
+HEADS = frozenset({"Timestamp", "roll", "pitch", "heading"})
+LONGEST_LINE = 1 << 16
+RAD = math.pi / 180.0
+
+COLUMNS: tuple[tuple[tuple[tuple[str, str, float], ...], ...], ...] = (
+    (
+        (("roll", "attitude.phi", RAD), ("pitch", "attitude.theta", RAD), ("heading", "attitude.psi", RAD)),
+        (("rollRate", "rate.p", RAD), ("pitchRate", "rate.q", RAD), ("yawRate", "rate.r", RAD)),
+        (("groundSpeed", "hud.U", 1.0),),
+        (("altitudeRelative", "global.z", -1.0),),
+    ),
+    (
+        (("localPosition.x", "local.x", 1.0), ("localPosition.y", "local.y", 1.0), ("localPosition.z", "local.z", 1.0),
+         ("localPosition.vx", "local.vn", 1.0), ("localPosition.vy", "local.ve", 1.0)),
+        (("gps.lat", "gps.lat", 1.0), ("gps.lon", "gps.lon", 1.0)),
+    ),
+)  # fmt: skip
+"""Columns that go together -> source and factor; first those in front of all groups, then those within one."""
+
+MOTION_ONLY: Note = (
+    "motion-only",
+    "QGroundControl's CSV holds no actuator outputs: motion without its cause, once a second, as displayed",
+    "use the .tlog that QGroundControl saves beside it (settings: Save log after each flight)",
+)
+
+
+def is_qgc(head: str) -> bool:
+    """Whether the first lines of a file are those of QGroundControl's CSV."""
+    return set(head.partition("\n")[0].strip().split(",")) >= HEADS
+
+
+def record_qgc(path: Path, system: int | None = None) -> Recording:
+    """Read QGroundControl's CSV at *path*; it is of one vehicle, so *system* is not looked at.
+
+    Raises
+    ------
+    BadFile
+        Unreadable, or without one row that makes sense.
+    """
+    tape = Tape(path.stem, "ground station")
+    census = Census()
+    rows = bad = shifted = 0
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            heads = stream.readline(LONGEST_LINE).strip().split(",")
+            place = {name: i for i, name in reversed(list(enumerate(heads)))}
+            while line := stream.readline(LONGEST_LINE):
+                cells = line.strip().split(",")
+                t = _time(cells[0])
+                if math.isnan(t):
+                    bad += bool(line.strip())
+                    continue
+                rows += 1
+                shifted += len(cells) != len(heads)
+                census.count("row", t)
+                for groups in COLUMNS[: 1 if len(cells) != len(heads) else None]:
+                    for group in groups:
+                        values = {s: _number(cells, place.get(name, -1)) * factor for name, s, factor in group}
+                        if not any(math.isnan(v) for v in values.values()):
+                            tape.take(t, values)
+    except OSError as error:
+        raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
+    if not rows:
+        raise BadFile(f"{path} holds QGroundControl's head line but no row with a time")
+    notes: list[Note] = [MOTION_ONLY]
+    if bad:
+        notes.append(("damaged-log", f"{bad} rows of the log were damaged and left out", "use the .tlog"))
+    meta = {"source": path.name, "messages": rows, "damaged": bad, "shifted_rows": shifted, "truncated": False}
+    return Recording("QGroundControl CSV", [tape], meta, notes, census)
+
+
+def _number(cells: list[str], at: int) -> float:
+    try:
+        return float(cells[at]) if 0 <= at < len(cells) else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _time(text: str) -> float:
+    try:
+        return datetime.fromisoformat(text.strip()).replace(tzinfo=UTC).timestamp()
+    except (ValueError, OverflowError):
+        return math.nan

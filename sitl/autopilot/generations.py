@@ -1,0 +1,163 @@
+"""What other firmware generations call the parameters, and in which units: the autopilot as seen on the wire.
+
+Inside, the autopilot has the names of mid-2025 (MAV_* already new, all else old). Sources: ArduPilot's "Parameter Name
+Changes" 4.6 to 4.7, and a Sub of December 2025, which has some of the new names and not yet others.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from sitl.autopilot.parameters import ParameterStore, ReadOnlyParameter, stored
+
+__all__ = ["GENERATIONS", "Spoken", "UnknownGeneration"]
+
+_FLOAT, _INT16, _INT32 = 9, 4, 6
+
+
+class UnknownGeneration(ValueError):
+    """There is no such firmware generation."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Word:
+    """Inside name -> name on the wire, its MAV_PARAM_TYPE, and value there and back."""
+
+    name: str
+    kind: int
+    there: Callable[[float], float]
+    back: Callable[[float], float]
+
+
+def _same(name: str, kind: int = _FLOAT) -> _Word:
+    return _Word(name, kind, float, float)
+
+
+def _times(name: str, factor: float) -> _Word:
+    return _Word(name, _FLOAT, lambda x: x * factor, lambda x: x / factor)
+
+
+_MASK = 0x1FFFFE
+
+
+def _checks_skipped(checks: float) -> float:
+    if checks == 0.0:
+        return -1.0
+    return 0.0 if int(checks) & 1 else float(~int(checks) & _MASK)
+
+
+def _checks_run(skipped: float) -> float:
+    if skipped == -1.0:
+        return 0.0
+    return 1.0 if skipped == 0.0 else float(~int(skipped) & _MASK)
+
+
+_OLD_IDS = {"MAV_GCS_SYSID": _same("SYSID_MYGCS", _INT16), "MAV_SYSID": _same("SYSID_THISMAV", _INT16)}
+
+_POSITION: dict[str, _Word] = {
+    "PSC_POSZ_P": _same("PSC_D_POS_P"),
+    **{f"PSC_VELZ_{x}": _same(f"PSC_D_VEL_{x}") for x in ("P", "I", "D", "FF", "D_FF", "FLTE", "FLTD", "FLTT", "PDMX")},
+    "PSC_VELZ_IMAX": _times("PSC_D_VEL_IMAX", 0.01),
+    **{f"PSC_ACCZ_{x}": _times(f"PSC_D_ACC_{x}", 0.1) for x in ("P", "I", "D", "FF", "D_FF")},
+    **{f"PSC_ACCZ_{x}": _same(f"PSC_D_ACC_{x}") for x in ("FLTE", "FLTD", "FLTT", "SMAX")},
+    **{f"PSC_ACCZ_{x}": _times(f"PSC_D_ACC_{x}", 0.001) for x in ("IMAX", "PDMX")},
+    "PSC_JERK_Z": _same("PSC_JERK_D"),
+    "PSC_JERK_XY": _same("PSC_JERK_NE"),
+    "PSC_POSXY_P": _same("PSC_NE_POS_P"),
+    **{f"PSC_VELXY_{x}": _same(f"PSC_NE_VEL_{x}") for x in "PID"},
+    "ARMING_CHECK": _Word("ARMING_SKIPCHK", _INT32, _checks_skipped, _checks_run),
+}
+
+_ATTITUDE: dict[str, _Word] = {
+    **{f"ATC_ACCEL_{x}_MAX": _times(f"ATC_ACC_{x}_MAX", 0.01) for x in "RPY"},
+    "ATC_SLEW_YAW": _times("ATC_RATE_WPY_MAX", 0.01),
+    "ANGLE_MAX": _times("ATC_ANGLE_MAX", 0.01),
+    "PILOT_SPEED_UP": _times("PILOT_SPD_UP", 0.01),
+    "PILOT_SPEED_DN": _times("PILOT_SPD_DN", 0.01),
+    "PILOT_ACCEL_Z": _times("PILOT_ACC_Z", 0.01),
+}
+
+GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
+    "own": {},
+    "4.5": _OLD_IDS,
+    "4.6": _OLD_IDS,
+    "4.7-dev": _POSITION,
+    "4.7": {**_POSITION, **_ATTITUDE},
+}
+"""Name -> what it calls differently than this autopilot does inside. ``PILOT_SPD_*`` are Copter's in 4.7.0."""
+
+
+class Spoken:
+    """The parameters as a ground station sees them: other names and units in front of *store*."""
+
+    def __init__(self, store: ParameterStore, generation: str = "own") -> None:
+        if generation not in GENERATIONS:
+            raise UnknownGeneration(f"no firmware names '{generation}'; there are {', '.join(GENERATIONS)}")
+        self._store = store
+        words = GENERATIONS[generation]
+        inside = [name for i in range(len(store)) if (name := store.name_at(i)) is not None]
+        self._inside = {words[n].name if n in words else n: n for n in inside}
+        self._words = {words[n].name: words[n] for n in inside if n in words}
+        self._names = tuple(sorted(self._inside))
+        self._index = {name: k for k, name in enumerate(self._names)}
+        self._written: dict[str, tuple[float, float]] = {}
+        self.on_change: Callable[[str, float], None] | None = None
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._index
+
+    def __getitem__(self, name: str) -> float:
+        inside = self._store[self._inside[name]]
+        word = self._words.get(name)
+        if word is None:
+            return inside
+        written, meant = self._written.get(name, (math.nan, math.nan))
+        return written if meant == inside else stored(word.kind, word.there(inside))
+
+    def name_at(self, index: int) -> str | None:
+        """Return the name at *index*, or None when there is none."""
+        return self._names[index] if 0 <= index < len(self._names) else None
+
+    def index_of(self, name: str) -> int:
+        """Return the place of *name* in the list."""
+        return self._index[name]
+
+    def kind_of(self, name: str) -> int:
+        """Return the MAV_PARAM_TYPE of *name*."""
+        word = self._words.get(name)
+        return word.kind if word is not None else self._store.kind_of(self._inside[name])
+
+    def write(self, name: str, value: float) -> bool:
+        """Take a value written by a ground station; return whether it was taken, as ``ParameterStore.write``."""
+        if self._store.is_read_only(self._inside[name]):
+            raise ReadOnlyParameter(name)
+        if not math.isfinite(value):
+            return False
+        self.preset(name, value)
+        if self.on_change is not None:
+            self.on_change(name, self[name])
+        return True
+
+    def preset(self, name: str, value: float) -> None:
+        """Set a value from inside, under its name on the wire. ``KeyError`` when unknown."""
+        inside, word = self._inside[name], self._words.get(name)
+        if word is None:
+            self._store.preset(inside, value)
+            return
+        kept = stored(word.kind, value)
+        self._store.preset_exact(inside, word.back(kept))
+        self._written[name] = kept, self._store[inside]
+
+    def hash(self) -> int:
+        """Return a 24-bit check sum of all names and values (24 bits survive the float of a PARAM_VALUE)."""
+        state = 0
+        for name in self._names:
+            state = zlib.crc32(name.encode() + struct.pack("<f", self[name]), state)
+        return state & 0xFFFFFF

@@ -1,0 +1,179 @@
+"""The conformance suite of links, first half: every transport and backend, byte by byte over the real medium."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from link_ends import BREAK, ENDS, HELLO, PATIENCE, RETURN, Ends, opened
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.errors import LinkLost
+from gcs_autotune.link import MemoryLink, mavsdk_link, returning
+from gcs_autotune.link.child import ChildLink
+from gcs_autotune.link.wire import Framer
+
+
+@pytest.fixture
+def ends(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Ends]:
+    monkeypatch.setattr(returning, "_RETRY", 0.01)
+    monkeypatch.setattr(mavsdk_link, "_CONNECT_PATIENCE", 0.02)
+    yield from opened(request.param, tmp_path)
+
+
+every = pytest.mark.parametrize("ends", ENDS, indirect=True)
+
+
+class Foreign(mavlink.MAVLink_heartbeat_message):  # type: ignore[misc]
+    """A message that is in no dialect."""
+
+    id = 54321
+    crc_extra = 77
+
+
+def frame(number: int, system: int = 1) -> bytes:
+    mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+    mav.seq = number % 256
+    name = f"P{number}".encode()
+    return bytes(mavlink.MAVLink_param_value_message(name, number / 7, 9, 1000, number).pack(mav))
+
+
+def read_until(ends: Ends, wanted: bytes) -> bytes:
+    data, deadline = b"", Deadline.after(ends.ours.clock, PATIENCE)
+    while wanted not in data and not deadline.expired:
+        data += ends.ours.read(deadline.remaining)
+    return data
+
+
+def receive_until(ends: Ends, wanted: bytes) -> bytes:
+    data = b""
+    while wanted not in data:
+        data += ends.receive()
+    return data
+
+
+@every
+def test_what_is_written_arrives_unchanged_at_the_other_end(ends: Ends) -> None:
+    ends.send(HELLO)
+    read_until(ends, HELLO)
+    ends.ours.write(frame(1, 255))
+    assert frame(1, 255) in receive_until(ends, frame(1, 255))
+
+
+@every
+def test_what_the_other_end_sends_is_read_unchanged(ends: Ends) -> None:
+    signed = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    signed.signing.secret_key, signed.signing.sign_outgoing = bytes(range(32)), True
+    first = bytes(mavlink.MAVLink_attitude_message(1, float("nan"), -0.0, 1e-40, 0, 0, 0).pack(signed))
+    mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    old = bytes(mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3).pack(mav, force_mavlink1=True))
+    foreign = bytes(Foreign(11, 3, 0, 0, 4, 3).pack(mav))
+    for sent in (first, old, foreign):
+        ends.send(sent)
+        assert read_until(ends, sent) == sent
+
+
+@every
+def test_a_burst_of_a_thousand_messages_arrives_whole_and_in_order_both_ways(ends: Ends) -> None:
+    frames = [frame(n) for n in range(1000)]
+    came: list[str] = []
+    framer = Framer()
+    for at in range(0, 1000, 50):
+        ends.send(b"".join(frames[at : at + 50]))
+        while framer.bad_bytes == 0 and len(came) < at + 50:
+            came += [f.message.param_id for f in framer.feed(ends.ours.read(PATIENCE))]
+    assert came == [f"P{n}" for n in range(1000)]
+    if not isinstance(ends.ours, MemoryLink | ChildLink):
+        for at in range(0, 1000, 50):
+            for one in frames[at : at + 50]:
+                ends.ours.write(one)
+            receive_until(ends, frames[at + 49])
+
+
+@every
+def test_a_read_with_nothing_to_read_ends_at_its_deadline(ends: Ends) -> None:
+    begun = ends.ours.clock.now()
+    assert ends.ours.read(0.02) == b""
+    assert 0.02 <= ends.ours.clock.now() - begun < 5.0
+    assert ends.ours.read(0.0) == b""
+    assert ends.ours.read(-1.0) == b""
+
+
+@every
+def test_reading_and_writing_after_closing_is_a_lost_link_and_closing_twice_is_nothing(ends: Ends) -> None:
+    ends.ours.close()
+    ends.ours.close()
+    with pytest.raises(LinkLost, match="closed"):
+        ends.ours.read(0.0)
+    with pytest.raises(LinkLost, match="closed"):
+        ends.ours.write(b"x")
+
+
+@every
+def test_it_says_what_it_is_and_whether_its_time_is_simulated(ends: Ends, request: pytest.FixtureRequest) -> None:
+    assert ends.ours.description
+    assert ends.ours.is_simulated == isinstance(ends.ours, MemoryLink | ChildLink)
+    assert ends.ours.carrier.startswith("MAVSDK 4") == ("mavsdk" in request.node.name)
+    assert ends.ours.trouble == ""
+
+
+@pytest.mark.parametrize("ends", BREAK, indirect=True)
+def test_a_peer_that_goes_away_is_a_lost_link_where_that_can_be_seen(ends: Ends) -> None:
+    assert ends.hang_up is not None
+    ends.hang_up()
+    with pytest.raises(LinkLost, match="lost"):
+        for _ in range(50):
+            ends.ours.write(frame(1, 255))
+            ends.ours.read(0.1)
+
+
+@pytest.mark.parametrize("ends", sorted(set(ENDS) - {*BREAK, "memory"}), indirect=True)
+def test_a_peer_that_goes_away_is_silence_where_it_cannot(ends: Ends) -> None:
+    assert ends.hang_up is not None
+    ends.hang_up()
+    for _ in range(3):
+        ends.ours.write(frame(1, 255))
+        assert ends.ours.read(0.01) == b""
+
+
+@pytest.mark.parametrize("ends", RETURN, indirect=True)
+def test_a_peer_that_comes_back_is_heard_and_reached_again(ends: Ends) -> None:
+    assert ends.hang_up is not None and ends.come_back is not None
+    ends.send(frame(1))
+    read_until(ends, frame(1))
+    ends.hang_up()
+    for _ in range(20):
+        try:
+            ends.ours.write(frame(1, 255))
+            ends.ours.read(0.005)
+        except LinkLost:
+            break
+    for _ in range(3):  # said once; from here on it is waited for
+        ends.ours.write(frame(2, 255))
+        assert ends.ours.read(0.001) == b""
+    ends.come_back()
+    ends.ours.write(HELLO)
+    ends.send(frame(3))
+    assert frame(3) in read_until(ends, frame(3))
+    ends.ours.write(frame(4, 255))
+    assert frame(4, 255) in receive_until(ends, frame(4, 255))
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_nothing_is_left_behind(name: str, tmp_path: Path) -> None:
+    """No thread, no open file, no changed setting: the second link leaves the process as the first did."""
+
+    def state() -> tuple[int, int, float]:
+        return threading.active_count(), sum(1 for _ in Path("/proc/self/fd").iterdir()), sys.getswitchinterval()
+
+    for _ in opened(name, tmp_path):
+        pass
+    before, tasks = state(), sum(1 for _ in Path("/proc/self/task").iterdir())
+    for ends in opened(name, tmp_path):
+        ends.ours.write(HELLO)
+    assert state() == before
+    assert sum(1 for _ in Path("/proc/self/task").iterdir()) == tasks

@@ -1,0 +1,42 @@
+"""``tune depth`` on firmware of another age: its own names and units at the edge, from journal to report."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_autotune.link import Journal, load_params
+
+from .harbour import Harbour
+
+GAINS = ("PSC_D_POS_P", "PSC_D_VEL_P", "PSC_D_VEL_I", "PSC_D_ACC_P", "PSC_D_ACC_I", "PSC_D_ACC_FF")
+INSIDE = ("PSC_POSZ_P", "PSC_VELZ_P", "PSC_VELZ_I", "PSC_ACCZ_P", "PSC_ACCZ_I", "PSC_ACCZ_FF")
+SCALES = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    harbour = Harbour(tmp_path_factory.mktemp("tuned47"), "videoray", names="4.7")
+    return harbour, harbour.tune(axis="depth")
+
+
+def test_a_vehicle_with_new_names_is_tuned_in_its_own_units(tuned):
+    harbour, story = tuned
+    assert story.ending == "kept"
+    assert set(story.proposal.new) <= set(GAINS)
+    inside = {own: (name, scale) for own, name, scale in zip(GAINS, INSIDE, SCALES, strict=True)}
+    for own, value in story.proposal.new.items():
+        name, scale = inside[own]
+        assert harbour.vehicle.spoken[own] == pytest.approx(value, rel=1e-6)
+        assert harbour.vehicle.parameters[name] == pytest.approx(value / scale, rel=1e-6)
+
+
+def test_files_journal_and_report_speak_the_vehicle_s_language(tuned):
+    harbour, story = tuned
+    before = load_params(harbour.directory / "parameters_before.param")
+    assert before["PSC_D_ACC_P"] == pytest.approx(0.05)
+    assert before["PILOT_SPD_UP"] == pytest.approx(2.0)
+    journal = Journal.read(harbour.directory / "journal.jsonl")
+    assert journal.closed
+    page = (harbour.directory / "report.html").read_text()
+    texts = (*harbour.said, page, (harbour.directory / "gains.json").read_text(), *story.proposal.notes)
+    assert not [text for text in texts for old in ("PSC_ACCZ", "PSC_POSZ", "PSC_VELZ", "PILOT_SPEED") if old in text]
