@@ -2,7 +2,7 @@
 
 Thrust is rarely proportional to throttle: a propeller's goes with the square of its speed. The input is bent by
 ``(1 - q) X + q X|X|`` (the affine thruster of the thesis, (2.7), gain 1 at full throttle), and the exact axis fit is
-made at several shares ``q``; the likelihood along them is the profile of ``q``, its curvature the standard error,
+made at several shares ``q``; the misfit along them is the profile of ``q``, its curvature gives the standard error,
 and the slope of the other numbers along it carries that error into theirs.
 """
 
@@ -38,7 +38,7 @@ LEAST, MOST = -0.3, 1.3
 """The profile may end a little beyond the physical 0 to 1: an ESC's dead zone bends the curve, too."""
 ROUNDS = 3
 """Parabolas laid through the three best points so far."""
-NARROW = 0.02
+NARROW = 0.005
 UNKNOWN = 0.25
 """A standard error of the share above which the curve counts as unknown."""
 
@@ -49,9 +49,14 @@ class _Point:
     fit: AxisFit
 
     @property
-    def likelihood(self) -> float:
-        """Log-likelihood of the structure fitted, taking the residuals for white."""
-        return next(c.log_likelihood for c in self.fit.candidates if c.structure == self.fit.structure)
+    def misfit(self) -> float:
+        """Mean square of what the model leaves over: nearly a parabola in the share, far more so than its logarithm."""
+        return self.fit.residual_rms**2
+
+    @property
+    def samples(self) -> int:
+        """How many samples were fitted."""
+        return sum(len(trace.t) for trace in self.fit.traces)
 
     @property
     def correlation(self) -> float:
@@ -100,7 +105,7 @@ def fit_surge(
         return _Point(square, fit_axis(runs, dof="surge", structure=drag, delay=lag))
 
     points = _profile(lambda q: at(q, structure or "affine"))
-    best = max(points, key=lambda p: p.likelihood)
+    best = min(points, key=lambda p: p.misfit)
     std = _spread(points, best)
     final = fit_axis([bent(t, best.square) for t in trials], dof="surge", structure=structure, delay=delay)
     covariance = final.covariance + _carried(final, lambda q: at(q, final.structure), best.square, std)
@@ -126,12 +131,16 @@ def _profile(at: Callable[[float], _Point]) -> list[_Point]:
 
 
 def _parabola(points: Sequence[_Point]) -> Array | None:
-    best = max(points, key=lambda p: p.likelihood)
-    near = sorted(points, key=lambda p: abs(p.square - best.square))[:3]
-    if len(near) < 3:
+    """Return the parabola through the best point and one on either side (if there is); None if it is no valley."""
+    best = min(points, key=lambda p: p.misfit)
+    sides = [[p for p in points if way * (p.square - best.square) > 0.0] for way in (-1.0, 1.0)]
+    near = [min(side, key=lambda p: abs(p.square - best.square)) for side in sides if side]
+    rest = sorted((p for p in points if p is not best and p not in near), key=lambda p: abs(p.square - best.square))
+    three = [best, *near, *rest][:3]
+    if len(three) < 3:
         return None
-    found: Array = np.polyfit([p.square for p in near], [p.likelihood for p in near], 2)
-    return found if found[0] < 0.0 else None
+    found: Array = np.polyfit([p.square for p in three], [p.misfit for p in three], 2)
+    return found if found[0] > 0.0 else None
 
 
 def _top(points: Sequence[_Point]) -> float | None:
@@ -142,9 +151,11 @@ def _top(points: Sequence[_Point]) -> float | None:
 
 
 def _spread(points: Sequence[_Point], best: _Point) -> float:
-    """Return the standard error of the share from the profile's curvature; infinite when it has none."""
+    """Return the standard error of the share from the valley's curvature; infinite when it has none."""
     curve = _parabola(points)
-    return math.inf if curve is None else math.sqrt(best.correlation / (-2.0 * float(curve[0])))
+    if curve is None:
+        return math.inf
+    return math.sqrt(best.misfit * best.correlation / (best.samples * float(curve[0])))
 
 
 def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: float) -> Array:
