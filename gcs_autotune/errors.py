@@ -6,6 +6,7 @@
     ├── LinkError
     │   ├── CannotOpenLink          port in use, no such device, wrong connection string
     │   ├── NoVehicle               the link is open but no autopilot was heard
+    │   ├── SigningMismatch         one of us signs and the other does not, or with another key
     │   ├── LinkLost                the vehicle was there and has gone silent
     │   ├── NoReply                 asked, never answered (also a TimeoutError)
     │   └── TelemetryFault          NaN, frozen or back-running telemetry, rates too low
@@ -64,6 +65,7 @@ __all__ = [
     "ParameterMissing",
     "ParameterNotAccepted",
     "PreconditionFailed",
+    "SigningMismatch",
     "TelemetryFault",
     "UnknownName",
     "UsageError",
@@ -87,6 +89,10 @@ class CannotOpenLink(LinkError):
 
 class NoVehicle(LinkError):
     """The link is open, but no autopilot's HEARTBEAT was heard."""
+
+
+class SigningMismatch(LinkError):
+    """Vehicle and ground station do not agree on MAVLink signing: they cannot believe each other."""
 
 
 class LinkLost(LinkError):

@@ -18,6 +18,7 @@ from sitl.eeprom import keep_parameters, read_parameters
 from sitl.effects import EFFECTS, parse_effect
 from sitl.listen import AddressError, CannotListen, open_link, serve_free_running
 from sitl.lockstep import serve_lockstep
+from sitl.mavlink.signing import demand_signatures, read_key
 from sitl.modelfile import read_model
 
 __all__ = ["main"]
@@ -78,6 +79,12 @@ def _make_parser() -> argparse.ArgumentParser:
         help="fly hull dynamics and effects from a model file (as 'gcs-autotune diagnose' writes it)",
     )
     parser.add_argument("--list-effects", action="store_true", help="show the effects there are and their parameters")
+    parser.add_argument(
+        "--signing-key",
+        type=Path,
+        metavar="FILE",
+        help="obey only who signs with the key in FILE: 32 bytes, or a passphrase in one line",
+    )
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
     add_options(parser)
     return parser
@@ -117,6 +124,8 @@ def _open(args: argparse.Namespace) -> Server:
             model=model,
             names=args.firmware_names,
         )
+        if args.signing_key:
+            demand_signatures(server.codec, read_key(args.signing_key))
     except KeyError as error:
         raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
     if args.eeprom:

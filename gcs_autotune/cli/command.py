@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.manoeuvres import Envelope
 
 if TYPE_CHECKING:
@@ -67,6 +68,18 @@ def add_connection(
         type=int,
         metavar="ID",
         help="our own system id (default: the one the vehicle takes commands from, MAV_GCS_SYSID)",
+    )
+    group.add_argument(
+        "--signing-key",
+        type=Path,
+        metavar="FILE",
+        help="sign with the key (32 bytes) or passphrase (one line) in FILE; what the vehicle does not sign is refused",
+    )
+    group.add_argument(
+        "--signing-passphrase",
+        action="store_true",
+        help=f"the same with a passphrase asked for on the terminal; without either, that in {PASSPHRASE_VARIABLE} is "
+        "taken, if there is one",
     )
     group.add_argument("--seed", type=int, default=1, help="noise seed of a sitl: vehicle (default 1)")
 
@@ -136,7 +149,9 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Build the connection to *uri* from the options of :func:`add_connection`."""
     from gcs_autotune.workflow import Connection
 
-    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend)
+    return Connection(
+        uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing_of(args, uri)
+    )
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:

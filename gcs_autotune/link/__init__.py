@@ -3,7 +3,7 @@
 The only room that knows serial ports, and with ``logs`` the only one that knows pymavlink. Its parts, from the wire up:
 
 * ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``mavsdk_link``, ``child``, ``memory``;
-* ``wire`` frames, ``tlog`` logs; ``session`` heartbeat, discovery, routing, liveness;
+* ``wire`` frames, ``signing`` them, ``tlog`` logs; ``session`` heartbeat, discovery, routing, liveness;
 * ``parameters``, ``journal`` and ``loan`` (borrow, verify, give back), ``params_file``;
 * ``commands``, ``rates``; ``telemetry`` with ``stamps``, ``watchdog``, ``recorder``;
 * ``mavlink_craft`` (:class:`MavlinkCraft`), put together by :func:`open_craft` (``boarding``).
@@ -25,6 +25,7 @@ from gcs_autotune.link.parameters import Parameters, same_float32
 from gcs_autotune.link.params_file import load_params, save_params
 from gcs_autotune.link.rates import Granted, Rates
 from gcs_autotune.link.session import Session
+from gcs_autotune.link.signing import SigningKey
 from gcs_autotune.link.texts import StatusText
 from gcs_autotune.link.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
 from gcs_autotune.link.transport import Transport
@@ -46,6 +47,7 @@ __all__ = [
     "Peer",
     "Rates",
     "Session",
+    "SigningKey",
     "StatusText",
     "TlogReader",
     "TlogRecord",

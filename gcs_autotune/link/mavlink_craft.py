@@ -29,6 +29,8 @@ from gcs_autotune.trial import Mark, Trial
 __all__ = ["MavlinkCraft", "Wiring"]
 
 _TICK_TIMEOUT = 3.0
+_UNHEARD = 2.0
+"""Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
 _NEUTRAL_TIMEOUT = 5.0
@@ -151,6 +153,7 @@ class MavlinkCraft:
         while self.telemetry.ticks == seen:
             self.telemetry.watchdog.check()
             if deadline.expired:
+                self.session.check_heard(_UNHEARD)
                 raise TelemetryFault(
                     f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
                     "ground station changing the stream rates?"

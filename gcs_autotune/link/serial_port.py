@@ -15,6 +15,9 @@ from gcs_autotune.link.returning import ReturningTransport
 __all__ = ["SerialPort", "cause_and_cure"]
 
 _WRITE_TIMEOUT = 2.0
+_LONGEST_QUEUE = 0.5
+"""Chosen: seconds of unsent bytes after which a message is dropped, as by a radio: a command must not come late."""
+_BITS_PER_BYTE = 10
 
 _CURES = {
     errno.ENOENT: "there is no such device; is it plugged in? `ls /dev/tty*` shows what there is",
@@ -26,11 +29,18 @@ _CURES = {
 
 
 class SerialPort(ReturningTransport):
-    """A serial port, opened for us alone. When its device goes and comes back under the same name, it is reopened."""
+    """A serial port, opened for us alone. When its device goes and comes back under the same name, it is reopened.
+
+    Attributes
+    ----------
+    dropped : messages not sent because the driver still had half a second of earlier ones.
+    """
 
     def __init__(self, name: SerialName) -> None:
         super().__init__(str(name))
         self._name = name
+        self._room = _LONGEST_QUEUE * name.baud / _BITS_PER_BYTE
+        self.dropped = 0
         try:
             self._port: Any = _open(name)
         except (OSError, ValueError) as error:
@@ -42,8 +52,23 @@ class SerialPort(ReturningTransport):
         waiting = self._port.in_waiting if first else 0
         return first + bytes(self._port.read(waiting)) if waiting else first
 
+    @property
+    def trouble(self) -> str:
+        """That messages were dropped."""
+        return f"{self.dropped} messages found no room on the wire; try a higher baud rate" if self.dropped else ""
+
     def _send(self, data: bytes) -> None:
-        self._port.write(data)
+        if self._unsent() > self._room:
+            self.dropped += 1
+        else:
+            self._port.write(data)
+
+    def _unsent(self) -> int:
+        """Return the bytes that the driver holds; 0 where it does not tell."""
+        try:
+            return int(self._port.out_waiting)
+        except OSError:
+            return 0
 
     def _hang_up(self) -> None:
         self._port.close()

@@ -19,6 +19,9 @@ from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.errors import BadFile, LinkLost, OperatorStopped
 from gcs_autotune.link.discovery import Candidate, choose, is_autopilot, nobody_found
 from gcs_autotune.link.identity import VehicleIdentity, firmware_version
+from gcs_autotune.link.signing import LINK_ID, Signer, SigningKey, is_signed
+from gcs_autotune.link.signing_errors import cannot_be_commanded, not_believed, refusals
+from gcs_autotune.link.stamp_store import StampStore
 from gcs_autotune.link.texts import TextLog
 from gcs_autotune.link.tlog import TlogWriter, time_base
 from gcs_autotune.link.transport import Transport
@@ -35,6 +38,8 @@ _HEARTBEAT_PERIOD = 1.0
 _STALE_PARTIAL = 0.5
 """Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
 _VERSION_TRIES = 3
+_SECRET = ("SETUP_SIGNING",)
+"""Messages that hold a signing key: never logged, whoever sent them."""
 _ROUNDING = 1e-6
 """Seconds: what sums of decimal fractions may be off."""
 
@@ -66,6 +71,7 @@ class Session:
     tlog : where to log every frame, both directions; None for no log.
     interrupt : asked at every pump; True means that the operator wants to stop.
     heartbeat_timeout : seconds of silence after which the link counts as lost.
+    signing : the key that we and the vehicle sign with; None for none. What is not signed with it is refused.
 
     Attributes
     ----------
@@ -84,6 +90,7 @@ class Session:
         tlog: Path | None = None,
         interrupt: Callable[[], bool] = _never,
         heartbeat_timeout: float = 5.0,
+        signing: SigningKey | None = None,
     ) -> None:
         self.transport = transport
         self.clock: Clock = transport.clock
@@ -96,6 +103,8 @@ class Session:
         self.notes: list[str] = []
         self._framer = Framer()
         self._packer = Packer(source_system, source_component)
+        self._signer = self._begin_signing(signing) if signing else None
+        self._signs: set[tuple[int, int]] = set()
         self._tlog = TlogWriter(tlog, time_base(transport)) if tlog else None
         self._interrupt = interrupt
         self._timeout = heartbeat_timeout
@@ -117,6 +126,16 @@ class Session:
         return self._framer.bad_data
 
     @property
+    def refused(self) -> int:
+        """Frames refused because they were not signed with our key, or too long ago; 0 without a key."""
+        return self._signer.refused.total() if self._signer else 0
+
+    @property
+    def refusals(self) -> str:
+        """How many frames were refused and why, for the operator; empty when none were."""
+        return refusals(self._signer)
+
+    @property
     def source_system(self) -> int:
         """The system id we send as."""
         return self._packer.system
@@ -135,7 +154,8 @@ class Session:
     def send(self, message: Message) -> None:
         """Send one message, and log it."""
         frame = self._packer.pack(message)
-        self._log(frame)
+        if message.get_type() not in _SECRET:
+            self._log(frame)
         self.transport.write(frame)
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
@@ -172,7 +192,11 @@ class Session:
         data = self.transport.read(max(0.0, min(timeout, _SLICE, next_duty)))
         for frame in self._frames(data):
             self._route(frame)
-        if self.vehicle is not None and self.silence > self._timeout:
+        self.check_heard(self._timeout)
+
+    def check_heard(self, patience: float) -> None:
+        """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
+        if self.vehicle is not None and self.silence > patience:
             raise LinkLost(
                 f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
                 f"check power, cable and radio range{self._trouble()}"
@@ -229,11 +253,15 @@ class Session:
         ------
         NoVehicle
             No autopilot was heard within *timeout* [s]; the message says what was heard instead.
+        SigningMismatch
+            One was heard, but it signs and we have no key or another one, or it does not sign and we have a key.
         UsageError
             There are several and *system_id* does not say which.
         """
         wanted = self.wait_for(lambda: self._found(system_id), timeout)
         if wanted is None:
+            if self._signer and self._signer.refused:
+                raise not_believed(self._signer, self.transport.description)
             where, heard = f"{self.transport.description}{self._trouble()}", self._candidates
             raise nobody_found(where, timeout, system_id, heard, self.foreign, self._framer.bad_bytes)
         if system_id is None:
@@ -242,12 +270,25 @@ class Session:
         self.vehicle = wanted.identity()
         self._last_heard = self.clock.now()
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
-        self.vehicle = wanted.identity(version=self._ask_version())
+        version = self._ask_version()
+        if self._signer is None and (wanted.system, wanted.component) in self._signs:
+            if not version:
+                raise cannot_be_commanded(wanted, self.transport.description)
+            self.notes.append("the vehicle signs its messages; on this link it obeys unsigned ones too")
+        self.vehicle = wanted.identity(version=version)
         return self.vehicle
 
     def _trouble(self) -> str:
-        said = self.transport.trouble
+        said = "; ".join(filter(None, (self.transport.trouble, self.refusals)))
         return f" ({said})" if said else ""
+
+    def _begin_signing(self, key: SigningKey) -> Signer:
+        store = None if self.transport.is_simulated else StampStore()
+        signer = Signer(key, time_base(self.transport), store)
+        self._packer.sign_with(key.secret, LINK_ID, signer.next_stamp)
+        if store and store.trouble:
+            self.notes.append(store.trouble)
+        return signer
 
     def _found(self, system_id: int | None) -> Candidate | None:
         return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)
@@ -289,7 +330,10 @@ class Session:
         return []
 
     def _route(self, frame: Frame) -> None:
-        self._log(frame.raw)
+        if self._signer is not None and not self._signer.believes(frame):
+            return
+        if frame.name not in _SECRET:
+            self._log(frame.raw)
         if self.vehicle is None:
             self._consider(frame)
             return
@@ -325,6 +369,8 @@ class Session:
 
     def _consider(self, frame: Frame) -> None:
         if frame.name == "HEARTBEAT" and is_autopilot(frame.message):
+            if is_signed(frame):
+                self._signs.add((frame.system, frame.component))
             self._candidates[frame.system, frame.component] = Candidate.of(frame)
         else:
             self.foreign[frame.system, frame.component] += 1

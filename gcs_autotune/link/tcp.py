@@ -16,12 +16,15 @@ _CHUNK = 65536
 _CONNECT_TIMEOUT = 5.0
 _RECONNECT_TIMEOUT = 0.5
 _WRITE_TIMEOUT = 2.0
+_DEAF = 3.0
+"""Chosen: seconds of silence after which another caller takes the place of the one we have."""
 
 
 class _TcpStream(ReturningTransport):
     """What both kinds share: reading, writing and losing one connection."""
 
     _connection: socket.socket | None = None
+    _heard_at = 0.0
 
     def _receive(self, timeout: float) -> bytes:
         assert self._connection is not None
@@ -30,6 +33,7 @@ class _TcpStream(ReturningTransport):
         data = self._connection.recv(_CHUNK)
         if not data:
             raise EOFError("the other end closed the connection")
+        self._heard_at = self._clock.now()
         return data
 
     def _send(self, data: bytes) -> None:
@@ -51,6 +55,7 @@ class _TcpStream(ReturningTransport):
         connection.settimeout(_WRITE_TIMEOUT)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._connection = connection
+        self._heard_at = self._clock.now()
 
 
 class TcpOut(_TcpStream):
@@ -76,7 +81,10 @@ class TcpOut(_TcpStream):
 
 
 class TcpIn(_TcpStream):
-    """A server for one caller at a time. What is written before anybody called is dropped, as on a radio."""
+    """A server for one caller at a time. What is written before anybody called is dropped, as on a radio.
+
+    A new caller is let in when the one before has closed, or has been silent for 3 s.
+    """
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"tcpin:{address}")
@@ -102,6 +110,8 @@ class TcpIn(_TcpStream):
         if self._connection is None:
             self._accept(timeout)
             return b""
+        if self._clock.now() - self._heard_at > _DEAF and self._accept(0.0):
+            return b""  # the caller lost its power without a word, and calls again
         return super()._receive(timeout)
 
     def _send(self, data: bytes) -> None:
@@ -115,6 +125,7 @@ class TcpIn(_TcpStream):
         if not select.select([self._server], [], [], timeout)[0]:
             return False
         caller, _ = self._server.accept()
+        self._hang_up()
         self._take(caller)
         return True
 

@@ -6,7 +6,7 @@ counted, so line noise, half frames and foreign protocols cost bytes and never a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -133,6 +133,13 @@ class Packer:
 
     def __init__(self, system: int, component: int) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._stamp: Callable[[], int] | None = None
+
+    def sign_with(self, secret: bytes, link_id: int, stamp: Callable[[], int]) -> None:
+        """From now on sign every frame with the 32 bytes *secret*; *stamp* tells the signing time of the next one."""
+        signing = self._mav.signing
+        signing.secret_key, signing.link_id, signing.sign_outgoing = secret, link_id, True
+        self._stamp = stamp
 
     @property
     def system(self) -> int:
@@ -150,6 +157,8 @@ class Packer:
 
     def pack(self, message: Message) -> bytes:
         """Return *message* as a MAVLink 2 frame."""
+        if self._stamp is not None:
+            self._mav.signing.timestamp = self._stamp()
         frame = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame

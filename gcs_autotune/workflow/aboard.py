@@ -39,15 +39,22 @@ def connect(
     """Open the link and find the vehicle; the link is closed on every way out."""
     with connection.open() as transport:
         watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
+        if connection.signing is not None:
+            watcher.say(f"signing with the {connection.signing.origin}; what is not signed with it is refused")
         with Session(
             transport,
             source_system=connection.source_system or 255,
             tlog=record.tlog if record is not None else None,
             interrupt=operator.stop_requested,
+            signing=connection.signing,
         ) as session:
             session.discover(system_id=connection.system_id)
             watcher.say(f"vehicle: {session.vehicle}")
-            yield session
+            try:
+                yield session
+            finally:
+                if session.refusals:
+                    watcher.say(session.refusals)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.identify import Structure
 from gcs_autotune.identify.model_file import ModelFile
-from gcs_autotune.link import Transport, open_link
+from gcs_autotune.link import SigningKey, Transport, open_link
 from gcs_autotune.manoeuvres import Envelope
 
 __all__ = ["Connection", "TuneSettings"]
@@ -24,6 +24,7 @@ class Connection:
     source_system: int | None = None
     seed: int | None = 1
     backend: str = "pymavlink"
+    signing: SigningKey | None = None
 
     def open(self) -> Transport:
         """Open the link.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from sitl.mavlink.commands import handle_command, handle_set_mode
 from sitl.mavlink.control import (
@@ -17,6 +18,7 @@ from sitl.mavlink.control import (
 from sitl.mavlink.dialect import Message, mavlink
 from sitl.mavlink.parameter_protocol import ParameterProtocol
 from sitl.mavlink.report import Reporter
+from sitl.mavlink.signing import handle_setup_signing
 from sitl.mavlink.streams import STREAM_GROUPS, Streams
 from sitl.mavlink.telemetry import MESSAGES, available_messages
 from sitl.vehicle import TICKS_PER_SECOND, Vehicle
@@ -43,8 +45,8 @@ class Server:
         self._uplink: deque[tuple[int, bytes]] = deque()
         self._downlink: deque[tuple[int, bytes]] = deque()
         self._out = bytearray()
-        self._codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=_COMPONENT)
-        self._codec.robust_parsing = True
+        self.codec: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=_COMPONENT)
+        self.codec.robust_parsing = True
         self._reboots = False
         self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
@@ -79,9 +81,9 @@ class Server:
 
     def send(self, message: Message) -> None:
         """Put a message on the wire."""
-        self._codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
-        self._out += message.pack(self._codec)
-        self._codec.seq = (self._codec.seq + 1) % 256
+        self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
+        self._out += message.pack(self.codec)
+        self.codec.seq = (self.codec.seq + 1) % 256
 
     def send_now(self, message_id: int) -> None:
         """Send a message of :data:`~sitl.mavlink.telemetry.MESSAGES` once."""
@@ -131,7 +133,7 @@ class Server:
         self._announce()
 
     def _hear(self, data: bytes) -> None:
-        for message in self._codec.parse_buffer(data) or ():
+        for message in self.codec.parse_buffer(data) or ():
             handler = HANDLERS.get(message.get_type())
             if handler is not None and self._is_addressed(message):
                 handler(self, message)
@@ -173,6 +175,7 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "PARAM_REQUEST_READ": lambda server, message: server.parameters.request_read(message),
     "PARAM_SET": lambda server, message: server.parameters.set(message),
     "RC_CHANNELS_OVERRIDE": handle_override,
+    "SETUP_SIGNING": handle_setup_signing,
     "MANUAL_CONTROL": handle_manual_control,
     "SET_ATTITUDE_TARGET": handle_attitude_target,
     "SET_POSITION_TARGET_LOCAL_NED": handle_local_target,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from link_ends import PATIENCE, Ends
 
 from gcs_autotune.clock import Deadline, WallClock
-from gcs_autotune.errors import LinkLost
 from gcs_autotune.link.memory import Peer
 from gcs_autotune.link.stepped import SteppedTransport
 from gcs_autotune.link.wire import split_frames
@@ -44,8 +43,9 @@ class Afloat(SteppedTransport):
             self.ends.ours.write(frame)
         if self.is_cut:
             return
-        came = b""
+        came, patience = b"", Deadline.after(WallClock(), PATIENCE)
         while frames[-1] not in came:
+            assert not patience.expired, "the medium lost what we sent"
             came += self.ends.receive()
         self.peer.receive(came)
 
@@ -61,11 +61,5 @@ class Afloat(SteppedTransport):
         self.ends.come_back()
         self.is_cut = False
 
-    def _write(self, data: bytes) -> None:
-        super()._write(data)
-
     def _close(self) -> None:
         self.ends.ours.close()
-
-
-__all__ = ["Afloat", "LinkLost"]

@@ -140,6 +140,9 @@ def tcpout_ends(folder: Path, backend: str = "pymavlink") -> Iterator[Ends]:
             while not select.select([server], [], [], 0.02)[0]:
                 ours.read(0.02)
             theirs = _stream(server.accept()[0])
+            while not select.select([theirs], [], [], 0.02)[0] or HELLO not in theirs.recv(65535):
+                ours.read(0.0)
+                ours.write(HELLO)  # accepted is not yet connected, at MAVSDK's end
 
         send = lambda data: theirs.sendall(data)  # noqa: E731
         yield Ends(ours, lambda: theirs.recv(65535), send, lambda: theirs.close(), come_back)

@@ -11,7 +11,7 @@ import pytest
 from link_ends import BREAK, ENDS, HELLO, PATIENCE, RETURN, Ends, opened
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs_autotune.clock import Deadline
+from gcs_autotune.clock import Deadline, WallClock
 from gcs_autotune.errors import LinkLost
 from gcs_autotune.link import MemoryLink, mavsdk_link, returning
 from gcs_autotune.link.child import ChildLink
@@ -50,8 +50,9 @@ def read_until(ends: Ends, wanted: bytes) -> bytes:
 
 
 def receive_until(ends: Ends, wanted: bytes) -> bytes:
-    data = b""
+    data, deadline = b"", Deadline.after(WallClock(), PATIENCE)
     while wanted not in data:
+        assert not deadline.expired, "it has not arrived"
         data += ends.receive()
     return data
 

@@ -450,3 +450,13 @@ def test_the_same_flight_gives_the_same_record_to_the_last_bit() -> None:
     for name, channel in first.channels.items():
         assert channel.t.tobytes() == second[name].t.tobytes()
         assert channel.values.tobytes() == second[name].values.tobytes()
+
+
+def test_no_attitude_and_no_word_is_a_lost_link_and_no_attitude_alone_a_fault(boat: ScriptedVehicle) -> None:
+    craft = open_craft(Session(MemoryLink(boat)))
+    boat.mute.add("ATTITUDE")
+    with pytest.raises(TelemetryFault, match="although the vehicle is heard"):
+        craft.observe()
+    boat.alive = False
+    with pytest.raises(LinkLost, match=r"silent for [23]\.\d s"):
+        craft.observe()

@@ -15,11 +15,11 @@ from link_ends import ECHO_CHILD, LOCAL, Echo, free_port
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import CannotOpenLink, LinkLost, UnknownName, UsageError
-from gcs_autotune.link import BACKENDS, TRANSPORTS, MemoryLink, mavsdk_link, open_link, returning, serial_port, udp
+from gcs_autotune.link import BACKENDS, TRANSPORTS, MemoryLink, mavsdk_link, open_link, returning, serial_port, tcp, udp
 from gcs_autotune.link import child as child_module
 from gcs_autotune.link.address import HostPort, parse_host_port
 from gcs_autotune.link.child import ChildLink
-from gcs_autotune.link.tcp import TcpOut
+from gcs_autotune.link.tcp import TcpIn, TcpOut
 from gcs_autotune.link.udp import UdpIn
 
 
@@ -383,3 +383,16 @@ def test_a_refused_reconnection_is_waited_for_and_no_error(monkeypatch: pytest.M
             ours.read(1.0)
         for _ in range(5):
             assert ours.read(0.002) == b""
+
+
+def test_a_caller_without_a_word_gives_way_to_the_next_but_not_one_that_talks(monkeypatch: pytest.MonkeyPatch) -> None:
+    with TcpIn(HostPort(LOCAL, 0)) as ours, socket.create_connection((LOCAL, ours.port)) as first:
+        first.sendall(b"one")
+        while ours.read(1.0) != b"one":
+            continue
+        with socket.create_connection((LOCAL, ours.port)) as second:
+            second.sendall(b"two")
+            first.sendall(b"again")
+            assert ours.read(1.0) == b"again"
+            monkeypatch.setattr(tcp, "_DEAF", -1.0)
+            assert ours.read(1.0) == b"two"

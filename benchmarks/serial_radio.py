@@ -1,0 +1,68 @@
+"""A whole tune over a serial link of 57600 or 115200 baud: a real port, the simulated vehicle, bytes counted.
+
+``python3 -m benchmarks.serial_radio [--baud 57600 115200] [--vehicle charlie] [--axis heading]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.throttled_pty import ThrottledPty
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.link import Transport
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Connection, TuneSettings, tune
+from gcs_autotune.workflow.operator import Unattended
+from sitl import open_vehicle
+
+
+@dataclass(frozen=True)
+class Ready(Connection):
+    """A connection whose link is already made."""
+
+    link: Transport | None = None
+
+    def open(self) -> Transport:
+        assert self.link is not None
+        return self.link
+
+
+def run(vehicle: str, axis: str, baud: int, seed: int) -> str:
+    """Tune over the wire and return a row of the table."""
+    link = ThrottledPty(open_vehicle(vehicle, seed=seed), baud)
+    begun = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = TuneSettings(axis, Ready("serial", link=link), Path(folder) / "run")
+        try:
+            story = tune(settings, Unattended(), SilentWatcher(), "benchmark")
+            ending = story.ending
+        except AutotuneError as error:
+            ending = f"{type(error).__name__}: {error}"
+    seconds = link.clock.now()
+    share = 100.0 / (seconds * baud / 10)
+    return (
+        f"| {vehicle} {axis} | {baud} | {ending} | {seconds:.0f} | {link.down.passed * share:.0f} | "
+        f"{link.up.passed * share:.0f} | {1e3 * link.down.longest / link.down.rate:.0f} | "
+        f"{1e3 * link.up.longest / link.up.rate:.0f} | {link.down.dropped} | {time.process_time() - begun:.0f} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--baud", type=int, nargs="+", default=[57600, 115200])
+    parser.add_argument("--vehicle", default="charlie")
+    parser.add_argument("--axis", default="heading")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    print("| tune | baud | ending | s | used down % | up % | waited at most ms down | up | not sent | CPU s |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for baud in args.baud:
+        print(run(args.vehicle, args.axis, baud, args.seed), flush=True)
+
+
+if __name__ == "__main__":
+    main()

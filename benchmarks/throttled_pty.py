@@ -1,0 +1,108 @@
+"""A vehicle at the far end of a real pseudo-terminal that passes so many bytes a second, in simulated time."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import tty
+from collections import deque
+
+from gcs_autotune.link import Transport, open_link
+from gcs_autotune.link.memory import Peer
+from gcs_autotune.link.stepped import SteppedTransport
+from gcs_autotune.link.wire import split_frames
+
+BITS_PER_BYTE = 10
+"""A start bit, eight, a stop bit."""
+AUTOPILOT_BUFFER = 2048
+"""Bytes that wait in the autopilot's serial driver; a message for which there is no room is not sent."""
+_STEP = 0.01
+_PATIENCE = 10.0
+
+
+class Wire:
+    """One direction: whole frames go in, bytes come out at ``rate`` [bytes/s].
+
+    Attributes
+    ----------
+    passed, dropped : bytes that came through, frames that found no room.
+    longest : most bytes that ever waited.
+    """
+
+    def __init__(self, rate: float, room: float) -> None:
+        self.rate, self.room = rate, room
+        self.passed = self.dropped = self.longest = 0
+        self._held: deque[int] = deque()
+        self._credit = 0.0
+
+    def put(self, data: bytes) -> None:
+        """Take frames, as many as there is room for."""
+        for frame in split_frames(data):
+            if len(self._held) + len(frame) > self.room:
+                self.dropped += 1
+            else:
+                self._held += frame
+        self.longest = max(self.longest, len(self._held))
+
+    def take(self, seconds: float) -> bytes:
+        """Return what comes through in *seconds*."""
+        self._credit = min(self._credit + self.rate * seconds, self.rate * seconds + 1.0)
+        count = min(int(self._credit), len(self._held))
+        self._credit -= count
+        self.passed += count
+        return bytes(self._held.popleft() for _ in range(count))
+
+
+class ThrottledPty(SteppedTransport):
+    """Our own serial transport on one end of a pseudo-terminal; *peer* lives behind two wires on the other."""
+
+    def __init__(self, peer: Peer, baud: int) -> None:
+        self._master, slave = pty.openpty()
+        tty.setraw(self._master)
+        tty.setraw(slave)
+        self.port: Transport = open_link(f"serial://{os.ttyname(slave)}:{baud}")
+        os.close(slave)
+        super().__init__(self.port.description)
+        self.peer = peer
+        self.up = Wire(baud / BITS_PER_BYTE, float("inf"))
+        self.down = Wire(baud / BITS_PER_BYTE, AUTOPILOT_BUFFER)
+
+    def _step(self, grant: float, outgoing: bytes) -> tuple[float, bytes]:
+        if outgoing:
+            self.port.write(outgoing)
+            self.up.put(self._from_port(len(outgoing)))
+        now, came = self._clock.now(), bytearray()
+        while now < grant - 1e-9:
+            step = min(_STEP, grant - now)
+            now += step
+            self.peer.receive(self.up.take(step))
+            self.down.put(self.peer.advance_to(now))
+            came += self._through_port(self.down.take(step))
+        return grant, bytes(came)
+
+    def _from_port(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            assert select.select([self._master], [], [], _PATIENCE)[0], "the port swallowed bytes"
+            data += os.read(self._master, count - len(data))
+        return data
+
+    def _through_port(self, data: bytes) -> bytes:
+        came = b""
+        os.write(self._master, data)
+        while len(came) < len(data):
+            piece = self.port.read(_PATIENCE)
+            assert piece, "the port swallowed bytes"
+            came += piece
+        return came
+
+    def unplug(self) -> None:
+        """Pull the cable."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+
+    def _close(self) -> None:
+        self.port.close()
+        self.unplug()

@@ -1,0 +1,47 @@
+"""The signing key from the command line, the terminal or the environment; it is shown nowhere."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from gcs_autotune.errors import UsageError
+
+if TYPE_CHECKING:
+    from gcs_autotune.link import SigningKey
+
+__all__ = ["PASSPHRASE_VARIABLE", "signing_of"]
+
+PASSPHRASE_VARIABLE = "GCS_AUTOTUNE_SIGNING_PASSPHRASE"
+
+
+def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
+    """Return the key that the options or the environment name for the vehicle at *uri*, None when none do.
+
+    The embedded simulator has no key: what the environment says is for other vehicles.
+
+    Raises
+    ------
+    UsageError, BadFile
+        Two are named, the terminal cannot be asked, or the file holds none.
+    """
+    from gcs_autotune.link import SigningKey
+
+    if args.signing_key is not None and args.signing_passphrase:
+        raise UsageError("--signing-key and --signing-passphrase are two ways to name one key: give one of them")
+    if args.signing_key is not None:
+        return SigningKey.read(args.signing_key)
+    if args.signing_passphrase:
+        if not sys.stdin or not sys.stdin.isatty():
+            raise UsageError(
+                "the signing passphrase cannot be asked for: standard input is no terminal. "
+                f"Give --signing-key FILE, or set {PASSPHRASE_VARIABLE}"
+            )
+        return SigningKey.from_passphrase(getpass.getpass("Signing passphrase: "), "passphrase typed")
+    passphrase = os.environ.get(PASSPHRASE_VARIABLE)
+    if passphrase and not uri.startswith("sitl:"):
+        return SigningKey.from_passphrase(passphrase, f"passphrase in {PASSPHRASE_VARIABLE}")
+    return None

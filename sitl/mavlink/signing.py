@@ -1,0 +1,62 @@
+"""Signing as ArduPilot does it on a telemetry port: once it has a key, it obeys nobody who does not sign with it.
+
+Its signing clock starts where it was left, here at zero as on an autopilot that never had GPS time, and follows the
+latest it has heard. RADIO_STATUS and RADIO need no signature. SETUP_SIGNING sets a key, all zeros remove it, and while
+armed it is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sitl.autopilot.autopilot import WARNING
+from sitl.mavlink.dialect import Message, mavlink
+
+if TYPE_CHECKING:
+    from sitl.mavlink.server import Server
+
+__all__ = ["demand_signatures", "handle_setup_signing", "read_key"]
+
+_KEY_LENGTH = 32
+_UNSIGNED = (mavlink.MAVLINK_MSG_ID_RADIO_STATUS, mavlink.MAVLINK_MSG_ID_RADIO)
+
+
+def read_key(path: Path) -> bytes:
+    """Return the key in a file of 32 bytes, or the SHA-256 of the one line of text in it.
+
+    Raises
+    ------
+    ValueError
+        The file cannot be read or is empty.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"--signing-key {path}: {error.strerror}") from error
+    if len(data) == _KEY_LENGTH and not (data.isascii() and data.decode().isprintable()):
+        return data
+    line = data.rstrip(b"\r\n")
+    if not line:
+        raise ValueError(f"--signing-key {path}: it is empty; give 32 bytes or a passphrase")
+    return hashlib.sha256(line).digest()
+
+
+def demand_signatures(codec: Any, key: bytes, timestamp: int = 0) -> None:
+    """Sign what *codec* packs and refuse what is not signed with *key*; an empty key ends that."""
+    signing = codec.signing
+    signing.secret_key = key or None
+    signing.sign_outgoing = bool(key)
+    signing.timestamp = timestamp
+    signing.stream_timestamps.clear()
+    signing.allow_unsigned_callback = lambda _, number: number in _UNSIGNED
+
+
+def handle_setup_signing(server: Server, message: Message) -> None:
+    """Take a new key, or none."""
+    if server.vehicle.autopilot.armed:
+        server.vehicle.autopilot.say(WARNING, "ERROR: Won't setup signing when armed")
+        return
+    key = bytes(message.secret_key)
+    demand_signatures(server.codec, key if any(key) else b"", message.initial_timestamp)
