@@ -19,6 +19,7 @@ from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_keeper import RateKeeper
+from gcs_autotune.link.rate_stick import RateStick
 from gcs_autotune.link.rates import Rates, message_number
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
@@ -54,7 +55,8 @@ class Wiring:
 
     ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none;
     ``loop_period`` [s] that of the autopilot's main loop, 0 when unknown; ``rate_lag`` [s] how late its gyro filter
-    makes turn rates.
+    makes turn rates; ``rate_stick`` what turn rate the yaw stick asks for in the stabilised modes, None where targets
+    do that (boats).
     """
 
     overrides: OverrideMap
@@ -62,6 +64,7 @@ class Wiring:
     full_speed: float = 0.0
     loop_period: float = 0.0
     rate_lag: float = 0.0
+    rate_stick: RateStick | None = None
 
 
 class MavlinkCraft:
@@ -102,7 +105,14 @@ class MavlinkCraft:
         self._sticks = Sticks(session)
         self._hands = Hands(session, firmware, parameters, self.company, self._sticks)
         self._driver = Driver(
-            session, firmware, wiring.overrides, wiring.full_speed, self.telemetry, self.latency, self._sticks
+            session,
+            firmware,
+            wiring.overrides,
+            wiring.full_speed,
+            self.telemetry,
+            self.latency,
+            self._sticks,
+            rate_stick=wiring.rate_stick,
         )
         self._resting = True
 
@@ -136,6 +146,11 @@ class MavlinkCraft:
     def armed(self) -> bool:
         """Whether the vehicle is armed."""
         return self.session.armed
+
+    @property
+    def skid(self) -> bool:
+        """Whether it steers by the difference of two thrusters."""
+        return self._wiring.servos.skid
 
     # --- watching -----------------------------------------------------------------------------------------
 

@@ -78,6 +78,7 @@ class Telemetry:
             "VFR_HUD": self._vfr_hud,
             "SCALED_PRESSURE2": self._pressure,
             "SYS_STATUS": self._sys_status,
+            "NAMED_VALUE_FLOAT": self._named_value,
         }
 
     def value(self, name: str) -> float:
@@ -190,6 +191,10 @@ class Telemetry:
 
     def _pressure(self, m: Message) -> None:
         self._take(self._clock.from_ms(m.time_boot_ms), {"pressure": m.press_abs * 100.0})
+
+    def _named_value(self, m: Message) -> None:
+        if m.name.rstrip("\0") == "PilotGain":
+            self.latest["pilot_gain"] = m.value
 
     def _sys_status(self, m: Message) -> None:
         values = {}

@@ -74,6 +74,8 @@ class Sequencer:
         observation = craft.observe()
         if self._home is None and math.isfinite(observation.x):
             self._home = observation
+        if firmware.kind == "boat":
+            envelope = replace(envelope, depth_excursion=math.inf)
         watch = Watch(envelope, observation, self._home)
         manoeuvre.start(observation)
         while manoeuvre.outcome is None:

@@ -18,6 +18,7 @@ from gcs_autotune.report.numbers import (
     format_quantity,
     format_seconds,
     format_share,
+    format_value,
 )
 from gcs_autotune.report.story import TuneStory
 
@@ -204,7 +205,7 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     """Return the stability bound of thesis (8.22)-(8.27), evaluated."""
     left, right = bound
     if math.isnan(left) or math.isnan(right):
-        return "The closed-form stability bound (thesis 8.22-8.27) could not be evaluated for this loop."
+        return "The closed-form stability bound (thesis 8.22-8.27) is about loops on a position, not on a velocity."
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="
     return (
@@ -224,10 +225,17 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
         top = abs(model.steady_velocity(1.0 - model.delta))
         if math.isfinite(top):
             said.append(f"Full output sustains {format_quantity(top, unit)}.")
+    fitted = fit.traces[0].unit if fit.traces and fit.traces[0].unit else axis.position_unit
+    if "thrust_curve" in fit.extra:
+        curve = fit.extra["thrust_curve"]
+        said.append(
+            f"Thrust at throttle x goes as (1 - q) x + q x\u00b2 with q = "
+            f"{format_value(float(curve['square']), float(curve['std']))}: 0 is proportional, 1 a plain propeller."
+        )
     said.append(
         f"The model, simulated from the inputs alone, explains {format_percent(fit.fit_percent)} of the "
-        f"measured motion; {format_quantity(fit.residual_rms, axis.position_unit, 2)} rms remain, of which "
-        f"{format_quantity(fit.noise_std, axis.position_unit, 2)} is measurement noise."
+        f"measured motion; {format_quantity(fit.residual_rms, fitted, 2)} rms remain, of which "
+        f"{format_quantity(fit.noise_std, fitted, 2)} is measurement noise."
     )
     return tuple(said)
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
     actuate,
@@ -25,7 +26,7 @@ from gcs_autotune.design.laws.kernel import (
     smoothing,
     wrap,
 )
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.law import SKID, Motion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
@@ -128,7 +129,7 @@ DEFAULTS: Settings = {
 }
 
 
-class RoverHeading:
+class RoverHeading(AboutRest):
     """``Axis.law == "rover-heading"``."""
 
     name = "rover-heading"
@@ -145,12 +146,18 @@ class RoverHeading:
         """Return the loop period [s]."""
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
+    def is_skid(self, settings: Settings) -> bool:
+        """Whether the boat steers by the difference of two thrusters: never scaled with speed, never frozen."""
+        return settings.get(SKID, 0.0) > 0.0
+
     def scale(self, settings: Settings, speed: float | None) -> float:
         """Return servo per controller output at *speed* [m/s].
 
         With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
         throttle that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot drives at that speed with.
         """
+        if self.is_skid(settings):
+            return 1.0
         widest = self._widest(settings)
         if widest > 0.0:
             return 1.0 / (self._throttle(settings, speed) * widest)
@@ -168,14 +175,15 @@ class RoverHeading:
 
     def integral_grows(self, settings: Settings, speed: float | None) -> bool:
         """Whether the integral term can grow at *speed*: not at or below MOT_SPD_SCA_BASE."""
-        if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
+        if self.is_skid(settings) or self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
             return True
         return speed is None or speed > self._get(settings, "MOT_SPD_SCA_BASE") > 0.0
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
         """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
-        base = self._get(settings, "MOT_SPD_SCA_BASE")
-        return speed if speed is None else max(speed, JUST_ABOVE * base)
+        if speed is None or self.is_skid(settings):
+            return speed
+        return max(speed, JUST_ABOVE * self._get(settings, "MOT_SPD_SCA_BASE"))
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
@@ -276,8 +284,21 @@ class RoverHeading:
         return settings[ANG] * settings[I] / max(proportional, 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Say at which speeds the gains hold, and how turn rates are followed."""
+        vectored = self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0
+        plain = self.is_skid(settings) or (not vectored and self.integral_grows(settings, speed))
+        feed = self._feed_notes(model, settings, speed) if plain else []
+        return [*self.speed_notes(model, settings, speed), *feed]
+
+    def speed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say at which speeds the gains hold."""
         base = self._get(settings, "MOT_SPD_SCA_BASE")
+        if self.is_skid(settings):
+            return [
+                f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
+                f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
+                "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
+            ]
         if self._widest(settings) > 0.0:
             return [
                 "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
@@ -298,8 +319,7 @@ class RoverHeading:
             f"{seen}; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed, so the gains "
             f"hold there as long as the turn rate per rudder grows in proportion to speed: {FF} = 1/(K base) = "
             f"{ideal:.3g} then follows turn rates exactly, at every speed; at or below {base:g} m/s the integral term "
-            "is frozen",
-            *self._feed_notes(model, settings, speed),
+            "is frozen"
         ]
 
     def _feed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
