@@ -2,7 +2,7 @@
 
 No mode of ArduSub leaves the angle loop out: the stick moves a heading target at the wanted rate (shaped by
 ATC_ACCEL_Y_MAX), whose rate is fed forward, and ATC_ANG_YAW_P corrects what the craft falls behind it. So that gain is
-tuned with the rate PID, for the turn rate (decision 11). ``N = P e + I int(e) + D de/dt``. What is told as position is
+tuned with the rate PID, for the turn rate (decision 10). ``N = P e + I int(e) + D de/dt``. What is told as position is
 the turn rate.
 """
 
