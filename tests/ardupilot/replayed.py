@@ -149,16 +149,24 @@ class Replayed:
         self._next = 0
         self._out = bytearray()
         self._ear = mavlink.MAVLink(None)
+        self._written: dict[str, list[bytes]] = {}
         self.asked: list[Any] = []
         self.unanswered: list[Any] = []
 
     def receive(self, data: bytes) -> None:
         for message in self._ear.parse_buffer(data) or ():
             self.asked.append(message)
-            answers = self._recording.answers(message)
+            answers = self._held(message) or self._recording.answers(message)
             if not answers and _key(message) is not None:
                 self.unanswered.append(message)
             self._out += b"".join(answers)
+
+    def _held(self, message: Any) -> list[bytes]:
+        """Return what a parameter that was written (as in the recording) holds since."""
+        key = _key(message)
+        if key is not None and key[0] == "set":
+            self._written[key[1]] = self._recording.answers(message) or self._written.get(key[1], [])
+        return self._written.get(key[1], []) if key is not None and key[0] == "parameter" else []
 
     def advance_to(self, t: float) -> bytes:
         out, self._out = bytes(self._out), bytearray()
