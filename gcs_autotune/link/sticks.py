@@ -26,7 +26,8 @@ _NO_PULSE = 800
 _JUDGED, _TOO_MANY = 6, 3
 """Chosen: that many of the last messages must disagree; one or two may have crossed our commands on the way."""
 _MEMORY = 1.0
-"""Chosen [s]: what was sent so long ago may still be on its way, beside what the link is known to take."""
+"""Chosen [s of listening: when this machine stalls, nothing is held against the vehicle]: what was sent so long ago may
+still be on its way, beside what the link is known to take."""
 _PATIENCE = 3.0
 """Chosen [s]: after that long without having been obeyed once, we are deaf."""
 
@@ -59,7 +60,7 @@ class Sticks:
 
     def sent(self, values: Mapping[int, int], slack: float = 0.0) -> None:
         """Take note of an override sent now: channel -> PWM [us], and of the link's *slack* [s], there and back."""
-        now = self._session.clock.now()
+        now = self._session.listened
         self._memory = _MEMORY + slack
         if not self._sent:
             self._since = now
@@ -92,7 +93,7 @@ class Sticks:
         if not self._sent:
             return None
         wrong = [v for v in self._verdicts if v is not None]
-        late = self._session.clock.now() - self._since > _PATIENCE + self._memory
+        late = self._session.listened - self._since > _PATIENCE + self._memory
         if len(wrong) < _TOO_MANY or not (self.obeyed or late):
             return None
         channel, shown = wrong[-1]
