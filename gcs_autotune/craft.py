@@ -16,7 +16,7 @@ from gcs_autotune.clock import Clock
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.trial import Mark, Trial
 
-__all__ = ["Actuate", "Command", "Craft", "DepthTarget", "HeadingTarget", "Observation"]
+__all__ = ["Actuate", "Command", "Craft", "DepthTarget", "HeadingTarget", "Observation", "TurnRateTarget"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +76,21 @@ class HeadingTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class TurnRateTarget:
+    """Let the autopilot's own rate loop turn at ``r`` [rad/s] at forward ``speed`` [m/s] (0 for an ROV)."""
+
+    r: float
+    speed: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class DepthTarget:
     """Let the autopilot's own depth loop hold ``z`` [m, down]."""
 
     z: float
 
 
-Command = Actuate | HeadingTarget | DepthTarget
+Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget
 
 
 class Craft(Protocol):

@@ -27,21 +27,33 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND"]
 
-DEFAULT_CONNECTIONS = {"heading": "sitl:charlie", "depth": "sitl:videoray"}
+DEFAULT_CONNECTIONS = {
+    "heading": "sitl:charlie",
+    "depth": "sitl:videoray",
+    "speed": "sitl:charlie",
+    "yaw": "sitl:charlie",
+}
 RESTORED = 8
 """Exit code: tuned, but the old gains proved better and are back."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=sorted(DEFAULT_CONNECTIONS), help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie for heading, sitl:videoray for depth")
+    add_connection(parser, otherwise="sitl:charlie for heading, speed and yaw, sitl:videoray for depth")
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
-    step = parser.add_argument_group("proof (angles in deg, depths in m)")
-    step.add_argument("--step", type=float, help="size of the before/after step (default 30 deg or 1 m)")
-    step.add_argument("--step-duration", type=float, metavar="S", help="time given to each step (default 30 s)")
+    step = parser.add_argument_group("proof (angles in deg, depths in m, speeds in m/s, turn rates in deg/s)")
+    step.add_argument(
+        "--step", type=float, help="size of the before/after step (default 30 deg, 1 m, 40 %% of the speed, 30 deg/s)"
+    )
+    step.add_argument(
+        "--step-duration",
+        type=float,
+        metavar="S",
+        help="time given to each step (default 30 s; by the craft for speed, 6 s for yaw)",
+    )
     add_experiment(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
@@ -64,7 +76,7 @@ def _run(args: argparse.Namespace) -> int:
 
     now = datetime.now()
     uri = args.connect or DEFAULT_CONNECTIONS[args.axis]
-    angular = args.axis == "heading"
+    angular = args.axis in ("heading", "yaw")
 
     def inside(value: float | None) -> float | None:
         return math.radians(value) if angular and value is not None else value

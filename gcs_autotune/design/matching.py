@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws import Law, Scenario, Settings
+from gcs_autotune.design.laws.about_rest import linearisations, peak_demand
 from gcs_autotune.design.model_function import settling_time, wanted_step
 from gcs_autotune.design.open_loop import constant, margins_of, open_loop, slow, worst
 from gcs_autotune.design.plant import Region
@@ -92,7 +92,7 @@ class Problem:
     def with_gains(self, x: Array) -> dict[str, float]:
         """Return the settings with the tuned gains at *x* (n,), fractions of their ranges."""
         tuned = {g.parameter: g.low + float(v) * (g.high - g.low) for g, v in zip(self.gains, x, strict=True)}
-        return {**self.settings, **self.law.fixed, **tuned}
+        return {**self.settings, **self.law.fixed, **self.spec.measured, **tuned}
 
     def as_fractions(self, values: Mapping[str, float]) -> Array:
         """Return gains as fractions of their ranges, moved inside them."""
@@ -106,12 +106,17 @@ class Problem:
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         found = []
         for m in models:
-            drags, gains = linearisations(m, wanted, self.step), self.actuator.slopes()
+            drags = self.law.drags(m, wanted, self.step, self.speed)
+            gains = self.law.slopes(self.actuator, m, self.step, settings, self.speed)
             loops = (
                 open_loop(constant(g) * controller, m.alpha, d, m.delay + self.delay) for d in drags for g in gains
             )
             found.append(worst([margins_of(loop) for loop in loops]))
         return found
+
+    def demand(self, model: SingleDof, wanted: ModelFunction) -> tuple[float, float]:
+        """Return (share of the actuator, largest rate of change) that following *wanted* exactly takes."""
+        return self.law.demand(model, wanted, self.step, self.settings, self.spec.speed)
 
     def hardest(self, settings: Settings, wanted: ModelFunction, count: int) -> list[SingleDof]:
         """Return the *count* samples of the 95 % region that have the least margins with *settings*."""
@@ -127,25 +132,6 @@ def integral_shortfall(problem: Problem, settings: Settings, wanted: ModelFuncti
     high = next(g.high for g in problem.gains if g.parameter == law.integral)
     rate = min(INTEGRAL / wanted.a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed))
     return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(rate, 1e-12))
-
-
-def peak_demand(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, float]:
-    """Return (largest output [fraction], largest velocity) of following *wanted* exactly over *step*.
-
-    The plant's inverse along the model function's own step; nothing of the controller comes in.
-    """
-    ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
-    velocity, acceleration = step * ideal.velocity, step * ideal.acceleration
-    drag = (model.beta + model.beta_quadratic * np.abs(velocity)) * velocity
-    ahead = model.alpha * acceleration + drag
-    return float(np.max(np.abs(ahead)) + abs(model.delta)), float(np.max(np.abs(velocity)))
-
-
-@lru_cache(maxsize=1024)
-def linearisations(model: SingleDof, wanted: ModelFunction, step: float) -> tuple[float, ...]:
-    """Return the constant drags to judge stability with: at rest, and at half the wanted step's peak velocity."""
-    moving = model.equivalent_drag(0.5 * peak_demand(model, wanted, step)[1])
-    return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
 
 
 def output_noise(problem: Problem, settings: Settings) -> float:
@@ -200,7 +186,7 @@ class _Residuals:
         self._watched = [problem.model]
         span = 3.0 * settling_time(wanted.kind, wanted.omega_0)
         step = problem.step
-        peak = min(peak_demand(problem.model, wanted, step)[0], 1.0)
+        peak = min(problem.demand(problem.model, wanted)[0], 1.0)
         self._scenarios = (Scenario(step, 2.0 * span, PUSH * peak, span), Scenario(-step / 3.0, span))
         self._times = [np.linspace(0.0, s.duration, SAMPLES) for s in self._scenarios]
         self._wanted = [wanted_step(wanted, t).position for t in self._times]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gcs_autotune.design.hunting import LONG, Hunting
-from gcs_autotune.design.matching import Problem, peak_demand
+from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import settling_time
 from gcs_autotune.design.other_speeds import on_other_speeds
 from gcs_autotune.design.selection import Candidate
@@ -72,7 +72,7 @@ def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterat
         yield "the present gains are already as good as any this design can offer: nothing to change"
     elif not before.worst_margins.stable:
         yield "with the present gains the loop is, or may be, unstable on the identified craft"
-    elif not is_better(before.prediction.metrics, shown.prediction.metrics).better:
+    elif not is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot).better:
         old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
         yield (
             "the predicted step is not better than with the present gains; what changes is the reserve: worst "
@@ -101,7 +101,7 @@ def _on_the_wish(problem: Problem, shown: Candidate, is_polished: bool) -> Itera
             "saturate; give a settling time to have the matched ones"
         )
         return
-    use, velocity = peak_demand(problem.model, shown.wanted, problem.step)
+    use, velocity = problem.demand(problem.model, shown.wanted)
     if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
         yield (
             f"the wanted step needs {use:.0%} of the actuator: the craft cannot follow it exactly and "

@@ -97,7 +97,7 @@ class _Cost:
         """Return the cost of *settings*."""
         steps = [predict_metrics(self._problem, settings, step, self._duration) for step in self._steps]
         error = float(np.mean([m.itae for m in steps]))
-        dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT)
+        dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
         return max(error, LEAST_ERROR) * (1.0 + dislike + PRICE * self._shortfall(settings, steps[0]))
 
     def _shortfall(self, settings: Settings, step: StepMetrics) -> float:
@@ -105,7 +105,7 @@ class _Cost:
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
-        missed += max(0.0, step.overshoot - OVERSHOOT)
+        missed += max(0.0, step.overshoot - OVERSHOOT - problem.law.free_overshoot)
         missed += max(0.0, RESERVE * output_noise(problem, settings) / NOISE_LIMIT - 1.0)
         for m in problem.margins(settings, self._wanted, self._watched):
             missed += max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
-from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, Law
 from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
 from gcs_autotune.design.notes import notes_on, said
@@ -20,7 +20,7 @@ from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_regi
 from gcs_autotune.design.polishing import polish
 from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.reduction import Reduction, reduce
-from gcs_autotune.design.result import Change, Proposal
+from gcs_autotune.design.result import Change, ModelFunction, Proposal
 from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
@@ -76,6 +76,8 @@ def design(
     model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
     model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
     region, actuator = sample_region(model, covariance), PERFECT
+    if spec.skid:
+        present = {**present, SKID: 1.0}
     if reduction is not None:
         actuator = reduction.actuator.in_fractions(1.0 if spec.full_scale is None else spec.full_scale)
         region = heavier(region, reduction.heavier)
@@ -87,12 +89,12 @@ def design(
         after = polish(problem, after, span)
     is_polished = after.settings != chosen.settings
     before = judge(problem, chosen.wanted, dict(present), span)
-    verdict = is_better(before.prediction.metrics, after.prediction.metrics)
+    verdict = is_better(before.prediction.metrics, after.prediction.metrics, law.free_overshoot)
     keep = spec.is_automatic and not verdict.better and is_tolerable(before)
     changes = () if keep else _changes(law, axis, before, after, is_polished)
     shown = after if changes else before
     remarks = () if reduction is None else reduction.remarks
-    left = _left(problem, (before, shown)) if not actuator.is_perfect else ()
+    left = () if actuator.is_perfect or law.controls_velocity else _left(problem, (before, shown))
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
         axis=axis.name,
@@ -101,7 +103,7 @@ def design(
         wanted=chosen.wanted,
         margins=shown.margins,
         worst_margins=shown.worst_margins,
-        bound=stability_bound(model, chosen.wanted, uncertainty_of(model, covariance), velocity),
+        bound=_bound(law, model, chosen.wanted, covariance, velocity),
         before=before.prediction,
         after=shown.prediction,
         notes=(
@@ -141,6 +143,15 @@ def design_from(
     return design(r.model, r.covariance, axis, present, replace(spec, quantum=max(spec.quantum, r.quantum)), r)
 
 
+def _bound(
+    law: Law, model: SingleDof, wanted: ModelFunction, covariance: NDArray[np.float64], velocity: float
+) -> tuple[float, float]:
+    """Return the thesis' stability bound, which is about loops on a position; NaN for the others."""
+    if law.controls_velocity:
+        return math.nan, math.nan
+    return stability_bound(model, wanted, uncertainty_of(model, covariance), velocity)
+
+
 def _left(problem: Problem, pair: tuple[Candidate, Candidate]) -> tuple[Hunting, Hunting]:
     """Return what dead zone and play leave behind with the present gains and with those shown, after a small step."""
     first, second = (hunting_of(problem, c.settings, SMALL * problem.step) for c in pair)
@@ -158,17 +169,23 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
                 name=gain.parameter,
             )
     if axis.needs_speed and spec.speed is None:
-        raise UsageError(f"the {axis.name} axis steers with a rudder: give the speed at which it was identified")
+        raise UsageError(f"the {axis.name} axis needs way on: give the speed at which it was identified")
 
 
 def _problem(
     law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec, actuator: Actuator
 ) -> Problem:
-    by_name = {g.parameter: g for g in axis.gains}
+    by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in axis.gains}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step
     problem = Problem(law, [by_name[n] for n in law.tuned], region, dict(present), spec, step, delay, actuator=actuator)
     return replace(problem, present_overshoot=_present_overshoot(problem))
+
+
+def _within_reason(gain: Gain, law: Law, model: SingleDof, present: Mapping[str, float], spec: Spec) -> Gain:
+    """Return *gain* with its range cut where more would only serve the step that is flown."""
+    ceilings = CEILINGS[law.name](model, present, spec.speed) if law.name in CEILINGS else {}
+    return replace(gain, high=min(gain.high, ceilings.get(gain.parameter, math.inf)))
 
 
 def _span(spec: Spec, chosen: Candidate) -> float:
@@ -202,6 +219,8 @@ def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_polis
 
 
 def _reason(law: Law, gain: Gain, after: Candidate, is_polished: bool) -> str:
+    if gain.parameter in law.measured:
+        return f"{gain.meaning}: measured on the water, the speed that this throttle keeps"
     if gain.parameter in law.fixed:
         return f"{gain.meaning}: the identified model has no lag that would need it"
     wanted, new = after.wanted, after.settings[gain.parameter]

@@ -138,7 +138,7 @@ class Proposal:
             "wanted": {n: getattr(self.wanted, n) for n in ("kind", "omega_0", "a1", "a2", "a3")},
             "margins": _plain(self.margins),
             "worst_margins": _plain(self.worst_margins),
-            "bound": list(self.bound),
+            "bound": [b if math.isfinite(b) else None for b in self.bound],
             "predicted": {"before": _plain(self.before.metrics), "after": _plain(self.after.metrics)},
             "notes": list(self.notes),
             **({"effects": [_plain(r) for r in self.remarks]} if self.remarks else {}),

@@ -12,7 +12,6 @@ from gcs_autotune.design.matching import (
     Problem,
     match,
     output_noise,
-    peak_demand,
 )
 from gcs_autotune.design.model_function import model_function, omega_for_settling, settling_time
 from gcs_autotune.design.open_loop import worst
@@ -49,6 +48,7 @@ class Candidate:
     worst_margins: Margins
     prediction: Prediction
     objections: tuple[str, ...]
+    free_overshoot: float = 0.0
 
 
 def choose(problem: Problem) -> Candidate:
@@ -66,7 +66,7 @@ def choose(problem: Problem) -> Candidate:
         fastest = (tried[0].wanted if tried else wanted).omega_0
         span = problem.spec.step_duration or SPANS * settling_time(wanted.kind, fastest)
         gains = match(problem, wanted, tried[-1].settings if tried else None)
-        settings = {**problem.settings, **problem.law.fixed, **gains}
+        settings = {**problem.settings, **problem.law.fixed, **problem.spec.measured, **gains}
         tried.append(judge(problem, wanted, settings, span))
         if not tried[-1].objections and (best is None or _score(tried[-1]) < NOTICEABLE * _score(best)):
             best = tried[-1]
@@ -99,7 +99,7 @@ def is_tolerable(candidate: Candidate) -> bool:
         low.stable
         and low.gain >= LEAST_GAIN_MARGIN
         and low.phase >= LEAST_PHASE_MARGIN
-        and candidate.prediction.metrics.overshoot <= LEAST_OVERSHOOT
+        and candidate.prediction.metrics.overshoot <= LEAST_OVERSHOOT + candidate.free_overshoot
     )
 
 
@@ -108,7 +108,8 @@ def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration:
     found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
     margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
-    return Candidate(wanted, settings, margins, low, prediction, tuple(objections(problem, settings, low, prediction)))
+    found_wanting = tuple(objections(problem, settings, low, prediction))
+    return Candidate(wanted, settings, margins, low, prediction, found_wanting, problem.law.free_overshoot)
 
 
 def objections(problem: Problem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
@@ -126,7 +127,7 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
         if low.delay < needed:
             yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
     metrics = prediction.metrics
-    most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT))
+    most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
     if metrics.overshoot > most:
         yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
     noise = output_noise(problem, settings)
@@ -155,7 +156,7 @@ def _fastest(problem: Problem) -> float:
     low, high = math.log(SLOWEST), math.log(min(FASTEST, 1.0 / max(model.delay + problem.delay, 1.0 / FASTEST)))
 
     def is_flyable(log_omega: float) -> bool:
-        use, velocity = peak_demand(model, model_function(spec.kind, math.exp(log_omega)), problem.step)
+        use, velocity = problem.demand(model, model_function(spec.kind, math.exp(log_omega)))
         return use <= spec.actuator_use and velocity <= limit
 
     if not is_flyable(low):

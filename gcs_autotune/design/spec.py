@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from gcs_autotune.design.model_function import MODEL_FUNCTIONS
 from gcs_autotune.errors import UsageError
@@ -33,6 +34,8 @@ class Spec:
     loop_delay : extra delay [s] of autopilot and actuator, beyond the identified one; None = 1.5 loop periods.
     gain_margin, phase_margin : least acceptable over the 95 % region, ratio and [rad].
     actuator_use : fraction of full output that the wanted step may need.
+    measured : parameters set to what was measured on the water, not designed.
+    skid : whether the craft steers by the difference of two thrusters.
     """
 
     step: float | None = None
@@ -50,6 +53,8 @@ class Spec:
     gain_margin: float = 2.5
     phase_margin: float = math.radians(45.0)
     actuator_use: float = 0.8
+    measured: Mapping[str, float] = field(default_factory=dict)
+    skid: bool = False
 
     def __post_init__(self) -> None:
         lookup(MODEL_FUNCTIONS, self.kind, "model function")

@@ -41,6 +41,45 @@ _HEADING = Axis(
     needs_speed=True,
 )
 
+_YAW = Axis(
+    name="yaw",
+    dof="yaw",
+    law="rover-yaw",
+    gains=_HEADING.gains[:4],
+    context=tuple(name for name in _HEADING.context if name != "ATC_STR_DEC_MAX"),
+    needs_speed=True,
+)
+
+_SPEED = Axis(
+    name="speed",
+    dof="surge",
+    law="rover-speed",
+    gains=(
+        Gain("ATC_SPEED_P", 0.01, 2.0, "throttle per speed error"),
+        Gain("ATC_SPEED_I", 0.0, 2.0, "throttle per accumulated speed error"),
+        Gain("ATC_SPEED_D", 0.0, 0.4, "throttle per change of speed error"),
+        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per wanted speed, beside the cruise pair"),
+        Gain("CRUISE_SPEED", 0.0, 100.0, "speed of the cruise pair"),
+        Gain("CRUISE_THROTTLE", 0.0, 100.0, "throttle of the cruise pair"),
+    ),
+    context=(
+        "ATC_SPEED_IMAX",
+        "ATC_SPEED_FLTT",
+        "ATC_SPEED_FLTE",
+        "ATC_SPEED_FLTD",
+        "ATC_ACCEL_MAX",
+        "ATC_DECEL_MAX",
+        "ATC_BRAKE",
+        "MOT_SLEWRATE",
+        "MOT_THR_MAX",
+        "MOT_THR_MIN",
+        "MOT_THST_EXPO",
+        "SCHED_LOOP_RATE",
+        "WP_SPEED",
+    ),
+    needs_speed=True,
+)
+
 FIRMWARE = Firmware(
     name="ArduRover",
     autopilot=3,
@@ -68,7 +107,7 @@ FIRMWARE = Firmware(
     channels={"N": 1, "X": 3},
     channel_signs={"N": 1.0, "X": 1.0},
     neutral_pwm=1500,
-    axes={"heading": _HEADING},
+    axes={"heading": _HEADING, "yaw": _YAW, "speed": _SPEED},
     servo_functions={26: "N", 70: "X"},
     skid_functions={73: {"X": 1.0, "N": 1.0}, 74: {"X": 1.0, "N": -1.0}},
     motor_span=500.0,

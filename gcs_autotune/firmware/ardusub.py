@@ -39,6 +39,14 @@ _HEADING = Axis(
     ),
 )
 
+_YAW = Axis(
+    name="yaw",
+    dof="yaw",
+    law="sub-yaw",
+    gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "wanted yaw rate per heading error")),
+    context=tuple(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC")),
+)
+
 _DEPTH = Axis(
     name="depth",
     dof="heave",
@@ -109,7 +117,7 @@ FIRMWARE = Firmware(
     channels={"Z": 3, "N": 4, "X": 5, "Y": 6},
     channel_signs={"Z": -1.0, "N": 1.0, "X": 1.0, "Y": 1.0},
     neutral_pwm=1500,
-    axes={"heading": _HEADING, "depth": _DEPTH},
+    axes={"heading": _HEADING, "yaw": _YAW, "depth": _DEPTH},
     frame_parameter="FRAME_CONFIG",
     mixing=_FRAMES,
     motor_span=400.0,

@@ -7,7 +7,7 @@ forces are the least-squares inverse of the mixing.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
@@ -62,12 +62,14 @@ class Output:
 class ServoMap:
     """From PWMs to forces: ``forces = weights @ fractions``.
 
-    ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``.
+    ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``. ``skid``: the craft steers by
+    the difference of two thrusters, not by a steering output.
     """
 
     outputs: tuple[Output, ...]
     names: tuple[str, ...]
     weights: tuple[tuple[float, ...], ...]
+    skid: bool = False
 
     @classmethod
     def of_mixing(cls, outputs: Sequence[Output], factors: Sequence[Mapping[str, float]]) -> Self:
@@ -101,10 +103,10 @@ class ServoMap:
         }
 
 
-def read_servo_map(parameters: ParameterSource, firmware: Firmware, *, skid: bool = False) -> ServoMap:
+def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
     """Look up how the outputs are wired and return the map.
 
-    skid : whether two side thrusters will do where there is no steering output.
+    Two side thrusters (``Firmware.skid_functions``) come before a steering output, as the firmware takes them.
 
     Raises
     ------
@@ -115,8 +117,8 @@ def read_servo_map(parameters: ParameterSource, firmware: Firmware, *, skid: boo
     by_function = {int(value): int(name[5:-9]) for name, value in reversed(functions.items())}
     if firmware.frame_parameter:
         return _by_frame(parameters, firmware, by_function)
-    if skid and all(number in by_function for number in firmware.skid_functions):
-        return _wired(parameters, firmware.skid_functions, by_function)
+    if firmware.skid_functions and all(number in by_function for number in firmware.skid_functions):
+        return replace(_wired(parameters, firmware.skid_functions, by_function), skid=True)
     return _by_function(parameters, firmware, by_function)
 
 
@@ -125,7 +127,7 @@ def _by_function(parameters: ParameterSource, firmware: Firmware, by_function: M
     if missing:
         raise PreconditionFailed(
             f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "
-            "(Skid steering, functions 73 and 74, has no steering output to measure.)"
+            "(A boat that steers by two thrusters has functions 73 and 74 instead.)"
         )
     return _wired(parameters, {n: {force: 1.0} for n, force in firmware.servo_functions.items()}, by_function)
 

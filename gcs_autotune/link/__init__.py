@@ -19,11 +19,13 @@ from __future__ import annotations
 
 from gcs_autotune.link.boarding import NEEDED_RATES, WANTED_RATES, open_craft
 from gcs_autotune.link.commands import Commands
+from gcs_autotune.link.fingerprint import difference, fingerprint_of
 from gcs_autotune.link.identity import VehicleIdentity
 from gcs_autotune.link.journal import Journal, JournalState
 from gcs_autotune.link.loan import ParameterLoan
 from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
 from gcs_autotune.link.memory import MemoryLink, Peer
+from gcs_autotune.link.outputs import read_outputs
 from gcs_autotune.link.parameters import Parameters, same_float32
 from gcs_autotune.link.params_file import load_params, save_params
 from gcs_autotune.link.rates import Granted, Rates
@@ -58,9 +60,12 @@ __all__ = [
     "Transport",
     "VehicleIdentity",
     "Wiring",
+    "difference",
+    "fingerprint_of",
     "load_params",
     "open_craft",
     "open_link",
+    "read_outputs",
     "read_tlog",
     "same_float32",
     "save_params",

@@ -12,6 +12,7 @@ from gcs_autotune.link.identity import VehicleIdentity, type_name
 from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
 from gcs_autotune.link.overrides import read_override_map
 from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.rate_stick import read_rate_stick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.stamps import gyro_lag
@@ -76,6 +77,7 @@ def open_craft(
         told.get(_FULL_SPEED, 0.0),
         1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
         gyro_lag(told.get(_GYRO_FILTER, 0.0)),
+        read_rate_stick(parameters, firmware),
     )
     rates = Rates(session, commands)
     craft = MavlinkCraft(

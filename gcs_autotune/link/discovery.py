@@ -36,9 +36,9 @@ class Candidate:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         return cls(frame.system, frame.component, int(m.autopilot), int(m.type), armed, int(m.custom_mode))
 
-    def identity(self, *, version: str = "") -> VehicleIdentity:
+    def identity(self, *, version: str = "", uid: str = "") -> VehicleIdentity:
         """Return it as an identity."""
-        return VehicleIdentity(self.system, self.component, self.autopilot, self.vehicle_type, version=version)
+        return VehicleIdentity(self.system, self.component, self.autopilot, self.vehicle_type, version=version, uid=uid)
 
     def __str__(self) -> str:
         return f"system {self.system} ({type_name(self.vehicle_type)})"

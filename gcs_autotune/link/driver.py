@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, TurnRateTarget
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.link.beat import Beat
 from gcs_autotune.link.latency import Latency
 from gcs_autotune.link.overrides import OverrideMap
+from gcs_autotune.link.rate_stick import RateStick
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.sticks import Sticks
-from gcs_autotune.link.targets import ATTITUDE_TARGETS, depth_target
+from gcs_autotune.link.targets import ATTITUDE_TARGETS, depth_target, turn_rate_target
 from gcs_autotune.link.telemetry import Telemetry
 
 __all__ = ["FOLLOW_TIMEOUT", "Driver"]
@@ -48,6 +49,8 @@ class Driver:
         telemetry: Telemetry,
         latency: Latency,
         sticks: Sticks,
+        *,
+        rate_stick: RateStick | None = None,
     ) -> None:
         assert session.vehicle is not None
         self._session = session
@@ -57,6 +60,7 @@ class Driver:
         self._telemetry = telemetry
         self._latency = latency
         self._sticks = sticks
+        self._rate_stick = rate_stick
         self._ids = (session.vehicle.system, session.vehicle.component)
         self._nudging = False
         self._sent_t = -math.inf
@@ -156,6 +160,9 @@ class Driver:
     def _values(self, command: Command) -> Mapping[int, int]:
         if self._nudging:
             return self._overrides.nudged
+        if isinstance(command, TurnRateTarget) and self._rate_stick is not None:
+            gain = self._telemetry.value("pilot_gain")
+            return self._overrides.values(Actuate(N=self._rate_stick.deflection(command.r, gain)))
         return self._overrides.values(command if isinstance(command, Actuate) else Actuate())
 
     def _transmit(self, command: Command) -> None:
@@ -169,6 +176,8 @@ class Driver:
         if isinstance(command, HeadingTarget):
             encode = ATTITUDE_TARGETS[self._firmware.kind]
             self._session.send(encode(self._ids, command, self._full_speed))
+        elif isinstance(command, TurnRateTarget) and self._rate_stick is None:
+            self._session.send(turn_rate_target(self._ids, command, self._full_speed))
         elif isinstance(command, DepthTarget):
             below_origin = DepthTarget(command.z + self._telemetry.depth_offset)
             self._session.send(depth_target(self._ids, below_origin))

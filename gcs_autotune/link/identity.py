@@ -7,7 +7,7 @@ from typing import Any
 
 from gcs_autotune.link.wire import Message, mavlink
 
-__all__ = ["VehicleIdentity", "firmware_version", "type_name"]
+__all__ = ["VehicleIdentity", "firmware_version", "type_name", "unique_id"]
 
 _STAGES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: "official"}
 """FIRMWARE_VERSION_TYPE -> word."""
@@ -18,7 +18,8 @@ class VehicleIdentity:
     """An autopilot as it introduced itself.
 
     ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers; ``version`` comes from AUTOPILOT_VERSION and
-    is empty when it was not told; ``frame`` is the firmware's frame parameter, None when there is none.
+    is empty when it was not told, as is ``uid``, the unique id of the autopilot's board (hexadecimal); ``frame`` is
+    the firmware's frame parameter, None when there is none.
     """
 
     system: int
@@ -28,6 +29,7 @@ class VehicleIdentity:
     firmware: str = ""
     version: str = ""
     frame: int | None = None
+    uid: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain data for JSON."""
@@ -46,6 +48,14 @@ def firmware_version(message: Message) -> str:
     major, minor, patch, stage = (word >> shift & 0xFF for shift in (24, 16, 8, 0))
     suffix = "" if stage == 255 else f"-{_STAGES.get(stage, str(stage))}"
     return f"{major}.{minor}.{patch}{suffix}"
+
+
+def unique_id(message: Message) -> str:
+    """Return AUTOPILOT_VERSION's id of the board in hexadecimal, the long one if it is told; ``""`` when neither is."""
+    long = bytes(message.uid2).rstrip(b"\0")
+    if long:
+        return long.hex()
+    return f"{int(message.uid):x}" if message.uid else ""
 
 
 def type_name(vehicle_type: int) -> str:

@@ -1,42 +1,40 @@
 """What was borrowed from the vehicle, on disk before the first write, so that a power cut loses nothing.
 
 JSON lines, each forced to the disk before the next step. Events in order: ``opened`` (vehicle, link, mode,
-armed), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value), then ``kept`` (values) or
-``returned`` (name, value), and ``closed``.
+armed, fingerprint), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value), then ``kept``
+(values) or ``returned`` (name, value), and ``closed``; ``resumed`` where a restore goes on with it. Whoever writes
+holds a lock on the file, which the system lets go of when the program dies in whatever way.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from gcs_autotune.errors import BadFile, PreconditionFailed
+from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.link.identity import VehicleIdentity
+from gcs_autotune.link.journal_reading import JournalState, good_length, read_journal
+
+try:
+    import fcntl
+except ImportError:  # pragma: no cover - Windows has neither locks of this kind nor folders to force
+    fcntl = None  # type: ignore[assignment]
 
 __all__ = ["Journal", "JournalState"]
 
 SCHEMA = 1
+_ANCESTORS = 3
+"""Folders whose entries are forced to the disk: the run's, and those that may have been made for it."""
 
 
 def _wall_stamp() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-@dataclass(frozen=True, slots=True)
-class JournalState:
-    """What a journal says: whom it is about, how it was found, and what is still owed (name -> old value)."""
-
-    vehicle: Mapping[str, Any] = field(default_factory=dict)
-    link: str = ""
-    mode: str = ""
-    armed: bool | None = None
-    debts: Mapping[str, float] = field(default_factory=dict)
-    closed: bool = False
 
 
 class Journal:
@@ -46,12 +44,13 @@ class Journal:
     ----------
     path : the file; created, or appended to.
     vehicle, link, mode, armed : how things were found, for whoever restores later.
+    fingerprint : parameters to know the vehicle again by, when it has no unique id.
     stamp : the time to write beside each event.
 
     Raises
     ------
     PreconditionFailed
-        When the file cannot be written; then no parameter may be changed.
+        When the file cannot be written, or another program is writing it; then no parameter may be changed.
     """
 
     def __init__(
@@ -62,23 +61,79 @@ class Journal:
         link: str = "",
         mode: str = "",
         armed: bool | None = None,
+        fingerprint: Mapping[str, float] | None = None,
         stamp: Callable[[], str] = _wall_stamp,
     ) -> None:
+        self._open(path, stamp)
+        try:
+            self.record(
+                "opened",
+                schema=SCHEMA,
+                vehicle=vehicle.to_dict() if vehicle else {},
+                link=link,
+                mode=mode,
+                armed=armed,
+                fingerprint=dict(fingerprint or {}),
+            )
+            _sync_folders(path)
+        except BaseException:
+            self.leave()
+            raise
+
+    @classmethod
+    def resume(cls, path: Path, stamp: Callable[[], str] = _wall_stamp) -> Self:
+        """Go on with the journal of a run that was cut off; a last line cut short is taken away.
+
+        Raises
+        ------
+        PreconditionFailed
+            The run is still going on in another program, or the file cannot be written.
+        BadFile
+            It is damaged before its end.
+        """
+        read_journal(path)
+        journal = cls.__new__(cls)
+        journal._open(path, stamp)
+        try:
+            journal._mend()
+            journal.record("resumed")
+        except BaseException:
+            journal.leave()
+            raise
+        return journal
+
+    def _open(self, path: Path, stamp: Callable[[], str]) -> None:
         self._path = path
         self._stamp = stamp
         try:
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         except OSError as error:
             raise self._unwritable(error) from error
-        self.record(
-            "opened",
-            schema=SCHEMA,
-            vehicle=vehicle.to_dict() if vehicle else {},
-            link=link,
-            mode=mode,
-            armed=armed,
-        )
-        _sync_folder(path.parent)
+        if fcntl is None:
+            return
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self.leave()
+            if error.errno in (errno.EACCES, errno.EAGAIN):
+                raise PreconditionFailed(
+                    f"the journal {path} is being written by another program: the run it belongs to is still going on. "
+                    "Stop that one first (Ctrl-C puts the vehicle back by itself)"
+                ) from error
+            raise self._unwritable(error) from error
+
+    def _mend(self) -> None:
+        """Take away what a power cut left of a last line; end a whole one that lacks only its end."""
+        try:
+            data = self._path.read_bytes()
+            length = good_length(data)
+            if length < len(data):
+                os.ftruncate(self._descriptor, length)
+            if length and data[length - 1 : length] != b"\n":
+                os.write(self._descriptor, b"\n")
+            _sync(self._descriptor)
+        except OSError as error:
+            raise self._unwritable(error) from error
 
     @property
     def path(self) -> Path:
@@ -86,7 +141,7 @@ class Journal:
         return self._path
 
     def record(self, event: str, **details: Any) -> None:
-        """Append one event and force it to the disk.
+        """Append one event and force it to the disk; either the whole line is there, or none of it.
 
         Raises
         ------
@@ -96,9 +151,15 @@ class Journal:
         line = json.dumps({"event": event, "time": self._stamp(), **details}) + "\n"
         data = line.encode()
         try:
-            if os.write(self._descriptor, data) != len(data):
-                raise OSError("the line was cut short; the disk is full")
-            os.fsync(self._descriptor)
+            end = os.fstat(self._descriptor).st_size
+            try:
+                if os.write(self._descriptor, data) != len(data):
+                    raise OSError(errno.ENOSPC, "the line was cut short; the disk is full")
+                _sync(self._descriptor)
+            except OSError:
+                with suppress(OSError):
+                    os.ftruncate(self._descriptor, end)
+                raise
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -107,7 +168,13 @@ class Journal:
         try:
             self.record("closed")
         finally:
-            os.close(self._descriptor)
+            self.leave()
+
+    def leave(self) -> None:
+        """Close the file as it is: what is still owed is for ``gcs-autotune restore``. Leaving twice does nothing."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
 
     def _unwritable(self, error: OSError) -> PreconditionFailed:
         return PreconditionFailed(
@@ -118,71 +185,35 @@ class Journal:
     @staticmethod
     def open_debts(path: Path) -> dict[str, float]:
         """Return name -> old value of everything written and neither returned nor kept."""
-        return dict(Journal.read(path).debts)
+        return dict(read_journal(path).debts)
 
     @staticmethod
     def read(path: Path) -> JournalState:
-        """Return what the journal at *path* says; a last line cut short by a power cut is ignored.
+        """Return what the journal at *path* says; what a power cut left of its last line is ignored.
 
         Raises
         ------
         BadFile
-            When it cannot be read, or a line before the last is damaged.
+            When it cannot be read, or is damaged before its end.
         """
-        return _replay(path, _events(path))
+        return read_journal(path)
 
 
-def _events(path: Path) -> list[dict[str, Any]]:
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise BadFile(f"the journal {path} cannot be read: {error.strerror}") from error
-    events: list[dict[str, Any]] = []
-    for number, line in enumerate(lines, start=1):
-        try:
-            event = json.loads(line)
-            if not isinstance(event, dict) or "event" not in event:
-                raise ValueError("not an event")
-            events.append(event)
-        except ValueError as error:
-            if number == len(lines):
-                break
-            raise BadFile(f"the journal {path}, line {number}, is damaged: {error}") from error
-    return events
+def _sync(descriptor: int) -> None:
+    os.fsync(descriptor)
+    full = getattr(fcntl, "F_FULLFSYNC", None)
+    if full is not None:  # pragma: no cover - macOS: only this reaches the platter
+        fcntl.fcntl(descriptor, full)
 
 
-def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
-    head: dict[str, Any] = {}
-    lent: dict[str, float] = {}
-    debts: dict[str, float] = {}
-    closed = False
-    try:
-        for event in events:
-            closed = event["event"] == "closed"
-            match event["event"]:
-                case "opened":
-                    head = head or event
-                case "lent":
-                    lent[event["name"]] = float(event["value"])
-                case "writing":
-                    debts.setdefault(event["name"], lent[event["name"]])
-                case "returned":
-                    debts.pop(event["name"], None)
-                case "kept":
-                    for name in event["values"]:
-                        debts.pop(name, None)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadFile(f"the journal {path} holds an event that makes no sense: {error!r}") from error
-    known = {key: head[key] for key in ("vehicle", "link", "mode", "armed") if key in head}
-    return JournalState(**known, debts=debts, closed=closed)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the new file's name itself survive a power cut, where the system can."""
+def _sync_folders(path: Path) -> None:
+    """Make the new file's name, and its folders' names, survive a power cut too, where the system can."""
     if os.name != "posix":
         return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    for folder in list(path.absolute().parents)[:_ANCESTORS]:
+        with suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.errors import ArmingRefused, AutotuneError, NotAsFound, TelemetryFault
+from gcs_autotune.errors import ArmingRefused, AutotuneError, LinkLost, NotAsFound, TelemetryFault
 from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.company import Company
@@ -19,7 +19,8 @@ from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_keeper import RateKeeper
-from gcs_autotune.link.rates import Rates
+from gcs_autotune.link.rate_stick import RateStick
+from gcs_autotune.link.rates import Rates, message_number
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.sticks import Sticks
@@ -34,6 +35,11 @@ _UNHEARD = 2.0
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
 _NEUTRAL_TIMEOUT = 5.0
+_STALE_OUTPUTS = 0.5
+"""Chosen: seconds without any outputs after which they are asked for one by one."""
+_SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
+_PATIENCE = 30.0
+"""Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
 _WARM_UP = 1.0
 """Seconds of neutral overrides before arming: without an RC receiver Rover arms only when they flow."""
 _LAG_SHARE = 8.0
@@ -49,7 +55,8 @@ class Wiring:
 
     ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none;
     ``loop_period`` [s] that of the autopilot's main loop, 0 when unknown; ``rate_lag`` [s] how late its gyro filter
-    makes turn rates.
+    makes turn rates; ``rate_stick`` what turn rate the yaw stick asks for in the stabilised modes, None where targets
+    do that (boats).
     """
 
     overrides: OverrideMap
@@ -57,6 +64,7 @@ class Wiring:
     full_speed: float = 0.0
     loop_period: float = 0.0
     rate_lag: float = 0.0
+    rate_stick: RateStick | None = None
 
 
 class MavlinkCraft:
@@ -97,7 +105,14 @@ class MavlinkCraft:
         self._sticks = Sticks(session)
         self._hands = Hands(session, firmware, parameters, self.company, self._sticks)
         self._driver = Driver(
-            session, firmware, wiring.overrides, wiring.full_speed, self.telemetry, self.latency, self._sticks
+            session,
+            firmware,
+            wiring.overrides,
+            wiring.full_speed,
+            self.telemetry,
+            self.latency,
+            self._sticks,
+            rate_stick=wiring.rate_stick,
         )
         self._resting = True
 
@@ -132,6 +147,11 @@ class MavlinkCraft:
         """Whether the vehicle is armed."""
         return self.session.armed
 
+    @property
+    def skid(self) -> bool:
+        """Whether it steers by the difference of two thrusters."""
+        return self._wiring.servos.skid
+
     # --- watching -----------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
@@ -146,10 +166,10 @@ class MavlinkCraft:
         GuardTripped
             While a command is in force: mode, arming or a borrowed parameter was changed, not by us.
         """
-        seen, deadline = self.telemetry.ticks, Deadline.after(self.clock, _TICK_TIMEOUT)
+        seen, begun = self.telemetry.ticks, self.session.listened
         while self.telemetry.ticks == seen:
             self.telemetry.watchdog.check()
-            if deadline.expired:
+            if self.session.listened - begun > _TICK_TIMEOUT:
                 self.session.check_heard(_UNHEARD)
                 raise TelemetryFault(
                     f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
@@ -261,7 +281,8 @@ class MavlinkCraft:
 
         When the autopilot itself is steering, the rest mode ends that first. While the vehicle is armed neutral
         overrides go on (without an RC receiver it would fall into its radio failsafe a second after the last one)
-        until :meth:`disarm` or :meth:`release`. The operator has to wait.
+        until :meth:`disarm` or :meth:`release`. The operator has to wait. A vehicle that has fallen
+        silent is waited for, once.
 
         Raises
         ------
@@ -274,21 +295,33 @@ class MavlinkCraft:
             self._hands.change()
             self._resting = True
             try:
-                self._driver.rest()
-                if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
-                    self.commands.set_mode(self._firmware.rest_mode)
-                self._await_neutral()
+                try:
+                    self._make_neutral()
+                except LinkLost:
+                    if not self.session.outlast(_PATIENCE):
+                        raise
+                    self._make_neutral()
             except BaseException:
                 self._let_go()
                 raise
             if not self.armed:
                 self.release()
 
+    def _make_neutral(self) -> None:
+        self._driver.rest()
+        if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
+            self.commands.set_mode(self._firmware.rest_mode)
+        self._await_neutral()
+
     def _await_neutral(self) -> None:
-        begun = self.telemetry.output_ticks
-        settled = self.session.wait_for(lambda: self._is_neutral(begun), _NEUTRAL_TIMEOUT)
-        if settled:
-            return
+        """Wait for neutral outputs; an autopilot that has restarted must be asked for them again."""
+        begun, deadline = self.telemetry.output_ticks, Deadline.after(self.clock, _NEUTRAL_TIMEOUT)
+        while not deadline.expired:
+            seen = self.telemetry.output_ticks
+            if self.session.wait_for(lambda: self._is_neutral(begun), min(_STALE_OUTPUTS, deadline.remaining)):
+                return
+            if self.telemetry.output_ticks == seen:
+                self.session.request_message(_SERVO_OUTPUT_RAW)
         outputs = self.telemetry.outputs
         stuck = {n: f"{f:+.2f} of full output" for n, f in outputs.items() if not abs(f) <= _NEUTRAL}
         if not stuck:

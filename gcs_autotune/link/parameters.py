@@ -1,7 +1,7 @@
 """The vehicle's parameters: read by name, written and read back, watched for others' hands.
 
 ArduPilot packs every value as a float (C cast), says nothing about unknown names, echoes what it stored and
-saves at once. So: ask by name, repeat, compare the echo, and treat a difference as a refusal.
+saves at once. So: ask by name, repeat, compare the echo, read back, and treat a difference as a refusal.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from functools import partial
 from gcs_autotune.clock import Deadline
 from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted, UsageError
 from gcs_autotune.link.session import Session
+from gcs_autotune.link.surely import read_surely
 from gcs_autotune.link.wire import Message, mavlink
 
 __all__ = ["Intrusion", "Parameters", "same_float32"]
@@ -80,11 +81,14 @@ class Parameters:
         ------
         ParameterMissing
             When one or more of them do not exist; the message names all of those.
+        NoReply
+            The vehicle no longer answers such questions at all, not even for a name that it has.
         """
         wanted = list(dict.fromkeys(names))
         found = self.read_existing(wanted)
         missing = [name for name in wanted if name not in found]
         if missing:
+            self._check_answers(missing)
             raise ParameterMissing(
                 f"{self.session.vehicle} has no parameter {', '.join(missing)}; "
                 "its firmware is older, newer or built without that feature",
@@ -93,17 +97,44 @@ class Parameters:
         return found
 
     def read_existing(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the values of those of *names* that the vehicle has (three tries of a second each)."""
+        """Return the values of those of *names* that the vehicle has.
+
+        Three tries of a second each; six when some answers come only after a second try, since the link loses messages.
+        """
         wanted = list(dict.fromkeys(names))
         for name in wanted:
             _encoded(name)
         self._forget(wanted)
-        for _ in range(_TRIES):
+        tries = _TRIES
+        for k in range(2 * _TRIES):
             pending = [name for name in wanted if name not in self._fresh and name not in self._refused]
-            if not pending:
+            if not pending or k == tries:
                 break
             self._ask(pending)
+            if k > 0 and any(name in self._fresh for name in pending):
+                tries = 2 * _TRIES
         return {name: self._fresh[name] for name in wanted if name in self._fresh}
+
+    def read_surely(self, names: Iterable[str]) -> dict[str, float]:
+        """Return the values of *names*, each confirmed by a second answer (:mod:`gcs_autotune.link.surely`).
+
+        Raises
+        ------
+        ParameterMissing, NoReply
+            As :meth:`read_all`.
+        TelemetryFault
+            The answers go on contradicting each other.
+        """
+        return read_surely(self, names)
+
+    def _check_answers(self, missing: Collection[str]) -> None:
+        """Tell a vehicle that has no such parameter from one that has stopped answering."""
+        known = next((name for name in self.known if name not in missing), None)
+        if known is not None and not self.read_existing([known]):
+            raise NoReply(
+                f"{self.session.vehicle} is heard, but no longer answers when asked for parameters "
+                f"({', '.join(missing)}); is it restarting, or the link too slow?"
+            )
 
     def read_first(self, names: Iterable[str]) -> tuple[str, float]:
         """Return the first of several alternative names that exists, with its value.
@@ -185,7 +216,7 @@ class Parameters:
     # --- writing ------------------------------------------------------------------------------------------
 
     def write(self, name: str, value: float) -> None:
-        """Set one parameter and make sure that it is set.
+        """Set one parameter, read it back and make sure that it is set.
 
         Raises
         ------
@@ -199,20 +230,28 @@ class Parameters:
         wanted = _as_float32(name, value)
         self._busy.add(name)
         try:
-            if not self._set(name, wanted):
-                found = self.read(name)
-                if not same_float32(found, wanted):
-                    raise ParameterNotAccepted(
-                        f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}; "
-                        "it may be read-only, whole-numbered, or held by another ground station",
-                        name=name,
-                        wanted=wanted,
-                        found=found,
-                    )
+            for _ in range(_TRIES):
+                is_echoed = self._set(name, wanted)
+                found = self.read_surely([name])[name]
+                if same_float32(found, wanted):
+                    break
+                if not is_echoed:
+                    raise self._not_accepted(name, wanted, found)
+            else:
+                raise self._not_accepted(name, wanted, found)
         finally:
             self._busy.discard(name)
         if name in self._watched:
-            self._watched[name] = self.known[name]
+            self._watched[name] = found
+
+    def _not_accepted(self, name: str, wanted: float, found: float) -> ParameterNotAccepted:
+        return ParameterNotAccepted(
+            f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}; "
+            "it may be read-only, whole-numbered, or held by another ground station",
+            name=name,
+            wanted=wanted,
+            found=found,
+        )
 
     def _set(self, name: str, value: float) -> bool:
         """Send PARAM_SET until its echo carries *value*; return whether it did."""

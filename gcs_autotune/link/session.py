@@ -18,7 +18,7 @@ from typing import Self, TypeVar
 from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.errors import BadFile, LinkLost, OperatorStopped
 from gcs_autotune.link.discovery import Candidate, choose, is_autopilot, nobody_found
-from gcs_autotune.link.identity import VehicleIdentity, firmware_version
+from gcs_autotune.link.identity import VehicleIdentity, firmware_version, unique_id
 from gcs_autotune.link.signing import LINK_ID, Signer, SigningKey, is_signed
 from gcs_autotune.link.signing_errors import cannot_be_commanded, not_believed, refusals
 from gcs_autotune.link.stamp_store import StampStore
@@ -35,6 +35,9 @@ Listener = Callable[[Message], None]
 _SLICE = 0.1
 """Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
 _HEARTBEAT_PERIOD = 1.0
+_LONGEST_PUMP = 0.5
+"""Chosen: of a longer time from pump to pump [s] this much counts as listened: then it was we who were away (a machine
+that is busy or was suspended), and what has come meanwhile is still to be read."""
 _STALE_PARTIAL = 0.5
 """Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
 _VERSION_TRIES = 3
@@ -77,6 +80,7 @@ class Session:
     ----------
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
+    listened : seconds of link time spent pumping.
     foreign : (system, component) -> messages heard from others.
     traffic : message name -> bytes received, of everybody's.
     notes : things worth telling the operator, in order.
@@ -115,9 +119,12 @@ class Session:
         self._overhearing: list[Callable[[Frame], None]] = []
         self._duties: list[Duty] = []
         self._candidates: dict[tuple[int, int], Candidate] = {}
-        self._last_heard = self.clock.now()
+        self.listened = 0.0
+        self._last_heard = 0.0
+        self._last_pump = self.clock.now()
         self._last_bytes = self.clock.now()
         self._shields = 0
+        self._given_up_at = -1
         self.stop_asked = False
         self.every(_HEARTBEAT_PERIOD, self._send_heartbeat)
         self.listen("HEARTBEAT", self._on_heartbeat)
@@ -149,8 +156,8 @@ class Session:
 
     @property
     def silence(self) -> float:
-        """Seconds of link time since the vehicle was last heard."""
-        return self.clock.now() - self._last_heard
+        """Seconds of link time spent listening since the vehicle was last heard; see :attr:`listened`."""
+        return self.listened - self._last_heard
 
     # --- talking ------------------------------------------------------------------------------------------
 
@@ -193,9 +200,15 @@ class Session:
         self._do_duties()
         next_duty = min(duty.due for duty in self._duties) - self.clock.now()
         data = self.transport.read(max(0.0, min(timeout, _SLICE, next_duty)))
+        self._count_listening()
         for frame in self._frames(data):
             self._route(frame)
         self.check_heard(self._timeout)
+
+    def _count_listening(self) -> None:
+        now = self.clock.now()
+        self.listened += min(now - self._last_pump, _LONGEST_PUMP)
+        self._last_pump = now
 
     def check_heard(self, patience: float) -> None:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
@@ -220,8 +233,25 @@ class Session:
 
     def await_return(self, timeout: float) -> bool:
         """After ``LinkLost``: wait until the vehicle is heard again; return whether it was."""
-        self._last_heard, before = self.clock.now() + timeout, self.heartbeats
+        self._last_heard, before = self.listened + timeout, self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
+
+    def outlast(self, patience: float) -> bool:
+        """After ``LinkLost`` in a clean-up: wait up to *patience* [s] for the vehicle, once per silence.
+
+        Returns whether it is heard again.
+        """
+        if self.heartbeats == self._given_up_at:
+            return False
+        last_heard = self._last_heard
+        with self.shielded():
+            try:
+                is_back = self.await_return(patience)
+            except LinkLost:
+                is_back = False
+        if not is_back:
+            self._given_up_at, self._last_heard = self.heartbeats, last_heard
+        return is_back
 
     # --- the operator -------------------------------------------------------------------------------------
 
@@ -271,14 +301,14 @@ class Session:
             self.pause(2 * _HEARTBEAT_PERIOD)
             wanted = choose(list(self._candidates.values()))
         self.vehicle = wanted.identity()
-        self._last_heard = self.clock.now()
+        self._last_heard = self.listened
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
-        version = self._ask_version()
+        version, uid = self._ask_version()
         if self._signer is None and (wanted.system, wanted.component) in self._signs:
             if not version:
                 raise cannot_be_commanded(wanted, self.transport.description)
             self.notes.append("the vehicle signs its messages; on this link it obeys unsigned ones too")
-        self.vehicle = wanted.identity(version=version)
+        self.vehicle = wanted.identity(version=version, uid=uid)
         return self.vehicle
 
     def _trouble(self) -> str:
@@ -296,20 +326,22 @@ class Session:
     def _found(self, system_id: int | None) -> Candidate | None:
         return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)
 
-    def _ask_version(self) -> str:
+    def _ask_version(self) -> tuple[str, str]:
+        """Return (firmware version, unique id), each empty when it is not told."""
         answers: list[Message] = []
         stop = self.listen("AUTOPILOT_VERSION", answers.append)
         try:
             for _ in range(_VERSION_TRIES):
-                self._request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+                self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
                 if self.wait_for(lambda: True if answers else None, 1.0):
-                    return firmware_version(answers[0])
+                    return firmware_version(answers[0]), unique_id(answers[0])
         finally:
             stop()
         self.notes.append("the vehicle did not tell its firmware version")
-        return ""
+        return "", ""
 
-    def _request_message(self, number: int) -> None:
+    def request_message(self, number: int) -> None:
+        """Ask the vehicle to send the message of that number once; do not wait for it."""
         assert self.vehicle is not None
         self.send(
             mavlink.MAVLink_command_long_message(
@@ -344,7 +376,7 @@ class Session:
         if (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
             self._note_foreign(frame)
             return
-        self._last_heard = self.clock.now()
+        self._last_heard = self.listened
         for listener in tuple(self._listeners.get(frame.name, ())):
             listener(frame.message)
 

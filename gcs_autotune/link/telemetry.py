@@ -78,6 +78,7 @@ class Telemetry:
             "VFR_HUD": self._vfr_hud,
             "SCALED_PRESSURE2": self._pressure,
             "SYS_STATUS": self._sys_status,
+            "NAMED_VALUE_FLOAT": self._named_value,
         }
 
     def value(self, name: str) -> float:
@@ -173,6 +174,8 @@ class Telemetry:
 
     def _velocity(self, t: float, north: float, east: float) -> dict[str, float]:
         """Turn velocity over ground [m/s] into the body frame, with the heading carried forward to *t*."""
+        if not (math.isfinite(north) and math.isfinite(east)):
+            return {"U": math.nan, "u": math.nan, "v": math.nan}
         psi = self.value("psi")
         rate = self.value("r")
         if math.isfinite(rate) and abs(t - self.t) < 1.0:
@@ -188,6 +191,10 @@ class Telemetry:
 
     def _pressure(self, m: Message) -> None:
         self._take(self._clock.from_ms(m.time_boot_ms), {"pressure": m.press_abs * 100.0})
+
+    def _named_value(self, m: Message) -> None:
+        if m.name.rstrip("\0") == "PilotGain":
+            self.latest["pilot_gain"] = m.value
 
     def _sys_status(self, m: Message) -> None:
         values = {}

@@ -33,7 +33,7 @@ def drive_channels(tape: Tape) -> tuple[dict[str, Channel], str, list[Note]]:
         note = ("no-inputs", "the log does not tell what autopilot it is of", "identify from a CSV with force columns")
         return pwm, "", [note]
     try:
-        servos = read_servo_map(RecordedParameters(tape.parameters), tape.firmware, skid=True)
+        servos = read_servo_map(RecordedParameters(tape.parameters), tape.firmware)
         forces = _from_servos(tape, servos)
         if forces:
             return {**pwm, **forces}, "servo outputs", []

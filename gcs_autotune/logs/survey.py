@@ -71,7 +71,7 @@ def _servo_map(tape: Tape) -> str:
     if tape.firmware is None:
         return "unknown: the log does not tell what autopilot it is of"
     try:
-        servos = read_servo_map(RecordedParameters(tape.parameters), tape.firmware, skid=True)
+        servos = read_servo_map(RecordedParameters(tape.parameters), tape.firmware)
     except AutotuneError as error:
         return f"unknown: {error}"
     return ", ".join(servos.names) + " from outputs " + ", ".join(str(o.channel) for o in servos.outputs)

@@ -4,8 +4,8 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns obser
 :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
 What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
-one degree of freedom in a few oscillations; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back
-between two of them; ``dive`` to take an ROV off the surface.
+one degree of freedom in a few oscillations; ``throttle-steps`` to identify a boat's surge; ``step`` to prove a closed
+loop; ``turn-about`` to bring a boat back between two of them; ``dive`` to take an ROV off the surface.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from gcs_autotune.manoeuvres.sequencer import Flown, Sequencer, visit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_words import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings
+from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 
 __all__ = [
     "GUARDS",
+    "LEVELS",
     "MANOEUVRES",
     "Dive",
     "DiveSettings",
@@ -42,6 +44,8 @@ __all__ = [
     "SignCheckSettings",
     "Step",
     "StepSettings",
+    "ThrottleSteps",
+    "ThrottleStepsSettings",
     "TurnAbout",
     "TurnAboutSettings",
     "visit",
@@ -51,6 +55,7 @@ MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
     "relay": Relay,
     "sign-check": SignCheck,
     "step": Step,
+    "throttle-steps": ThrottleSteps,
     "turn-about": TurnAbout,
     "dive": Dive,
 }

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from gcs_autotune.craft import Craft, Observation
-from gcs_autotune.errors import AutotuneError, LinkError, NotAsFound, PreconditionFailed
+from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, NotAsFound, PreconditionFailed
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.trial import Trial
@@ -74,6 +74,8 @@ class Sequencer:
         observation = craft.observe()
         if self._home is None and math.isfinite(observation.x):
             self._home = observation
+        if firmware.kind == "boat":
+            envelope = replace(envelope, depth_excursion=math.inf)
         watch = Watch(envelope, observation, self._home)
         manoeuvre.start(observation)
         while manoeuvre.outcome is None:
@@ -89,6 +91,8 @@ class Sequencer:
     def _end(self, manoeuvre: Manoeuvre, outcome: Outcome, error: BaseException | None) -> Trial:
         failure: AutotuneError | None = None
         with self._craft.shielded():
+            if isinstance(error, LinkLost):
+                self._watcher.say("the link is lost: waiting up to 30 s for the vehicle, to put it back as found")
             try:
                 self._craft.neutral()
             except AutotuneError as trouble:
@@ -110,10 +114,10 @@ class Sequencer:
 
 
 @contextmanager
-def visit(craft: Craft, watcher: Watcher) -> Iterator[Observation]:
+def visit(craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None) -> Iterator[Observation]:
     """Come aboard and leave everything as found: mode and armed state, on every way out.
 
-    Yields the first observation.
+    Yields the first observation. *settled* is called when the craft was left so, and only then.
 
     Raises
     ------
@@ -133,6 +137,7 @@ def visit(craft: Craft, watcher: Watcher) -> Iterator[Observation]:
             differences = _put_back(craft, found)
         if differences:
             raise _not_as_found(differences, trouble) from trouble
+        settled()
         watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
 
 

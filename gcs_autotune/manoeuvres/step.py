@@ -1,4 +1,4 @@
-"""Step in heading or depth under the autopilot's own loop: the before/after proof.
+"""Step in heading, depth, speed or turn rate under the autopilot's own loop: the before/after proof.
 
 The craft holds where it is until it is steady, follows a step one way, then the step back: both directions,
 because thrusters, rudders and buoyancy are not symmetric.
@@ -11,18 +11,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
+from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
 from gcs_autotune.trial import Mark
 from gcs_autotune.watch import Progress
 
-__all__ = ["Step", "StepSettings"]
+__all__ = ["FORCES", "Step", "StepSettings"]
+
+FORCES: Mapping[str, str] = {"psi": "N", "r": "N", "z": "Z", "u": "X"}
+"""Signal that is stepped -> the actuator that does it."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """What to fly. ``signal`` is ``psi`` or ``z``; ``size`` in rad or m; times in s.
+    """What to fly. ``signal`` is a key of :data:`FORCES`; ``size`` in its unit (SI, rad); times in s.
 
+    ``base`` is the value to step from; None takes the present one, which a craft at rest can hold. ``speed`` [m/s] is
+    the way on meanwhile, of no meaning for ``u``.
     ``settle`` is the longest wait for steadiness, which means: within ``steady_band`` of the held value for
     ``steady_time``. ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the
     loop counts as running away and the manoeuvre stops by itself.
@@ -32,6 +37,7 @@ class StepSettings:
     size: float
     duration: float
     speed: float = 0.0
+    base: float | None = None
     settle: float = 20.0
     steady_time: float = 3.0
     steady_band: float = 0.07
@@ -52,6 +58,7 @@ class Step:
         self._phase_start = math.nan
         self._steady_since = math.nan
         self._base = math.nan
+        self._course = math.nan
         self._target = math.nan
 
     @property
@@ -64,11 +71,14 @@ class Step:
             "size": s.size,
             "duration": s.duration,
             "speed": s.speed,
+            **({} if s.base is None else {"base": s.base}),
         }
 
     def start(self, observation: Observation) -> None:
         """Hold the present value first."""
-        self._base = observation.value(self._settings.signal)
+        base = self._settings.base
+        self._base = observation.value(self._settings.signal) if base is None else base
+        self._course = observation.psi
         self._steady_since = observation.t
         self._enter(0, observation.t, self._base)
 
@@ -77,7 +87,8 @@ class Step:
         s = self._settings
         elapsed = observation.t - self._phase_start
         error = observation.value(s.signal) - self._target
-        if abs(error) > (1.0 + s.diverged) * abs(s.size):
+        held = self._phase > 0 or s.base is None
+        if held and abs(error) > (1.0 + s.diverged) * abs(s.size):
             self._phase = 3
             self.outcome = Outcome("stopped", "the loop runs away from its target: these gains are not stable here")
         elif self._phase == 0:
@@ -101,7 +112,7 @@ class Step:
             signal=s.signal,
             value=observation.value(s.signal),
             target=self._target,
-            output=observation.output.get("N" if s.signal == "psi" else "Z", math.nan),
+            output=observation.output.get(FORCES[s.signal], math.nan),
             age=observation.age,
         )
 
@@ -126,6 +137,11 @@ class Step:
         self._marks.append(Mark(t, "target", {"value": target, "phase": ("hold", "step", "back")[phase]}))
 
     def _command(self) -> Command:
-        if self._settings.signal == "z":
+        s = self._settings
+        if s.signal == "z":
             return DepthTarget(self._target)
-        return HeadingTarget(self._target, self._settings.speed)
+        if s.signal == "u":
+            return HeadingTarget(self._course, self._target)
+        if s.signal == "r":
+            return TurnRateTarget(self._target, s.speed)
+        return HeadingTarget(self._target, s.speed)

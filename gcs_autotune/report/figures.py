@@ -20,8 +20,7 @@ from gcs_autotune.identify.result import Trace
 from gcs_autotune.report.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes, pens, to_svg
 from gcs_autotune.report.numbers import pretty_unit, to_people
 from gcs_autotune.report.series import Curve, RelaySeries, StepSeries, finite, relay_series, step_series, thin
-from gcs_autotune.report.story import TuneStory
-from gcs_autotune.sname import Dof
+from gcs_autotune.report.story import WATCHED, TuneStory, Watched
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,30 +55,31 @@ def draw_pictures(story: TuneStory) -> tuple[Picture, ...]:
 
 
 def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | None]]]:
-    dof = story.dof
-    what = _noun(dof)[0]
+    swung = story.swung
+    what = _noun(swung)[0]
     yield "step", _step_caption(story), partial(_draw_step, story)
-    found = (relay_series(trial, dof) for trial in story.relays[:MOST_RELAYS])
+    found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
     relays = [series for series in found if series is not None]
     for i, relay in enumerate(relays, start=1):
         caption = f"Self-oscillation '{relay.name}': {what} about its reference, with the switchings marked."
+        if not len(relay.switches):
+            caption = f"Throttle steps '{relay.name}': {what} against that before the first step."
         yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
     caption = f"Limit cycles: rate of change against {what}. Strong lines: the last five periods."
-    yield "cycle", caption, partial(_draw_cycles, relays, dof)
+    yield "cycle", caption, partial(_draw_cycles, relays, swung)
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
         caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over."
-        yield f"fit-{i}", caption, partial(_draw_fit, trace, dof)
+        yield f"fit-{i}", caption, partial(_draw_fit, trace, WATCHED.get(trace.signal, swung).noun)
 
 
-def _noun(dof: Dof) -> tuple[str, str, str]:
-    """Return what the position is called, its unit for people, and the rate's unit."""
-    words = {"psi": "heading", "z": "depth", "x": "position ahead", "y": "position abeam"}
-    unit, _ = to_people(dof.position_unit)
-    return words.get(dof.position, dof.position), unit, f"{unit}/s"
+def _noun(watched: Watched) -> tuple[str, str, str]:
+    """Return what the signal is called, its unit for people, and the rate's unit."""
+    unit, _ = to_people(watched.unit)
+    return watched.noun, unit, f"{unit}/s"
 
 
 def _step_caption(story: TuneStory) -> str:
-    what = _noun(story.dof)[0]
+    what = _noun(story.stepped)[0]
     if story.step_before is None and story.step_after is None:
         return f"Predicted {what} step with the old and the new gains; nothing of this was measured."
     if story.step_before is None or story.step_after is None:
@@ -88,8 +88,8 @@ def _step_caption(story: TuneStory) -> str:
 
 
 def _draw_step(story: TuneStory) -> Figure | None:
-    before, after = step_series(story.step_before, story.dof), step_series(story.step_after, story.dof)
-    what, unit, _ = _noun(story.dof)
+    before, after = step_series(story.step_before, story.stepped), step_series(story.step_after, story.stepped)
+    what, unit, _ = _noun(story.stepped)
     if before is None and after is None and story.proposal is None:
         return None
     figure, (top, bottom) = new_axes((2.6, 1.1))
@@ -97,7 +97,7 @@ def _draw_step(story: TuneStory) -> Figure | None:
     _draw_predictions(top, bottom, (before, after), story)
     for series, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
         if series is not None:
-            _line(top, series.position, story.dof, colour, label)
+            _line(top, series.position, story.stepped, colour, label)
             _draw_output(bottom, series.output, story, colour)
     top.set_ylabel(f"{what}, from the start [{unit}]")
     _label_output(bottom, story)
@@ -113,7 +113,7 @@ def _draw_target(axes: Axes, series: StepSeries | None, story: TuneStory) -> Non
         target = _predicted(story.proposal.after, "target")
     else:
         return
-    axes.step(target.t, _people(story.dof) * target.y, where="post", color=FAINT, lw=1.0, ls="--", label="target")
+    axes.step(target.t, _people(story.stepped) * target.y, where="post", color=FAINT, lw=1.0, ls="--", label="target")
 
 
 def _draw_predictions(
@@ -127,10 +127,10 @@ def _draw_predictions(
     target = _predicted(new, "target").y
     if size is not None and not (len(target) and np.isclose(target[-1], size, rtol=0.01)):
         return
-    _line(top, _predicted(new, "wanted"), story.dof, WANTED, "wanted", width=1.0)
-    _line(top, _predicted(new, "position"), story.dof, AFTER, "after, predicted", style=":")
+    _line(top, _predicted(new, "wanted"), story.stepped, WANTED, "wanted", width=1.0)
+    _line(top, _predicted(new, "position"), story.stepped, AFTER, "after, predicted", style=":")
     if size is None:
-        _line(top, _predicted(old, "position"), story.dof, BEFORE, "before, predicted", style=":")
+        _line(top, _predicted(old, "position"), story.stepped, BEFORE, "before, predicted", style=":")
         _draw_output(bottom, finite(old.t, old.output), story, BEFORE)
         _draw_output(bottom, finite(new.t, new.output), story, AFTER)
 
@@ -141,16 +141,16 @@ def _predicted(prediction: Prediction, name: str) -> Curve:
 
 
 def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
-    dof = story.dof
+    swung = story.swung
     figure, (top, bottom) = new_axes((1.9, 0.9))
-    scale = _people(dof)
-    what, unit, _ = _noun(dof)
+    scale = _people(swung)
+    what, unit, _ = _noun(swung)
     if np.isfinite(relay.hysteresis):
         for sign in (-1.0, 1.0):
             label = "set switching value" if sign > 0 else None
             axes_level = sign * scale * relay.hysteresis
             top.axhline(axes_level, color=FAINT, lw=0.9, ls="--", label=label)
-    _line(top, relay.position, dof, AFTER, what)
+    _line(top, relay.position, swung, AFTER, what)
     if len(relay.switches):
         top.plot(
             relay.switches.t,
@@ -166,21 +166,21 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
     top.set_ylabel(f"{what} from reference [{unit}]")
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
-    bottom.set_xlabel("time [s]; shaded: the last five periods")
+    bottom.set_xlabel("time [s]; shaded: the last five periods" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
 
 
-def _draw_cycles(relays: Sequence[RelaySeries], dof: Dof) -> Figure | None:
+def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Figure | None:
     shown = [relay for relay in relays if relay.rate is not None and len(relay.rate)]
     if not shown:
         return None
     figure, (axes,) = new_axes((3.0,), share=False)
-    what, unit, rate_unit = _noun(dof)
+    what, unit, rate_unit = _noun(swung)
     for relay, colour in zip(shown, _COLOURS, strict=False):
         assert relay.rate is not None
         rate = np.interp(relay.position.t, relay.rate.t, relay.rate.y)
-        x, y = _people(dof) * relay.position.y, _people(dof) * rate
+        x, y = _people(swung) * relay.position.y, _people(swung) * rate
         last = relay.position.t >= relay.last_from
         every = max(1, len(x) // 1500)
         axes.plot(x[::every], y[::every], color=colour, lw=0.6, alpha=0.35)
@@ -191,24 +191,26 @@ def _draw_cycles(relays: Sequence[RelaySeries], dof: Dof) -> Figure | None:
     return figure
 
 
-def _draw_fit(trace: Trace, dof: Dof) -> Figure | None:
+def _draw_fit(trace: Trace, noun: str) -> Figure | None:
     measured = finite(trace.t, trace.measured)
     if len(measured) < 2:
         return None
     figure, (top, bottom) = new_axes((1.9, 0.9))
-    draw_trace(top, bottom, trace, _noun(dof)[0])
+    draw_trace(top, bottom, trace, noun)
     bottom.set_xlabel("time [s]")
     legend(top)
     return figure
 
 
-def _people(dof: Dof) -> float:
-    return to_people(dof.position_unit)[1]
+def _people(watched: Watched) -> float:
+    return to_people(watched.unit)[1]
 
 
-def _line(axes: Axes, curve: Curve, dof: Dof, colour: str, label: str, width: float = 1.5, style: str = "-") -> None:
+def _line(
+    axes: Axes, curve: Curve, watched: Watched, colour: str, label: str, width: float = 1.5, style: str = "-"
+) -> None:
     few = thin(curve)
-    axes.plot(few.t, _people(dof) * few.y, color=colour, lw=width, ls=style, label=label)
+    axes.plot(few.t, _people(watched) * few.y, color=colour, lw=width, ls=style, label=label)
 
 
 def _draw_output(axes: Axes, curve: Curve | None, story: TuneStory, colour: str) -> None:

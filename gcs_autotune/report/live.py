@@ -24,6 +24,7 @@ _SIGNALS: Mapping[str, tuple[str, str]] = {
     "z": ("depth", "m"),
     "x": ("speed", "m/s"),
     "u": ("speed", "m/s"),
+    "r": ("turn rate", "rad/s"),
 }
 """Progress.signal -> (name, SI unit of its value)."""
 
@@ -85,6 +86,8 @@ def _reading(value: float, signal: str, unit: str) -> str:
         return "?"
     if signal == "psi":
         return f"{math.degrees(value) % 360.0:05.1f}°"
+    if signal == "r":
+        return f"{math.degrees(value):.1f}°/s"
     return f"{value:.2f} {unit}".rstrip()
 
 

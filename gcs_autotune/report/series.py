@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.sname import Dof
+from gcs_autotune.report.story import Watched
 from gcs_autotune.trial import Channel, Mark, Trial
 
 __all__ = ["Curve", "RelaySeries", "StepSeries", "finite", "relay_series", "step_series", "thin"]
@@ -76,26 +76,26 @@ def thin(curve: Curve, most: int = 600) -> Curve:
     return Curve(curve.t[index], curve.y[index])
 
 
-def step_series(trial: Trial | None, dof: Dof) -> StepSeries | None:
+def step_series(trial: Trial | None, watched: Watched) -> StepSeries | None:
     """Return the step in *trial*, or None when it has none (it was never flown, or ended before it).
 
     The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) tell where it is.
     """
-    if trial is None or dof.position not in trial:
+    if trial is None or watched.position not in trial:
         return None
     targets = [m for m in trial.marks if m.kind == "target" and "value" in m.detail]
     step = next((i for i, m in enumerate(targets) if m.detail.get("phase") == "step"), None)
     if step is None:
         return None
-    start, base = targets[step].t, _value_before(targets, step, trial[dof.position])
+    start, base = targets[step].t, _value_before(targets, step, trial[watched.position])
     lead = min(2.0, start - trial.start)
-    position = _from(trial[dof.position].between(start - lead, trial.end), start, base)
+    position = _from(trial[watched.position].between(start - lead, trial.end), start, base)
     if len(position) < 2:
         return None
     flown = targets[step:]
     times = [-lead, *(m.t - start for m in flown), float(position.t[-1])]
     values = [0.0, *(float(m.detail["value"]) - base for m in flown)]
-    output = trial[dof.force].between(start - lead, trial.end) if dof.force in trial else None
+    output = trial[watched.force].between(start - lead, trial.end) if watched.force in trial else None
     return StepSeries(
         position=position,
         target=Curve(np.array(times), np.array([*values, values[-1]])),
@@ -110,17 +110,17 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
     return position.held_at(targets[step].t)
 
 
-def relay_series(trial: Trial, dof: Dof, periods: int = 5) -> RelaySeries | None:
+def relay_series(trial: Trial, watched: Watched, periods: int = 5) -> RelaySeries | None:
     """Return the last :data:`MOST_PERIODS` periods in *trial*, or None when it holds no usable position."""
-    if dof.position not in trial:
+    if watched.position not in trial:
         return None
     start = trial.start
     trial = _last_periods(trial)
     reference = _number(trial, "reference", float("nan"))
     if not np.isfinite(reference):
-        values = trial[dof.position].values
+        values = trial[watched.position].values
         reference = float(np.nanmean(values)) if np.isfinite(values).any() else 0.0
-    position = _from(trial[dof.position], start, reference)
+    position = _from(trial[watched.position], start, reference)
     if len(position) < 2:
         return None
     switched = np.array([m.t - start for m in trial.marks if m.kind == "switch"], dtype=np.float64)
@@ -129,8 +129,8 @@ def relay_series(trial: Trial, dof: Dof, periods: int = 5) -> RelaySeries | None
     return RelaySeries(
         name=trial.name,
         position=position,
-        rate=_from(trial[dof.velocity], start, 0.0) if dof.velocity in trial else None,
-        output=_from(trial[dof.force], start, 0.0) if dof.force in trial else None,
+        rate=_from(trial[watched.velocity], start, 0.0) if watched.velocity in trial else None,
+        output=_from(trial[watched.force], start, 0.0) if watched.force in trial else None,
         switches=Curve(switched, at),
         hysteresis=_number(trial, "x_a", float("nan")),
         last_from=first,

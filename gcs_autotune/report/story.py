@@ -11,10 +11,38 @@ from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["AXIS_DOFS", "TuneStory"]
+__all__ = ["AXIS_DOFS", "WATCHED", "TuneStory", "Watched"]
 
-AXIS_DOFS: Mapping[str, str] = {"heading": "yaw", "depth": "heave", "speed": "surge"}
+AXIS_DOFS: Mapping[str, str] = {"heading": "yaw", "depth": "heave", "speed": "surge", "yaw": "yaw"}
 """Axis as users call it -> degree of freedom."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What is drawn of a manoeuvre: the signal, its rate where that is one, the actuator that drives it.
+
+    ``unit`` SI; ``noun`` what people call it.
+    """
+
+    position: str
+    velocity: str
+    force: str
+    unit: str
+    noun: str
+
+
+WATCHED: Mapping[str, Watched] = {
+    "psi": Watched("psi", "r", "N", "rad", "heading"),
+    "z": Watched("z", "w", "Z", "m", "depth"),
+    "x": Watched("x", "u", "X", "m", "position ahead"),
+    "y": Watched("y", "v", "Y", "m", "position abeam"),
+    "u": Watched("u", "", "X", "m/s", "speed"),
+    "r": Watched("r", "", "N", "rad/s", "turn rate"),
+}
+"""Signal -> how it is drawn."""
+
+STEPPED: Mapping[str, str] = {"heading": "psi", "depth": "z", "speed": "u", "yaw": "r"}
+"""Axis -> the signal its proof steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +98,19 @@ class TuneStory:
         return DOFS[name]
 
     @property
+    def stepped(self) -> Watched:
+        """What the step before and after moves."""
+        signal = STEPPED.get(self.axis, self.dof.position)
+        return WATCHED.get(signal, _plain(self.dof))
+
+    @property
+    def swung(self) -> Watched:
+        """What the experiments move: a boat's speed under throttle steps, else the position."""
+        told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
+        signal = told if told == "u" else self.dof.position
+        return WATCHED.get(signal, _plain(self.dof))
+
+    @property
     def differences(self) -> Mapping[str, tuple[float, float]]:
         """Parameter -> (before, after) where they differ; empty unless both were read."""
         after = self.parameters_after
@@ -78,3 +119,7 @@ class TuneStory:
             for name, old in self.parameters_before.items()
             if name in after and after[name] != old
         }
+
+
+def _plain(dof: Dof) -> Watched:
+    return Watched(dof.position, dof.velocity, dof.force, dof.position_unit, dof.position)

@@ -182,7 +182,7 @@ def estimate_table(fit: AxisFit) -> Table:
 def candidate_table(fit: AxisFit) -> Table:
     """Drag structures side by side; the smallest BIC explains the record with the fewest numbers."""
     best = min((c.bic for c in fit.candidates), default=math.nan)
-    unit = fit.model.axis.position_unit
+    unit = fit.traces[0].unit if fit.traces and fit.traces[0].unit else fit.model.axis.position_unit
     rows = tuple(_candidate_row(c, best, unit, fit.structure) for c in fit.candidates)
     return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
 

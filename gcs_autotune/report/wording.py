@@ -18,6 +18,7 @@ from gcs_autotune.report.numbers import (
     format_quantity,
     format_seconds,
     format_share,
+    format_value,
 )
 from gcs_autotune.report.story import TuneStory
 
@@ -146,10 +147,14 @@ def parameters_sentence(story: TuneStory) -> str:
     changed = story.differences
     if not changed:
         return "All parameters were read back at the end and are as they were found."
-    names = ", ".join(changed)
+    written = [name for name in changed if name in {c.parameter for c in story.proposal.changes}]
+    names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
+    also = f" The vehicle itself changed {own}, which this tool does not write." if own else ""
+    if not written:
+        return f"All parameters that were written were read back at the end and are as they were found.{also}"
     if story.ending == "kept" or story.kept:
-        return f"Changed on the vehicle and read back: {names}."
-    return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`."
+        return f"Changed on the vehicle and read back: {names}.{also}"
+    return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`.{also}"
 
 
 def undo_sentence(story: TuneStory) -> str:
@@ -200,7 +205,7 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     """Return the stability bound of thesis (8.22)-(8.27), evaluated."""
     left, right = bound
     if math.isnan(left) or math.isnan(right):
-        return "The closed-form stability bound (thesis 8.22-8.27) could not be evaluated for this loop."
+        return "The closed-form stability bound (thesis 8.22-8.27) is about loops on a position, not on a velocity."
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="
     return (
@@ -220,10 +225,17 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
         top = abs(model.steady_velocity(1.0 - model.delta))
         if math.isfinite(top):
             said.append(f"Full output sustains {format_quantity(top, unit)}.")
+    fitted = fit.traces[0].unit if fit.traces and fit.traces[0].unit else axis.position_unit
+    if "thrust_curve" in fit.extra:
+        curve = fit.extra["thrust_curve"]
+        said.append(
+            f"Thrust at throttle x goes as (1 - q) x + q x\u00b2 with q = "
+            f"{format_value(float(curve['square']), float(curve['std']))}: 0 is proportional, 1 a plain propeller."
+        )
     said.append(
         f"The model, simulated from the inputs alone, explains {format_percent(fit.fit_percent)} of the "
-        f"measured motion; {format_quantity(fit.residual_rms, axis.position_unit, 2)} rms remain, of which "
-        f"{format_quantity(fit.noise_std, axis.position_unit, 2)} is measurement noise."
+        f"measured motion; {format_quantity(fit.residual_rms, fitted, 2)} rms remain, of which "
+        f"{format_quantity(fit.noise_std, fitted, 2)} is measurement noise."
     )
     return tuple(said)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.operator import Operator, Unattended
-from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
+from gcs_autotune.workflow.parameter_files import restore_parameters, save_parameters
+from gcs_autotune.workflow.restore import is_settled, link_of, restore_run
 from gcs_autotune.workflow.settings import EXPERIMENTS, Connection, TuneSettings
 from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.tune import tune

@@ -10,12 +10,14 @@ from typing import Literal
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotAchieved, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify.surge import extended, fit_surge
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Sequencer, visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
-from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, turn_for
+from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for, turn_for
+from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
@@ -52,15 +54,25 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
         if dof == "heave" and craft.firmware.kind == "boat":
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         _announce(settings, craft, operator, watcher, craft.observe())
-        with visit(craft, watcher):
-            make_ready(craft, watcher)
-            craft.arm()
-            say_link_times(craft, watcher)
-            trials = _fly(settings, dof, craft, watcher, record)
-            delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
-            fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+        ledger = Ledger(record, settings.connection, watcher.say)
+        try:
+            with visit(craft, watcher, ledger.settle) as found:
+                ledger.open(craft, found)
+                make_ready(craft, watcher)
+                craft.arm()
+                say_link_times(craft, watcher)
+                trials = _fly(settings, dof, craft, watcher, record)
+                delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
+                surge = dof == "surge" and craft.firmware.kind == "boat"
+                if surge:
+                    fit = think(craft, lambda: fit_surge(trials, structure=settings.structure, delay=delay))
+                else:
+                    fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+        finally:
+            ledger.leave()
+    model = extended(fit).to_dict() if surge else fit.model.to_dict()
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
-    (record.path / "model.json").write_text(json.dumps(fit.model.to_dict(), indent=1) + "\n", encoding="utf-8")
+    (record.path / "model.json").write_text(json.dumps(model, indent=1) + "\n", encoding="utf-8")
     return fit
 
 
@@ -68,6 +80,8 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
     cruise = _cruise(settings, dof, craft)
     settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
     sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
+    if dof == "surge" and craft.firmware.kind == "boat":
+        return [_swing(sequencer, settings, craft, cruise, n) for n in range(2)]
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
     if dof in CHECKED:
@@ -94,19 +108,34 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
     return trials
 
 
+def _swing(sequencer: Sequencer, settings: TuneSettings, craft: MavlinkCraft, cruise: _Cruise, number: int) -> Trial:
+    """Fly one of a boat's surge experiments, the second on the way back."""
+    turn = turn_for(craft.firmware.kind, cruise.throttle)
+    if number and turn is not None:
+        sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
+    name = f"throttle-{number + 1}"
+    flown = sequencer.fly(throttle_steps_for(cruise.throttle, number, name), name)
+    if flown.outcome.ending == "aborted":
+        raise NotAchieved(f"{name}: {flown.outcome.reason}")
+    return flown.trial
+
+
 def _cruise(settings: TuneSettings, dof: str, craft: MavlinkCraft) -> _Cruise:
-    """A boat's rudder needs way on; its surge swings about half its cruise throttle. An ROV starts from rest."""
+    """A boat's rudder, and its drag, need way on. An ROV starts from rest."""
     if craft.firmware.kind != "boat":
         return _Cruise(settings.throttle or 0.0, settings.speed or 0.0)
     present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED"])
-    share = 0.5 if dof == "surge" else 1.0
     throttle = settings.throttle
     if throttle is None:
-        throttle = share * present.get("CRUISE_THROTTLE", 50.0) / 100.0
+        throttle = present.get("CRUISE_THROTTLE", 50.0) / 100.0
     speed = settings.speed
     if speed is None:
-        speed = share * present.get("CRUISE_SPEED", 1.0)
+        speed = present.get("CRUISE_SPEED", 1.0)
     return _Cruise(throttle, speed)
+
+
+def _kind(settings: TuneSettings, craft: MavlinkCraft) -> str:
+    return "throttle-step" if settings.axis == "surge" and craft.firmware.kind == "boat" else "self-oscillation"
 
 
 def _announce(
@@ -121,8 +150,8 @@ def _announce(
     for text in (
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
-        f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}{down}two self-oscillation experiments in "
-        f"{settings.axis}",
+        f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}{down}two {_kind(settings, craft)} "
+        f"experiments in {settings.axis}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")

@@ -3,29 +3,48 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import quantum
 from gcs_autotune.manoeuvres import (
+    LEVELS,
     Dive,
     DiveSettings,
     Relay,
     RelaySettings,
-    Step,
-    StepSettings,
+    ThrottleSteps,
+    ThrottleStepsSettings,
     TurnAbout,
     TurnAboutSettings,
 )
+from gcs_autotune.manoeuvres.step import FORCES
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 
-__all__ = ["dive_for", "measure", "relay_for", "resolution", "second_output", "speed_for", "step_for", "turn_for"]
+Array = NDArray[np.float64]
+
+CALMED: Mapping[str, float] = {"u": 0.5}
+"""Signals so noisy that a step is measured through a centred mean of so many seconds."""
+
+__all__ = [
+    "dive_for",
+    "measure",
+    "noise_in",
+    "relay_for",
+    "resolution",
+    "second_output",
+    "speed_for",
+    "throttle_steps_for",
+    "turn_for",
+]
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
@@ -39,18 +58,9 @@ def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) 
     return throttle, speed
 
 
-def step_for(settings: TuneSettings, axis: Axis, speed: float, name: str) -> Step:
-    """Return the before/after step."""
-    d = DEFAULTS[axis.dof]
-    return Step(
-        StepSettings(
-            signal=d.signal,
-            size=settings.step if settings.step is not None else d.step,
-            duration=settings.step_duration or d.step_duration,
-            speed=speed,
-        ),
-        name,
-    )
+def throttle_steps_for(throttle: float, number: int, name: str) -> ThrottleSteps:
+    """Return the *number*-th (from 0) surge experiment of a boat about *throttle* [fraction]."""
+    return ThrottleSteps(ThrottleStepsSettings(throttle, LEVELS[number % len(LEVELS)]), name)
 
 
 def relay_for(
@@ -127,6 +137,22 @@ def resolution(trial: Trial) -> float:
     return quantum(trial[str(trial.meta["signal"])].values)
 
 
+def noise_in(trial: Trial, signal: str) -> float:
+    """Return the standard deviation of a signal's noise, from second differences, which slow motion leaves alone."""
+    second = np.diff(trial[signal].values, n=2)
+    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
+
+
+def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
+    """Return a mean of *x* (n,) over *span* [s], centred except at the ends, and its share of white noise's rms."""
+    half = max(round(0.5 * span / float(np.median(np.diff(t)))), 1) if len(t) > 2 else 0
+    width = min(2 * half + 1, len(x))
+    low = np.clip(np.arange(len(x)) - half, 0, len(x) - width)
+    total = np.concatenate([[0.0], np.cumsum(x)])
+    mean: Array = (total[low + width] - total[low]) / width
+    return mean, 1.0 / math.sqrt(width)
+
+
 def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
@@ -135,7 +161,7 @@ def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> St
     *noise_std* or within the sensor's *resolution* [rad or m] count as none: a compass of two degrees cannot tell one.
     """
     signal = str(trial.meta["signal"])
-    force = "N" if signal == "psi" else "Z"
+    force = FORCES[signal]
     targets = [m for m in trial.marks if m.kind == "target"]
     found = []
     for before, after in itertools.pairwise(targets):
@@ -150,6 +176,9 @@ def _one_step(
     end = start + float(trial.meta["duration"])
     position = trial[signal].between(start - 1.0, end)
     t, x = position.t, position.values
+    if signal in CALMED:
+        x, share = _calmed(t, x, CALMED[signal])
+        noise_std *= share
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
     output = np.array([trial[force].held_at(moment) for moment in t])

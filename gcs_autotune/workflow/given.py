@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 from gcs_autotune.design import Reduction, reduce
+from gcs_autotune.design.laws import LAWS
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.identify.validate import validate
+from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
 __all__ = ["STRANGE", "Given", "explained", "given_for"]
@@ -20,7 +22,10 @@ STRANGE = 50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """A model file seen from one axis: ``full_scale`` input [its unit] at full output; ``noise_std`` [rad or m]."""
+    """A model file seen from one axis.
+
+    ``full_scale`` input [its unit] at full output; ``noise_std`` of what is stepped (SI).
+    """
 
     file: ModelFile
     reduction: Reduction
@@ -45,7 +50,8 @@ def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
         )
     if full_scale is not None and not (math.isfinite(full_scale) and full_scale != 0.0):
         raise UsageError(f"--full-scale {full_scale:g}: give the input at full output, not zero")
-    noise = file.noise.get(reduction.model.axis.position, 0.0)
+    moving = lookup(LAWS, axis.law, "control law").controls_velocity
+    noise = file.noise.get(reduction.model.axis.velocity if moving else reduction.model.axis.position, 0.0)
     return Given(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
 
 

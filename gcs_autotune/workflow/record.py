@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.trial import Trial, save_trial
 
 __all__ = ["JOURNAL", "RunDirectory"]
@@ -46,16 +46,40 @@ class RunDirectory:
         return self.path / JOURNAL
 
     def keep(self, trial: Trial) -> None:
-        """Write a trial; one with a lead-in is also written whole, beside the manoeuvre proper."""
+        """Write a trial; one with a lead-in is also written whole, beside the manoeuvre proper.
+
+        Raises
+        ------
+        BadFile
+            It cannot be written (a full disk).
+        """
         self._count += 1
         stem = f"{self._count:02d}-{trial.name}"
-        if trial.proper is not trial:
-            save_trial(replace(trial, meta={}), self.path / "trials" / f"{stem}-with-lead-in.csv")
-        save_trial(trial.proper, self.path / "trials" / f"{stem}.csv")
+        try:
+            if trial.proper is not trial:
+                save_trial(replace(trial, meta={}), self.path / "trials" / f"{stem}-with-lead-in.csv")
+            save_trial(trial.proper, self.path / "trials" / f"{stem}.csv")
+        except OSError as error:
+            raise self._unwritable(error) from error
 
     def save_parameters(self, name: str, values: Mapping[str, float]) -> Path:
-        """Write ``parameters_<name>.json`` and the same as ``.param`` (``NAME,VALUE``); return the latter."""
-        (self.path / f"parameters_{name}.json").write_text(json.dumps(dict(values), indent=1) + "\n", encoding="utf-8")
+        """Write ``parameters_<name>.json`` and the same as ``.param`` (``NAME,VALUE``); return the latter.
+
+        Raises
+        ------
+        BadFile
+            They cannot be written (a full disk).
+        """
         path = self.path / f"parameters_{name}.param"
-        path.write_text("".join(f"{k},{v:.9g}\n" for k, v in values.items()), encoding="utf-8")
+        try:
+            path.with_suffix(".json").write_text(json.dumps(dict(values), indent=1) + "\n", encoding="utf-8")
+            path.write_text("".join(f"{k},{v:.9g}\n" for k, v in values.items()), encoding="utf-8")
+        except OSError as error:
+            raise self._unwritable(error) from error
         return path
+
+    def _unwritable(self, error: OSError) -> BadFile:
+        return BadFile(
+            f"the run directory {self.path} cannot be written ({error.strerror or error}): free some disk space or "
+            "give another --out"
+        )

@@ -40,7 +40,7 @@ class Connection:
 class TuneSettings:
     """One tune. None means: choose for me.
 
-    ``step`` [rad or m], ``step_duration`` [s] each way, ``relay_output`` fraction of full output,
+    ``step`` [rad, m, m/s or rad/s], ``step_duration`` [s] each way, ``relay_output`` fraction of full output,
     ``relay_hysteresis`` [rad or m], ``throttle`` fraction and ``speed`` [m/s] for boats, ``model`` the model
     function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz] (None: 25, or 10 in
     simulated time). ``given``: a model

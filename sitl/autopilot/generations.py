@@ -90,14 +90,21 @@ GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
 }
 """Name -> what it calls differently than this autopilot does inside. ``PILOT_SPD_*`` are Copter's in 4.7.0."""
 
+_ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
+"""Generations that answer PARAM_ERROR where the others keep silent (seen in December 2025)."""
+
 
 class Spoken:
-    """The parameters as a ground station sees them: other names and units in front of *store*."""
+    """The parameters as a ground station sees them: other names and units in front of *store*.
+
+    ``answers_errors``: whether this generation says so when it does not know a name or take a value.
+    """
 
     def __init__(self, store: ParameterStore, generation: str = "own") -> None:
         if generation not in GENERATIONS:
             raise UnknownGeneration(f"no firmware names '{generation}'; there are {', '.join(GENERATIONS)}")
         self._store = store
+        self.answers_errors = generation in _ANSWER_ERRORS
         words = GENERATIONS[generation]
         inside = [name for i in range(len(store)) if (name := store.name_at(i)) is not None]
         self._inside = {words[n].name if n in words else n: n for n in inside}

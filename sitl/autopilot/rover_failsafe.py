@@ -14,7 +14,6 @@ from sitl.autopilot.rc_input import RcInput
 __all__ = ["RoverFailsafe"]
 
 _RADIO, _GCS = 1, 2
-_RADIO_LOST_MS = 500
 _GCS_PERIOD_MS = 100
 _WARNING, _INFO = 4, 6
 _ACTIVE_IN_HOLD = 1
@@ -59,7 +58,7 @@ class RoverFailsafe:
         if fresh:
             self._last_valid_ms = owner.ms
         if values["FS_THR_ENABLE"]:
-            silent = owner.ms - self._last_valid_ms > _RADIO_LOST_MS
+            silent = owner.ms - self._last_valid_ms > values["RC_FS_TIMEOUT"] * 1000.0
             self._note(_RADIO, "Radio", silent or throttle_pwm < values["FS_THR_VALUE"])
         if values["FS_GCS_ENABLE"] and owner.last_gcs_ms and owner.ms % _GCS_PERIOD_MS == 0:
             self._note(_GCS, "GCS", owner.ms - owner.last_gcs_ms >= values["FS_GCS_TIMEOUT"] * 1000.0)

@@ -1,4 +1,4 @@
-"""Rover's outputs: speed scaling of the steering, slew rate of the throttle, servo pulses."""
+"""Rover's outputs: speed scaling of the steering, slew rate of the throttle, skid mixing, servo pulses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sitl.autopilot.shaping import clamp, step_towards
 
 __all__ = ["RoverMotors"]
 
-_STEERING, _THROTTLE = 26, 70
+_STEERING, _THROTTLE, _LEFT, _RIGHT = 26, 70, 73, 74
 """SERVOn_FUNCTION."""
 _ROUNDING = 1e-6
 """Pulses are cut to whole microseconds towards trim; this keeps 0.57 of 500 at 285."""
@@ -20,7 +20,8 @@ class RoverMotors:
     """Demands: ``steering`` as a fraction of full (may exceed 1, the servo does not), ``throttle`` in percent.
 
     ``limit_steer`` tells the rate controller that its integral must not grow: the servo is at its end, or the
-    boat is slower than MOT_SPD_SCA_BASE.
+    boat is slower than MOT_SPD_SCA_BASE. A boat with outputs for left and right throttle steers by their difference:
+    never scaled with speed, and what does not fit is shared out by MOT_STR_THR_MIX.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -33,7 +34,14 @@ class RoverMotors:
         self._scaled = False
         self._servo = 0.0
         self._turned = 1.0
+        self._left = self._right = 0.0
         self._last_throttle = 0.0
+
+    @property
+    def skid(self) -> bool:
+        """Whether it steers by two thrusters."""
+        assigned = {int(self._values[f"SERVO{n}_FUNCTION"]) for n in range(1, 9)}
+        return {_LEFT, _RIGHT} <= assigned
 
     def set_steering(self, fraction: float, *, scaled: bool) -> None:
         """Demand a steering output; *scaled*: reduced with speed, as the automatic modes do."""
@@ -47,7 +55,7 @@ class RoverMotors:
 
     def stop(self) -> None:
         """Drop every demand (disarmed)."""
-        self.steering = self.throttle = self._last_throttle = self._servo = 0.0
+        self.steering = self.throttle = self._last_throttle = self._servo = self._left = self._right = 0.0
         self.limit_steer = self.limit_throttle = False
 
     def output(self, rail: ServoRail, speed: float, *, armed: bool) -> None:
@@ -58,18 +66,21 @@ class RoverMotors:
             rail.write(lambda function, low, trim, high, sign: 0 if silent else trim)
             return
         self._slew()
-        self._servo = self._scale(speed)
+        skid = self.skid
+        self._servo = self._scale(speed, skid=skid)
+        if skid:
+            self._mix()
         rail.write(self._pulse)
 
     def _slew(self) -> None:
         rate = self._values["MOT_SLEWRATE"]
         wanted = self.throttle
         if rate > 0.0:
-            self.throttle = step_towards(self._last_throttle, wanted, max(1.0, rate * self._dt))
+            self.throttle = step_towards(self._last_throttle, wanted, rate * self._dt)
         self.limit_throttle = self.throttle != wanted or abs(wanted) >= self._values["MOT_THR_MAX"]
         self._last_throttle = self.throttle
 
-    def _scale(self, speed: float) -> float:
+    def _scale(self, speed: float, *, skid: bool) -> float:
         steering, base = self.steering, self._values["MOT_SPD_SCA_BASE"]
         self.limit_steer = False
         self._turned = 1.0
@@ -78,7 +89,7 @@ class RoverMotors:
         elif self._scaled:
             if 0.0 < base < abs(speed):
                 steering *= base / abs(speed)
-            else:
+            elif not skid:
                 self.limit_steer = True
             if speed < 0.0:
                 steering = -steering
@@ -100,23 +111,50 @@ class RoverMotors:
         self._turned = math.cos(angle)
         return angle / widest
 
+    def _mix(self) -> None:
+        """Share the two thrusters out between throttle and steering, as far as they reach."""
+        values = self._values
+        asymmetry = max(values["MOT_THST_ASYM"], 1.0)
+        floor = -1.0 / asymmetry
+        best = 0.5 * (1.0 + floor)
+        throttle, wanted = clamp(self.throttle / 100.0, floor, 1.0), clamp(self.steering, -1.0, 1.0)
+        reach = max(throttle, 0.0) - floor if throttle < best else 1.0 - best
+        steering = clamp(wanted, -reach, reach)
+        full = max(throttle + abs(steering), (throttle - abs(steering)) / floor)
+        if full > 1.0:
+            mix, fair = clamp(values["MOT_STR_THR_MIX"], 0.0, 1.0), 1.0 / full
+            if mix >= 0.5:
+                steering *= fair + (1.0 - fair) * (mix - 0.5) / 0.5
+                throttle = 1.0 - abs(steering) if throttle >= best else abs(steering) + floor
+            else:
+                throttle *= 1.0 + (fair - 1.0) * mix / 0.5
+                room = 1.0 - throttle if throttle >= best else throttle - floor
+                steering = math.copysign(room, steering)
+        self.limit_steer = abs(steering) < abs(self.steering) or abs(self.steering) >= 1.0
+        self.limit_throttle = self.limit_throttle or abs(throttle) < abs(self.throttle / 100.0)
+        left, right = throttle + steering, throttle - steering
+        self._left, self._right = (m * asymmetry if m < 0.0 else m for m in (left, right))
+
     def _pulse(self, function: int, low: int, trim: int, high: int, sign: int) -> int:
         if function == _STEERING:
             value = sign * self._servo
         elif function == _THROTTLE:
-            value = sign * self._shape_throttle()
+            value = sign * self._shape(clamp(self.throttle / 100.0 / max(self._turned, 1e-3), -1.0, 1.0))
+        elif function in (_LEFT, _RIGHT):
+            value = sign * self._shape(self._left if function == _LEFT else self._right)
         else:
             return trim
         span = high - trim if value > 0.0 else trim - low
         return trim + int(value * span + math.copysign(_ROUNDING, value))
 
-    def _shape_throttle(self) -> float:
+    def _shape(self, throttle: float) -> float:
+        """Return the pulse [-1, 1] for a throttle [-1, 1]: lifted over MOT_THR_MIN, then bent by MOT_THST_EXPO."""
         values = self._values
-        size = min(abs(self.throttle) / 100.0 / max(self._turned, 1e-3), 1.0)
-        if size == 0.0:
+        if throttle == 0.0:
             return 0.0
-        expo = values["MOT_THST_EXPO"]
-        if expo != 0.0:
-            size = ((expo - 1.0) + math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * size)) / (2.0 * expo)
-        floor = values["MOT_THR_MIN"] / 100.0
-        return math.copysign(floor + size * (1.0 - floor), self.throttle)
+        floor, expo = values["MOT_THR_MIN"] / 100.0, values["MOT_THST_EXPO"]
+        size = floor + abs(throttle) * (1.0 - floor)
+        if expo != 0.0 and -1.0 <= expo <= 1.0:
+            size = min(size, 1.0)
+            size = ((expo - 1.0) + math.sqrt(max((1.0 - expo) ** 2 + 4.0 * expo * size, 0.0))) / (2.0 * expo)
+        return math.copysign(min(size, 1.0), throttle)

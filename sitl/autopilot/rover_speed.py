@@ -56,6 +56,7 @@ class RoverSpeed:
         self.feed_forward = self.pid.feed_forward + base
         out += self.feed_forward
         self._limited = abs(out) > 1.0
-        if values["ATC_BRAKE"] == 0.0 and out * wanted < 0.0:
+        if values["ATC_BRAKE"] == 0.0 and ((wanted >= 0.0 and out <= 0.0) or (wanted <= 0.0 and out >= 0.0)):
             out = 0.0
+            self._limited = True
         return clamp(out, -1.0, 1.0)

@@ -72,7 +72,7 @@ class SubFailsafe:
             return
         lost = owner.ms - owner.last_gcs_ms >= values["FS_GCS_TIMEOUT"] * 1000.0
         if lost and not self.gcs_lost:
-            owner.say(_CRITICAL, f"MYGCS: {int(values['MAV_GCS_SYSID'])}, heartbeat lost")
+            owner.say(_CRITICAL, "MYGCS: heartbeat lost")
             if action == _DISARM:
                 owner.disarm()
             elif action > _WARN and owner.armed:

@@ -1,4 +1,4 @@
-"""The parameter protocol as ArduPilot speaks it: values as C-cast floats, silence for unknown names."""
+"""The parameter protocol as ArduPilot speaks it: values as C-cast floats, silence or PARAM_ERROR for unknown names."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ParameterProtocol:
         self._cursor = 0
 
     def request_read(self, message: Message) -> None:
-        """Send one parameter, by name (index -1) or by index; silence when there is none."""
+        """Send one parameter, by name (index -1) or by index; silence, or PARAM_ERROR, when there is none."""
         by_name = message.param_index == _BY_NAME
         name = _name_of(message) if by_name else self._store.name_at(message.param_index)
         if name == HASH_NAME:
@@ -43,19 +43,25 @@ class ParameterProtocol:
             self._server.send(_value_message(HASH_NAME, float(value), _UINT32, len(self._store), _NO_INDEX))
         elif name is not None and name in self._store:
             self._send(name, self._store.index_of(name))
+        else:
+            self._object(message, _name_of(message), message.param_index, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
 
     def set(self, message: Message) -> None:
-        """Take a value and echo what is stored; a NaN, an infinity or an unknown name meets silence."""
+        """Take a value and echo what is stored; a NaN, an infinity or an unknown name meets silence, or PARAM_ERROR."""
         name = _name_of(message)
         if name not in self._store:
+            self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
             return
         try:
             taken = self._store.write(name, message.param_value)
         except ReadOnlyParameter:
             self._server.vehicle.autopilot.say(WARNING, f"Param write denied ({name})")
+            self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
             taken = True
         if taken:
             self._send(name, _NO_INDEX)
+        else:
+            self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
 
     def tick(self) -> None:
         """Send the next few of a list under way."""
@@ -67,6 +73,11 @@ class ParameterProtocol:
             assert name is not None
             self._send(name, index)
         self._cursor = None if last == len(self._store) else last
+
+    def _object(self, message: Message, name: str, index: int, error: int) -> None:
+        if self._store.answers_errors:
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            self._server.send(mavlink.MAVLink_param_error_message(*sender, name.encode("ascii"), index, error))
 
     def _send(self, name: str, index: int) -> None:
         store = self._store

@@ -171,7 +171,7 @@ class ArduPilot:
     kind: Kind
     binary: Path
     extra: Mapping[str, float] = field(default_factory=dict)
-    speedup: float = 5.0
+    speedup: float = float(os.environ.get("ARDUPILOT_SPEEDUP", "5"))
     model: str = ""
     options: Sequence[str] = ()
 
@@ -273,6 +273,17 @@ class Witness:
                 return message
         raise TimeoutError(f"no such {name} within {seconds:g} s")
 
+    def _answer(self, question: Any, name: str, condition: Callable[[Any], bool]) -> Any:
+        """Send *question* once a second until it is answered; a firmware that is still booting drops what it hears."""
+        self._drain()
+        for _ in range(20):
+            self.send(question)
+            try:
+                return self.wait(name, condition, 1.0)
+            except TimeoutError:
+                continue
+        raise TimeoutError(f"no {name} in answer to {question.get_type()}")
+
     def ask_for(self, name: str, hz: float = 10.0) -> None:
         """Ask for a message on this wire."""
         number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
@@ -281,23 +292,20 @@ class Witness:
     def command(self, number: int, *values: float) -> int:
         """Give a command and return its MAV_RESULT."""
         filled = [float(v) for v in values] + [0.0] * (7 - len(values))
-        self._drain()
-        self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *filled))
-        return int(self.wait("COMMAND_ACK", lambda m: m.command == number).result)
+        question = mavlink.MAVLink_command_long_message(1, 1, number, 0, *filled)
+        return int(self._answer(question, "COMMAND_ACK", lambda m: m.command == number).result)
 
     def parameter(self, name: str) -> float:
         """Return a parameter as the vehicle holds it now."""
-        self._drain()
-        self.send(mavlink.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
-        return float(self.wait("PARAM_VALUE", lambda m: m.param_id == name).param_value)
+        question = mavlink.MAVLink_param_request_read_message(1, 1, name.encode(), -1)
+        return float(self._answer(question, "PARAM_VALUE", lambda m: m.param_id == name).param_value)
 
     def parameters(self, names: Sequence[str]) -> dict[str, float]:
         return {name: self.parameter(name) for name in names}
 
     def set_parameter(self, name: str, value: float) -> None:
-        self._drain()
-        self.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-        self.wait("PARAM_VALUE", lambda m: m.param_id == name)
+        question = mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9)
+        self._answer(question, "PARAM_VALUE", lambda m: m.param_id == name)
 
     def mode_and_armed(self) -> tuple[int, bool]:
         """Return the custom mode number and whether it is armed."""

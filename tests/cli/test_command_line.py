@@ -293,7 +293,8 @@ def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path
     assert fit["parameters"]["alpha_u"]["value"] == pytest.approx(8.2372 / 8.0, rel=0.02)
     assert fit["parameters"]["beta_u"]["value"] == pytest.approx(4.4283 / 8.0, rel=0.03)
     assert "will write no parameter" in err
-    assert not (out / "journal.jsonl").exists()
+    journal = map(json.loads, (out / "journal.jsonl").read_text().splitlines())
+    assert [e["event"] for e in journal] == ["opened", "closed"]
 
 
 def test_a_boat_does_not_heave(capsys, tmp_path):

@@ -37,9 +37,20 @@ SUB_DEPTH_DEFAULTS = {
     "PSC_ACCZ_I": 0.1,
     "PSC_ACCZ_FF": 0.0,
 }
+ROVER_SPEED_DEFAULTS = {
+    "ATC_SPEED_P": 0.2,
+    "ATC_SPEED_I": 0.2,
+    "ATC_SPEED_D": 0.0,
+    "ATC_SPEED_FF": 0.0,
+    "CRUISE_SPEED": 2.0,
+    "CRUISE_THROTTLE": 50.0,
+}
 DEFAULTS: Mapping[str, Mapping[str, float]] = {
     "rover-heading": ROVER_DEFAULTS,
+    "rover-yaw": ROVER_DEFAULTS,
+    "rover-speed": ROVER_SPEED_DEFAULTS,
     "sub-heading": SUB_HEADING_DEFAULTS,
+    "sub-yaw": SUB_HEADING_DEFAULTS,
     "sub-depth": SUB_DEPTH_DEFAULTS,
 }
 
@@ -52,6 +63,10 @@ def yaw(alpha: float, beta: float, beta_rr: float = 0.0, delta: float = 0.0, del
 
 def heave(alpha: float, beta: float, beta_ww: float = 0.0, delta: float = 0.0, delay: float = 0.0) -> SingleDof:
     return SingleDof("heave", "1", alpha, beta, beta_ww, delta, delay)
+
+
+def surge(alpha: float, beta: float, beta_uu: float = 0.0, delta: float = 0.0, delay: float = 0.0) -> SingleDof:
+    return SingleDof("surge", "1", alpha, beta, beta_uu, delta, delay)
 
 
 def boat(time_constant: float, gain: float, delta: float = 0.01, delay: float = 0.05) -> SingleDof:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import BOAT, ROV, ScriptedVehicle
 
-from gcs_autotune.craft import Actuate, Craft, DepthTarget, HeadingTarget
+from gcs_autotune.craft import Actuate, Craft, DepthTarget, HeadingTarget, TurnRateTarget
 from gcs_autotune.errors import (
     ArmingRefused,
     GuardTripped,
@@ -277,6 +277,32 @@ def test_a_boats_heading_target_is_attitude_and_a_fraction_of_its_speed(
     assert target.q == pytest.approx([math.cos(1.0), 0.0, 0.0, math.sin(1.0)], abs=1e-6)
     assert (target.thrust, target.type_mask) == (0.25, 0b111)
     assert boat.last("RC_CHANNELS_OVERRIDE").chan1_raw == 1500
+
+
+def test_a_boats_turn_rate_target_is_a_body_rate_and_a_fraction_of_its_speed(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    flying.set_mode("GUIDED")
+    flying.send(TurnRateTarget(r=-0.2, speed=1.0))
+    flying.observe()
+    target = boat.last("SET_ATTITUDE_TARGET")
+    assert (target.body_yaw_rate, target.thrust) == (pytest.approx(-0.2), 0.5)
+    assert not target.type_mask & (0b100 | 1 << 6)
+    assert boat.last("RC_CHANNELS_OVERRIDE").chan1_raw == 1500
+
+
+def test_a_rovs_turn_rate_is_its_yaw_stick_beyond_the_dead_zone_the_joystick_gain_leaves(rov: ScriptedVehicle) -> None:
+    """As measured: rate = (|rc - 1500| - 40 gain)/(400 - 40 gain) of 45 deg/s times ACRO_YAW_P."""
+    rov.parameters |= {"ACRO_YAW_P": 3.375, "RC4_DZ": 40, "JS_GAIN_DEFAULT": 0.5}
+    craft = board(rov)
+    craft.arm()
+    craft.set_mode("ALT_HOLD")
+    for rate in (0.3, -0.3):
+        craft.send(TurnRateTarget(r=rate))
+        craft.observe()
+        offset = rov.last("RC_CHANNELS_OVERRIDE").chan4_raw - 1500
+        told = math.copysign((abs(offset) - 20) / 380 * math.radians(45.0) * 3.375, offset)
+        assert told == pytest.approx(rate, abs=0.005)
 
 
 def test_a_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehicle) -> None:

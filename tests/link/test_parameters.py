@@ -118,10 +118,13 @@ def test_a_name_of_sixteen_letters_works(parameters: Parameters, boat: ScriptedV
 # --- writing --------------------------------------------------------------------------------
 
 
-def test_a_write_is_verified_by_its_echo(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_a_write_is_verified_by_its_echo_and_by_reading_it_back_twice(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
     parameters.write("ATC_STR_RAT_P", 0.33)
     assert boat.parameters["ATC_STR_RAT_P"] == pytest.approx(0.33)
     assert boat.count("PARAM_SET") == 1
+    assert boat.count("PARAM_REQUEST_READ") == 2
     assert boat.last("PARAM_SET").param_type == mavlink.MAV_PARAM_TYPE_REAL32
 
 
@@ -134,7 +137,7 @@ def test_a_lost_echo_is_asked_for(parameters: Parameters, boat: ScriptedVehicle)
     boat.on["PARAM_SET"] = lambda m: boat.parameters.update({m.param_id: m.param_value})
     parameters.write("ATC_STR_RAT_P", 0.5)
     assert boat.count("PARAM_SET") == 3
-    assert boat.count("PARAM_REQUEST_READ") == 1
+    assert boat.count("PARAM_REQUEST_READ") == 2
 
 
 def test_a_read_only_parameter_is_not_accepted_and_says_why(parameters: Parameters, boat: ScriptedVehicle) -> None:

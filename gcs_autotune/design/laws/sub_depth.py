@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
     actuate,
@@ -106,7 +107,7 @@ DEFAULTS: Settings = {
 }
 
 
-class SubDepth:
+class SubDepth(AboutRest):
     """``Axis.law == "sub-depth"``."""
 
     name = "sub-depth"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
     actuate,
@@ -117,7 +118,7 @@ DEFAULTS: Settings = {
 }
 
 
-class SubHeading:
+class SubHeading(AboutRest):
     """``Axis.law == "sub-heading"``."""
 
     name = "sub-heading"

@@ -1,0 +1,131 @@
+"""Tunes on which things go wrong at random; afterwards the vehicle itself is asked how it was left.
+
+Run: ``python3 -m benchmarks.faulted_tunes [--cases 1000] [--seed 1] [--jobs 2] [--only KIND,..] [--save FILE]``,
+or one case, shown whole: ``--case N [--keep DIR]``.
+
+Every case is a whole tune on a simulated vehicle (all axes; mostly from a model with short steps, one in 50 with the
+experiments) with one or two faults of random kind, moment, length and size. A case is right when, fifteen seconds
+after the tool ended, the vehicle is neutral, in the mode and armed state it was found in, with its parameters as found
+or all as proved (the journal has the proof); or else when the tool said so, naming ``gcs-autotune restore``, and that
+command brings it back (in four of ten cases things go wrong in its first try as well; the second must do). Besides:
+every write that arrived was in the journal before, on disk, with the value that was really found; no exception but
+the tool's own; no hang. A killed tool cannot say anything, so there only ``restore`` counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from benchmarks.faults import KINDS, Outcome, draw_case, play  # noqa: E402
+
+
+def outcome_of(seed: int, index: int, kinds: Sequence[str] = ()) -> dict[str, Any]:
+    """Play one case; return its outcome as plain data."""
+    found: dict[str, Any] = json.loads(play(draw_case(seed, index, kinds)).to_json())
+    return found
+
+
+def outcomes(seed: int, todo: Sequence[int], kinds: Sequence[str], jobs: int) -> Iterator[dict[str, Any]]:
+    """Play *todo*, in the order in which they are done."""
+    if jobs == 1:
+        for index in todo:
+            yield outcome_of(seed, index, kinds)
+        return
+    with ProcessPoolExecutor(jobs, max_tasks_per_child=100) as pool:
+        waiting = iter(todo)
+        running: set[Future[dict[str, Any]]] = {
+            pool.submit(outcome_of, seed, index, kinds) for index in islice(waiting, 2 * jobs)
+        }
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            running |= {pool.submit(outcome_of, seed, index, kinds) for index in islice(waiting, len(done))}
+            for future in done:
+                yield future.result()
+
+
+def report(found: Sequence[dict[str, Any]]) -> str:
+    """Return the table by kind of fault, and the totals."""
+    by_kind: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for o in found:
+        for kind in {f.split()[0] for f in o["case"]["faults"]}:
+            by_kind[kind].append(o)
+    lines = [
+        f"{'fault':16s} {'cases':>6s} {'wrote':>6s} {'proved':>6s} {'at once':>8s} {'by restore':>10s} {'FAILED':>7s}"
+    ]
+    for kind in [k for k in KINDS if k in by_kind]:
+        lines.append(f"{kind:16s} {_counts(by_kind[kind])}")
+    lines.append(f"{'all':16s} {_counts(found)}")
+    endings = Counter(o["ending"] for o in found)
+    lines.append("endings: " + ", ".join(f"{n} {e}" for e, n in endings.most_common()))
+    return "\n".join(lines)
+
+
+def _counts(found: Sequence[dict[str, Any]]) -> str:
+    failed = sum(bool(o["failures"]) for o in found)
+    numbers = (len(found), sum(o["writes"] > 0 for o in found), sum(o["proved"] for o in found))
+    at_once = sum(o["as_found_at_once"] for o in found)
+    by_restore = sum(not o["as_found_at_once"] and not o["failures"] for o in found)
+    return f"{numbers[0]:6d} {numbers[1]:6d} {numbers[2]:6d} {at_once:8d} {by_restore:10d} {failed:7d}"
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python3 -m benchmarks.faulted_tunes", description=__doc__)
+    parser.add_argument("--cases", type=int, default=1000, help="how many (1000)")
+    parser.add_argument("--first", type=int, default=0, help="index of the first (0)")
+    parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--only", default="", help=f"kinds of faults, joined by commas: {', '.join(KINDS)}")
+    parser.add_argument("--case", type=int, help="play this one only, and show it whole")
+    parser.add_argument("--keep", type=Path, help="with --case: folder for its run")
+    parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
+    parser.add_argument("--quiet", action="store_true", help="failures and the table only")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Play, print, and return 1 when a vehicle was left otherwise than it may be."""
+    asked = _parsed(arguments)
+    kinds = [k for k in asked.only.split(",") if k]
+    if asked.case is not None:
+        outcome: Outcome = play(draw_case(asked.seed, asked.case, kinds), asked.keep)
+        print(json.dumps(json.loads(outcome.to_json()), indent=1))
+        return 1 if outcome.failures else 0
+    old: dict[int, dict[str, Any]] = {}
+    if asked.save and asked.save.exists():
+        lines = [json.loads(line) for line in asked.save.read_text(encoding="utf-8").splitlines() if line]
+        old = {o["case"]["index"]: o for o in lines if o["case"]["seed"] == asked.seed}
+    wanted = range(asked.first, asked.first + asked.cases)
+    done = [old[i] for i in wanted if i in old]
+    for o in outcomes(asked.seed, [i for i in wanted if i not in old], kinds, asked.jobs):
+        done.append(o)
+        if asked.save:
+            with asked.save.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(o) + "\n")
+        if o["failures"] or not asked.quiet:
+            print(_said(o), f"| {len(done)} of {len(wanted)}", flush=True)
+    print(report(done))
+    return 1 if any(o["failures"] for o in done) else 0
+
+
+def _said(o: dict[str, Any]) -> str:
+    case = o["case"]
+    mark = "FAILED" if o["failures"] else "right "
+    faults = "; ".join(case["faults"])
+    text = f"{mark} {case['index']:5d} {case['subject']:18s} {o['ending']:14s} {faults} {o['seconds']:.1f} s"
+    return "\n        ".join((text, *o["failures"]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

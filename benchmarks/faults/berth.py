@@ -1,0 +1,146 @@
+"""A simulated vehicle in this process, as found, and asked directly instead of over the link."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.faults.fault import Fault
+from benchmarks.faults.link import FaultyLink
+from gcs_autotune.link import MemoryLink, Transport
+from gcs_autotune.workflow import Connection
+from sitl import Server, open_vehicle
+from sitl.mavlink.server import HANDLERS
+
+__all__ = ["Berth", "Condition", "Moored"]
+
+_NEUTRAL = 1500
+_WIDTH = 5
+"""Microseconds that still count as neutral."""
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What a vehicle holds: ``mode`` number, armed or not, outputs [us], every parameter."""
+
+    mode: int
+    armed: bool
+    outputs: tuple[int, ...]
+    parameters: Mapping[str, float]
+
+    @property
+    def is_neutral(self) -> bool:
+        """No output off neutral (0: no pulse at all)."""
+        return all(pwm == 0 or abs(pwm - _NEUTRAL) <= _WIDTH for pwm in self.outputs)
+
+    def differs_from(self, found: Condition, proved: Mapping[str, float]) -> list[str]:
+        """Return in words what is neither as *found* nor, for parameters, as *proved*."""
+        differences = [] if self.is_neutral else [f"outputs {self.outputs}"]
+        if self.mode != found.mode:
+            differences.append(f"mode {self.mode}, found {found.mode}")
+        if self.armed != found.armed:
+            differences.append(f"armed {self.armed}, found {found.armed}")
+        for name, value in self.parameters.items():
+            if value not in (found.parameters[name], proved.get(name, found.parameters[name])):
+                differences.append(f"{name} {value:g}, found {found.parameters[name]:g}")
+        held = {n: self.parameters[n] for n in proved}
+        if proved and held != proved and any(held[n] == v != found.parameters[n] for n, v in proved.items()):
+            differences.append("only some of what was proved")
+        return differences
+
+
+class Berth:
+    """One vehicle in the water. Time on it goes on from one connection to the next.
+
+    ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived; ``deaf_to`` :
+    names whose PARAM_SET it leaves unheard.
+    """
+
+    def __init__(self, name: str, *, seed: int, parameters: Mapping[str, float] | None = None) -> None:
+        self.server: Server = open_vehicle(name, seed=seed, parameters=parameters)
+        self.writes: list[tuple[str, float, str]] = []
+        self.deaf_to: set[str] = set()
+        self.journal: Path | None = None
+        self._note_writes()
+
+    def _note_writes(self) -> None:
+        berth, take = self, HANDLERS["PARAM_SET"]
+
+        def noting(server: Server, message: Any) -> None:
+            path = berth.journal
+            text = path.read_text(encoding="utf-8") if path is not None and path.exists() else ""
+            berth.writes.append((str(message.param_id), float(message.param_value), text))
+            if str(message.param_id) not in berth.deaf_to:
+                take(server, message)
+
+        self._hears = {**HANDLERS, "PARAM_SET": noting}
+        self.server._hear = self._hear  # type: ignore[method-assign]
+
+    def _hear(self, data: bytes) -> None:
+        server = self.server
+        for message in server._codec.parse_buffer(data) or ():
+            handler = self._hears.get(message.get_type())
+            if handler is not None and server._is_addressed(message):
+                handler(server, message)
+
+    def condition(self) -> Condition:
+        """Ask the vehicle itself."""
+        vehicle = self.server.vehicle
+        return Condition(
+            vehicle.autopilot.mode.number,
+            vehicle.autopilot.armed,
+            tuple(vehicle.autopilot.pwm),
+            dict(vehicle.parameters.values),
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass with nobody connected; what the firmware does by itself, it does."""
+        self.server.advance_to(self.server.now + seconds)
+
+    def connection(self, faults: Sequence[Fault] = (), **options: Any) -> Moored:
+        """Return a connection to it; every opening begins at time zero of its own."""
+        return Moored(berth=self, faults=tuple(faults), options=options)
+
+
+class _Peer:
+    """The vehicle as a peer of a link whose clock starts at zero now."""
+
+    def __init__(self, berth: Berth) -> None:
+        self._server = berth.server
+        self._offset = berth.server.now
+
+    def receive(self, data: bytes) -> None:
+        self._server.receive(data)
+
+    def advance_to(self, t: float) -> bytes:
+        return self._server.advance_to(self._offset + t)
+
+
+@dataclass(frozen=True)
+class Moored(Connection):
+    """A connection in this process, with faults."""
+
+    uri: str = "memory"
+    berth: Any = None
+    faults: tuple[Fault, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    opened: list[FaultyLink] = field(default_factory=list)
+
+    def open(self) -> Transport:
+        link = FaultyLink(MemoryLink(_Peer(self.berth)), self.faults, **self.options)
+        self.opened.append(link)
+        return link
+
+
+def events(journal: str) -> list[dict[str, Any]]:
+    """Return the whole lines of a journal."""
+    found = []
+    for line in journal.splitlines():
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            continue
+    return found

@@ -1,0 +1,275 @@
+"""Play one tune with faults, then ask the vehicle itself, then restore, then ask again."""
+
+from __future__ import annotations
+
+import gc
+import json
+import math
+import os
+import resource
+import shutil
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from benchmarks.faults.berth import Berth, Condition, Moored, events
+from benchmarks.faults.case import STEP_DURATION, Case
+from benchmarks.faults.desk import cheap_desk
+from benchmarks.faults.fault import Fault
+from benchmarks.faults.link import Killed
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import AutotuneError, exit_code
+from gcs_autotune.identify.model_file import as_extended, load_model
+from gcs_autotune.models import SingleDof
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import TuneSettings, Unattended, restore_run, tune
+from gcs_autotune.workflow.restore import is_settled
+
+__all__ = ["Outcome", "play"]
+
+_WHEN = "2026-11-21T12:00:00"
+_PATIENCE = 1500.0
+"""Seconds of link time after which a tune counts as hanging."""
+_WORK = 60
+"""Seconds of the processor's time after which anything does; the wall clock would count other people's work."""
+_SETTLE = 15.0
+"""Seconds given to the firmware's own time-outs after the tool is gone."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """One case and what came of it. ``failures`` empty: as it must be."""
+
+    case: dict[str, Any]
+    ending: str = ""
+    code: int = 0
+    message: str = ""
+    proved: bool = False
+    writes: int = 0
+    as_found_at_once: bool = False
+    restored: str = ""
+    failures: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def to_json(self) -> str:
+        """One line."""
+        return json.dumps(asdict(self))
+
+
+class _Ear(SilentWatcher):
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+
+class _Operator(Unattended):
+    stopped = False
+
+    def stop_requested(self) -> bool:
+        return self.stopped
+
+
+class _Stage:
+    """One running of the tool (a tune or a restore) in this process, and the acts that can befall it."""
+
+    def __init__(self, berth: Berth, directory: Path, seed: int) -> None:
+        self.berth, self.directory = berth, directory
+        self.operator, self.ear = _Operator(), _Ear()
+        self.snapshot: bytes | None = None
+        self.was_killed = False
+        self._seed = seed
+
+    @property
+    def journal(self) -> Path:
+        return self.directory / "journal.jsonl"
+
+    def connection(self, faults: tuple[Fault, ...]) -> Moored:
+        acts: Mapping[str, Callable[[Fault], None]] = {
+            "killed": self._killed,
+            "reboot": lambda f: self.berth.server.reboot_soon(),
+            "disk-full": lambda f: _limit_files(0),
+            "operator": self._stop,
+        }
+        return self.berth.connection(faults, seed=self._seed, acts=acts, patience=_PATIENCE)
+
+    def _stop(self, fault: Fault) -> None:
+        self.operator.stopped = True
+
+    def _killed(self, fault: Fault) -> None:
+        self.was_killed = True
+        self.snapshot = self.journal.read_bytes() if self.journal.exists() else None
+
+    def run(self, work: Callable[[], Any]) -> tuple[Any, BaseException | None]:
+        """Do it; return (result, what it raised). What a killed tool wrote while unwinding is taken back."""
+        result, error = None, None
+        signal.signal(signal.SIGPROF, _too_long)
+        signal.setitimer(signal.ITIMER_PROF, _WORK)
+        try:
+            result = work()
+        except (Killed, Exception) as caught:  # noqa: BLE001 - the referee looks at whatever comes
+            error = caught
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            _limit_files(resource.RLIM_INFINITY)
+        if self.was_killed:
+            _close_descriptors(self.journal)
+            if self.snapshot is None:
+                self.journal.unlink(missing_ok=True)
+            else:
+                self.journal.write_bytes(self.snapshot)
+        return result, error
+
+
+def play(case: Case, keep: Path | None = None) -> Outcome:
+    """Play *case* and judge it."""
+    begun = time.process_time()
+    outcome = Outcome(case.to_dict())
+    folder = Path(tempfile.mkdtemp(prefix="faulted-")) if keep is None else keep
+    try:
+        _Play(case, folder, outcome).run()
+    finally:
+        if keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    gc.collect()
+    outcome.seconds = time.process_time() - begun
+    return outcome
+
+
+class _Play:
+    def __init__(self, case: Case, folder: Path, outcome: Outcome) -> None:
+        self.case, self.folder, self.outcome = case, folder, outcome
+        parameters = {"SIM_RC_FAIL": 0.0 if case.has_receiver else 1.0, **case.subject.parameters}
+        self.berth = Berth(case.subject.vehicle, seed=case.index, parameters=parameters)
+        self.berth.wait(5.0)
+        autopilot = self.berth.server.vehicle.autopilot
+        autopilot.set_mode(case.found_mode)
+        if case.found_armed:
+            autopilot.arm(force=True)
+        self.berth.wait(5.0 if not case.found_armed else 0.1)
+        self.found = self.berth.condition()
+        self.run_directory = folder / "run"
+        self.berth.journal = self.run_directory / "journal.jsonl"
+
+    def run(self) -> None:
+        stage = _Stage(self.berth, self.run_directory, self.case.index)
+        story, error = stage.run(lambda: self._tune(stage))
+        outcome = self.outcome
+        outcome.ending = "killed" if stage.was_killed else story.ending if story is not None else type(error).__name__
+        outcome.code = 0 if error is None else exit_code(error)
+        outcome.message = "" if error is None else str(error)[:600]
+        if error is not None and not isinstance(error, (AutotuneError, Killed)):
+            outcome.failures.append(f"{type(error).__name__}: {error}")
+        self._check_writes()
+        self.berth.wait(_SETTLE)
+        proved = self._proved()
+        outcome.proved = bool(proved)
+        outcome.writes = len(self.berth.writes)
+        now = self.berth.condition()
+        differences = self._differences(now, proved)
+        outcome.as_found_at_once = not differences
+        journal = self.berth.journal
+        is_begun = journal is not None and journal.exists()
+        settled = not is_begun or is_settled(journal)
+        if not is_begun and any(f.kind == "reboot" for f in self.case.faults):
+            self.found = replace(self.found, mode=now.mode)  # it restarted before we had touched it: its own choice
+            differences = self._differences(now, proved)
+        if differences and not stage.was_killed and not self._is_said(error):
+            outcome.failures.append(
+                f"left {'; '.join(differences)}, and did not say so: {outcome.message or 'no error'}"
+            )
+        if differences and settled:
+            outcome.failures.append(f"left {'; '.join(differences)}, and nothing to restore in the journal")
+        if not settled:
+            self._restore()
+        left = self._differences(self.berth.condition(), proved)
+        if left:
+            outcome.failures.append(f"after restoring: {'; '.join(left)}")
+
+    def _differences(self, now: Condition, proved: Mapping[str, float]) -> list[str]:
+        return now.differs_from(self.found, proved)
+
+    def _tune(self, stage: _Stage) -> Any:
+        case, subject = self.case, self.case.subject
+        given = None
+        if not case.is_full:
+            path = self.folder / "model.json"
+            plain = as_extended(SingleDof(subject.dof, "1", *subject.model))
+            path.write_text(json.dumps(ExtendedModel(plain.base, ()).to_dict()), encoding="utf-8")
+            given = load_model(path)
+        settings = TuneSettings(
+            subject.axis,
+            stage.connection(case.faults),
+            self.run_directory,
+            given=given,
+            step_duration=None if case.is_full else STEP_DURATION,
+        )
+        with cheap_desk(subject.vehicle, case.index):
+            return tune(settings, stage.operator, stage.ear, _WHEN)
+
+    def _restore(self) -> None:
+        """Restore, at first with things going wrong again; then cleanly, which must do; then once more for nothing."""
+        tries = [self.case.restore_faults, ()] if self.case.restore_faults else [()]
+        error: BaseException | None = None
+        for k, faults in enumerate(tries):
+            stage = _Stage(self.berth, self.run_directory, self.case.index + 1 + k)
+            connection = stage.connection(tuple(faults))
+            _, error = stage.run(
+                lambda c=connection, s=stage: restore_run(c, self.run_directory, s.operator, s.ear)  # type: ignore[misc]
+            )
+            if error is not None and not isinstance(error, (AutotuneError, Killed)):
+                self.outcome.failures.append(f"restore: {type(error).__name__}: {error}")
+            self.berth.wait(_SETTLE)
+        if error is not None:
+            self.outcome.failures.append(f"restore failed: {error}")
+        elif not is_settled(self.run_directory):
+            self.outcome.failures.append("restore did not settle the journal")
+        else:
+            self.outcome.restored = "restored"
+
+    def _proved(self) -> dict[str, float]:
+        """Return what the journal says was kept."""
+        path = self.berth.journal
+        if path is None or not path.exists():
+            return {}
+        kept = [e["values"] for e in events(path.read_text(encoding="utf-8", errors="replace")) if e["event"] == "kept"]
+        return {} if not kept else {str(n): float(v) for n, v in kept[-1].items()}
+
+    def _check_writes(self) -> None:
+        """Every write that arrived was on disk before, with the value that was really found."""
+        for name, value, journal in self.berth.writes:
+            told = events(journal)
+            lent = {e["name"]: e["value"] for e in told if e["event"] == "lent"}
+            if not any(e["event"] == "writing" and e["name"] == name for e in told) or name not in lent:
+                self.outcome.failures.append(f"{name} = {value:g} was written before the journal had it")
+            elif not math.isclose(lent[name], self.found.parameters[name], rel_tol=1e-6):
+                self.outcome.failures.append(f"the journal says {name} was {lent[name]:g}")
+
+    @staticmethod
+    def _is_said(error: BaseException | None) -> bool:
+        return error is not None and "gcs-autotune restore" in str(error)
+
+
+def _limit_files(size: int) -> None:
+    """Let no file of this process grow beyond *size* bytes."""
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (hard if size == resource.RLIM_INFINITY else size, hard))
+
+
+def _too_long(*_: object) -> None:
+    raise TimeoutError(f"not done after {_WORK} s of computing")
+
+
+def _close_descriptors(path: Path) -> None:
+    """Close what a killed tool left open of *path*, as the system does for a process."""
+    for entry in Path("/proc/self/fd").iterdir():
+        try:
+            if entry.readlink() == path:
+                os.close(int(entry.name))
+        except OSError:
+            continue

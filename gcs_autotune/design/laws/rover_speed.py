@@ -1,0 +1,239 @@
+"""ArduRover's speed loop: cruise feed-forward, FF and PID on an acceleration-limited speed, slewed and bent throttle.
+
+``throttle = v_d CRUISE_THROTTLE/CRUISE_SPEED + FF v_d + P e + I int(e) + D de/dt``; the speed comes from the position
+estimate, unfiltered. What is told as position is the speed, less that at the start of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_speed import AboutSpeed, holding, local_drag, start_of
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, plant_vector, smoothing
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.rover_throttle import pulse_of, shape, throttle_of, throttle_shape
+from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.errors import NoGainsMeetSpec
+from gcs_autotune.models import SingleDof
+
+__all__ = ["CRUISE", "RoverSpeed"]
+
+P, I, D, FF = "ATC_SPEED_P", "ATC_SPEED_I", "ATC_SPEED_D", "ATC_SPEED_FF"  # noqa: E741 - the integral gain
+CRUISE = ("CRUISE_SPEED", "CRUISE_THROTTLE")
+BEFORE = 15.0
+"""A loop that has long settled is shown from so much [s] of holding its speed."""
+NEARLY_FULL = 0.98
+"""A speed that needs more than this of full output is treated as needing this."""
+NUDGE = 0.01
+Array = NDArray[np.float64]
+
+
+def _fly(
+    gains: Array,
+    limits: Array,
+    plant: Array,
+    actuator: Array,
+    start: Array,
+    position: Array,
+    output: Array,
+) -> None:
+    kp, ki, kd, kff = gains[0], gains[1], gains[2], gains[3]
+    imax, up, down, brakes, slew = limits[0], limits[1], limits[2], limits[3] > 0.0, limits[4]
+    most, least, expo, cruise = limits[5], limits[6], limits[7], limits[8]
+    dt, wait, step, push, push_at, step_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9], plant[10]
+    f_t, f_e, f_d = smoothing(limits[9], dt), smoothing(limits[10], dt), smoothing(limits[11], dt)
+    v0, throttle, before = start[0], start[1], int(start[2])
+    v = desired = target = v0
+    x = error = slope = 0.0
+    trim = shape(throttle, least, expo)
+    integral = clip(throttle - (cruise + kff) * v0, -imax, imax) if (before > 0 and ki > 0.0) else 0.0
+    limited = False
+    memory = np.zeros(4)
+    sent = np.empty(before + len(position))
+    for j in range(len(sent)):
+        k = j - before
+        if k >= 0:
+            position[k] = v - v0
+        aim = v0 + step if k >= step_at else v0
+        rate = down if (abs(aim) < abs(desired) and down > 0.0) else up
+        desired = clip(aim, desired - rate * dt, desired + rate * dt) if rate > 0.0 else aim
+        target += f_t * (desired - target)
+        last = error
+        error += f_e * (target - v - error)
+        slope += f_d * ((error - last) / dt - slope)
+        if not limited or integral * error < 0.0:
+            integral = clip(integral + ki * error * dt, -imax, imax) if ki > 0.0 else 0.0
+        wish = cruise * desired + kff * target + kp * error + integral + kd * slope
+        held = False
+        if not brakes and ((desired >= 0.0 and wish <= 0.0) or (desired <= 0.0 and wish >= 0.0)):
+            wish, held = 0.0, True
+        free = clip(wish, -most, most)
+        throttle = clip(free, throttle - slew, throttle + slew) if slew > 0.0 else free
+        limited = held or throttle != free or abs(throttle) >= most
+        pulse = shape(throttle, least, expo)
+        sent[j] = pulse
+        if k >= 0:
+            output[k] = pulse
+        applied = actuate(sent[j - wait] if j >= wait else trim, actuator, memory)
+        x, v = advance(x, v, applied + (push if k >= push_at else 0.0), plant)
+
+
+_kernel: Callable[..., Any] = compiled(_fly)
+
+FIXED: Settings = {D: 0.0, FF: 0.0}
+DEFAULTS: Settings = {
+    "ATC_SPEED_IMAX": 1.0,
+    "ATC_SPEED_FLTT": 0.0,
+    "ATC_SPEED_FLTE": 10.0,
+    "ATC_SPEED_FLTD": 0.0,
+    "ATC_ACCEL_MAX": 1.0,
+    "ATC_DECEL_MAX": 0.0,
+    "ATC_BRAKE": 1.0,
+    "MOT_SLEWRATE": 100.0,
+    "MOT_THR_MAX": 100.0,
+    "MOT_THR_MIN": 0.0,
+    "MOT_THST_EXPO": 0.0,
+    "SCHED_LOOP_RATE": 50.0,
+}
+
+
+class RoverSpeed(AboutSpeed):
+    """``Axis.law == "rover-speed"``."""
+
+    name = "rover-speed"
+    tuned: Sequence[str] = (P, I)
+    integral = I
+    fixed: Settings = FIXED
+    measured: Sequence[str] = CRUISE
+    usual_step = 0.5
+    defaults: Settings = DEFAULTS
+
+    def _get(self, settings: Settings, name: str) -> float:
+        return setting(settings, self.defaults, name)
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the loop period [s]."""
+        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
+
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: that from which the step goes up."""
+        return speed
+
+    def velocity_limit(self, settings: Settings, speed: float | None) -> float:
+        """Return ATC_ACCEL_MAX [m/s^2]."""
+        most = self._get(settings, "ATC_ACCEL_MAX")
+        return most if most > 0.0 else math.inf
+
+    def cruise(self, settings: Settings) -> float:
+        """Return the throttle [fraction] that the feed-forward gives per m/s; 0 when it is off."""
+        speed, percent = (settings.get(name, 0.0) for name in CRUISE)
+        return percent / 100.0 / speed if speed > 0.0 and percent > 0.0 else 0.0
+
+    def throttle_for(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
+        """Return the throttle [fraction] that keeps *velocity* [m/s], full where that is not enough."""
+        force = holding(model, velocity)
+        try:
+            pulse = actuator.output_for(min(force, NEARLY_FULL))
+        except NoGainsMeetSpec:
+            pulse = math.copysign(NEARLY_FULL, force)
+        return throttle_of(pulse, settings)
+
+    def slopes(
+        self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
+    ) -> tuple[float, ...]:
+        """Return force per throttle at both ends of the step, with the battery fresh and weak."""
+        found = set()
+        for velocity in (self.base(step, speed), self.base(step, speed) + step):
+            throttle = self.throttle_for(model, actuator, settings, velocity)
+            pulses = np.array([pulse_of(max(throttle + way * NUDGE, 0.0), settings) for way in (-1.0, 1.0)])
+            low, high = actuator.static(pulses)
+            gain = (high - low) / (NUDGE + min(throttle, NUDGE))
+            found |= {round(max(gain, 1e-3) * weak, 6) for weak in {1.0, actuator.weakest}}
+        return tuple(sorted(found))
+
+    def starts(
+        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+    ) -> list[dict[str, float]]:
+        """Match ``alpha s + drag`` under PI: damping ``2/a1``, stiffness ``1/a1^2``; and half as quick."""
+        velocity = self.base(self.usual_step, speed)
+        drag = local_drag(model, velocity)
+        found = []
+        for quickness in (2.0, 1.0):
+            rate = quickness / wanted.a1
+            found.append({P: max(2.0 * model.alpha * rate - drag, 0.05 * drag), I: model.alpha * rate * rate})
+        return found
+
+    def simulate(
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        count = round(scenario.duration / dt) + 1
+        position, output = np.empty(count), np.empty(count)
+        v0 = start_of(scenario.step, self.base(scenario.step, speed))
+        before = round(BEFORE / dt) if scenario.lead == 0.0 else 0
+        least, expo = throttle_shape(settings)
+        limits = np.array(
+            [
+                self._get(settings, "ATC_SPEED_IMAX"),
+                self._get(settings, "ATC_ACCEL_MAX"),
+                self._get(settings, "ATC_DECEL_MAX"),
+                self._get(settings, "ATC_BRAKE"),
+                self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
+                self._get(settings, "MOT_THR_MAX") / 100.0,
+                least,
+                expo,
+                self.cruise(settings),
+                *(self._get(settings, f"ATC_SPEED_FLT{x}") for x in "TED"),
+            ]
+        )
+        _kernel(
+            np.array([settings.get(n, 0.0) for n in (P, I, D, FF)]),
+            limits,
+            plant_vector(model, scenario, dt, delay),
+            actuator.vector(dt),
+            np.array([v0, self.throttle_for(model, actuator, settings, v0), before]),
+            position,
+            output,
+        )
+        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured speed to throttle."""
+        pid = constant(settings[P])
+        if settings[I] > 0.0:
+            pid = pid + integrator(settings[I])
+        if settings[D] > 0.0:
+            slope = Rational(np.array([settings[D], 0.0]), np.array([1.0]))
+            pid = pid + slope * first_order(self._get(settings, "ATC_SPEED_FLTD"))
+        return pid * first_order(self._get(settings, "ATC_SPEED_FLTE"))
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured speed to throttle: here the same as :meth:`controller`."""
+        return self.controller(settings, speed)
+
+    def integral_rate(self, settings: Settings, speed: float | None) -> float:
+        """Return ``I / (P + c)``, with the cruise pair's throttle per m/s ``c`` standing for the craft's own drag."""
+        return settings[I] / max(settings[P] + self.cruise(settings), 1e-12)
+
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Say what the cruise pair does besides, and where the gains hold."""
+        speed_now, percent = (settings.get(name, math.nan) for name in CRUISE)
+        return [
+            f"the pair CRUISE_SPEED {speed_now:.3g} m/s, CRUISE_THROTTLE {percent:.0f} % is the loop's feed-forward; "
+            "it also says what a full stick asks for in ACRO and STEERING (CRUISE_SPEED x 100 / CRUISE_THROTTLE)",
+            "the model was found in calm water on this load: head wind, current and payload are left to the integral",
+        ]

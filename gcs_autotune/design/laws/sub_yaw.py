@@ -1,0 +1,220 @@
+"""ArduSub's turn-rate loop as a pilot feels it: the yaw stick of STABILIZE and ALT_HOLD.
+
+No mode of ArduSub leaves the angle loop out: the stick moves a heading target at the wanted rate (shaped by
+ATC_ACCEL_Y_MAX), whose rate is fed forward, and ATC_ANG_YAW_P corrects what the craft falls behind it. So that gain is
+tuned with the rate PID, for the turn rate (decision 10). ``N = P e + I int(e) + D de/dt``. What is told as position is
+the turn rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.about_speed import AboutSpeed, start_of
+from gcs_autotune.design.laws.kernel import (
+    actuate,
+    advance,
+    clip,
+    compiled,
+    gyro_coefficients,
+    plant_vector,
+    smoothing,
+    sqrt_control,
+)
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.sub_heading import ACCELERATION, ERROR_MAX, SubHeading
+from gcs_autotune.design.laws.sub_heading import DEFAULTS as OF_HEADING
+from gcs_autotune.design.open_loop import Rational
+from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.models import SingleDof
+
+__all__ = ["SubYaw"]
+
+P, I, D, ANG = "ATC_RAT_YAW_P", "ATC_RAT_YAW_I", "ATC_RAT_YAW_D", "ATC_ANG_YAW_P"  # noqa: E741 - the integral gain
+BEFORE = 8.0
+"""A loop that has long settled is shown from so much [s] of holding its rate."""
+REPAID = 0.1
+"""The craft falls behind the moving target at first and turns faster to catch up: no rate gains can help that."""
+FIXED: Settings = {D: 0.0}
+UNUSED = ("ATC_SLEW_YAW", "ATC_INPUT_TC")
+"""They shape headings, not rates."""
+DEFAULTS: Settings = {n: v for n, v in OF_HEADING.items() if n not in UNUSED}
+Array = NDArray[np.float64]
+
+
+def _fly(
+    gains: Array,
+    limits: Array,
+    gyro: Array,
+    plant: Array,
+    actuator: Array,
+    start: Array,
+    position: Array,
+    output: Array,
+) -> None:
+    kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3]
+    imax, rate_max, shape_acc, shaped, stop_acc, lead_max = (
+        limits[0],
+        limits[1],
+        limits[2],
+        limits[3] > 0.0,
+        limits[4],
+        limits[5],
+    )
+    dt, wait, step, push, push_at, step_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9], plant[10]
+    f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
+    v0, trim, before = start[0], start[1], int(start[2])
+    r = x1 = x2 = y1 = y2 = target = v0
+    lead_rate = v0 if shaped else 0.0
+    psi = lead = slope = error = 0.0
+    integral = clip(trim, -imax, imax) if (before > 0 and ki > 0.0) else 0.0
+    limited = False
+    memory = np.zeros(4)
+    sent = np.empty(before + len(position))
+    for j in range(len(sent)):
+        k = j - before
+        if k >= 0:
+            position[k] = r - v0
+        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        x2, x1, y2, y1 = x1, r, y1, measured
+        wish = v0 + step if k >= step_at else v0
+        if shaped:
+            lead_rate = clip(wish, lead_rate - shape_acc * dt, lead_rate + shape_acc * dt)
+            lead += lead_rate * dt
+        else:
+            lead += wish * dt
+        e = clip(lead - psi, -lead_max, lead_max)
+        lead = psi + e
+        demand = clip(sqrt_control(e, ang, stop_acc) + lead_rate, -rate_max, rate_max)
+        target += f_t * (demand - target)
+        last = error
+        error += f_e * (target - measured - error)
+        slope += f_d * ((error - last) / dt - slope)
+        if not limited or integral * error < 0.0:
+            integral = clip(integral + ki * error * dt, -imax, imax)
+        u = kp * error + integral + kd * slope
+        thrust = clip(u, -1.0, 1.0)
+        limited = thrust != u
+        sent[j] = thrust
+        if k >= 0:
+            output[k] = thrust
+        applied = actuate(sent[j - wait] if j >= wait else trim, actuator, memory)
+        psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
+
+
+_kernel: Callable[..., Any] = compiled(_fly)
+
+
+class SubYaw(AboutSpeed):
+    """``Axis.law == "sub-yaw"``."""
+
+    name = "sub-yaw"
+    tuned: Sequence[str] = (P, I, ANG)
+    integral = I
+    fixed: Settings = FIXED
+    usual_step = math.radians(30.0)
+    free_overshoot = REPAID
+    defaults: Settings = DEFAULTS
+    _heading = SubHeading()
+
+    def _get(self, settings: Settings, name: str) -> float:
+        return setting(settings, self.defaults, name)
+
+    def base(self, step: float, speed: float | None) -> float:
+        """Return half the step to the other side."""
+        return -0.5 * abs(step)
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the loop period [s]."""
+        return self._heading.loop_period(settings)
+
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: it plays no part here."""
+        return speed
+
+    def _shaping(self, settings: Settings) -> float:
+        most = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
+        return most if most > 0.0 else 1e6
+
+    def velocity_limit(self, settings: Settings, speed: float | None) -> float:
+        """Return ATC_ACCEL_Y_MAX [rad/s^2]."""
+        return self._shaping(settings)
+
+    def starts(
+        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+    ) -> list[dict[str, float]]:
+        """Damping ``2/a1`` by P, the angle loop a quarter as quick, I slower still; and all half as quick."""
+        drag = model.equivalent_drag(0.5 * self.usual_step)
+        return [
+            {
+                P: max(2.0 * model.alpha * q / wanted.a1 - drag, 1e-3),
+                I: 0.05 * model.alpha * (q / wanted.a1) ** 2,
+                ANG: 0.5 * q / wanted.a1,
+            }
+            for q in (2.0, 1.0)
+        ]
+
+    def simulate(
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        count = round(scenario.duration / dt) + 1
+        position, output = np.empty(count), np.empty(count)
+        v0 = start_of(scenario.step, self.base(scenario.step, speed))
+        force = (model.beta + model.beta_quadratic * abs(v0)) * v0 - model.delta
+        shape, angle = self._shaping(settings), settings[ANG]
+        rate_max = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
+        limits = np.array(
+            [
+                self._get(settings, "ATC_RAT_YAW_IMAX"),
+                rate_max if rate_max > 0.0 else 1e6,
+                shape,
+                self._get(settings, "ATC_RATE_FF_ENAB"),
+                min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
+                min(ACCELERATION[1] / angle, ERROR_MAX) if angle > 0.0 else ERROR_MAX,
+                *(self._get(settings, f"ATC_RAT_YAW_FLT{x}") for x in "TED"),
+            ]
+        )
+        _kernel(
+            np.array([settings.get(P, 0.0), settings.get(I, 0.0), settings.get(D, 0.0), angle]),
+            limits,
+            gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt),
+            plant_vector(model, scenario, dt, delay),
+            actuator.vector(dt),
+            np.array([v0, min(max(force, -1.0), 1.0), round(BEFORE / dt) if scenario.lead == 0.0 else 0]),
+            position,
+            output,
+        )
+        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured turn rate to output, the angle loop closed through its integral."""
+        return self._heading.controller(settings, speed)
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured turn rate to output: here the same as :meth:`controller`."""
+        return self.controller(settings, speed)
+
+    def integral_rate(self, settings: Settings, speed: float | None) -> float:
+        """Return that of the heading law: the angle loop is in place."""
+        return self._heading.integral_rate(settings, speed)
+
+    def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+        """Say why the angle gain is among them."""
+        return [
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and is chosen with the rate gains, "
+            "here for how turn rates are followed; `tune heading` chooses the same gains for how headings are held"
+        ]

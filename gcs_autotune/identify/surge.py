@@ -1,0 +1,196 @@
+"""Surge of a boat under way: inertia, drag and the thrust curve together.
+
+Thrust is rarely proportional to throttle: a propeller's goes with the square of its speed. The input is bent by
+``(1 - q) X + q X|X|`` (the affine thruster of the thesis, (2.7), gain 1 at full throttle), and the exact axis fit is
+made at several shares ``q``; the misfit along them is the profile of ``q``, its curvature gives the standard error,
+and the slope of the other numbers along it carries that error into theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.door import fit_axis
+from gcs_autotune.identify.model_file import as_extended
+from gcs_autotune.identify.result import AxisFit, Doubt, Structure
+from gcs_autotune.trial import Trial
+
+__all__ = ["CURVE", "bent", "extended", "fit_surge", "square_of"]
+
+Array = NDArray[np.float64]
+
+CURVE = "thrust_curve"
+"""Where in ``AxisFit.extra`` the thrust curve is told."""
+BY_DESIGN = ("one-sided-input", "saturated-input")
+"""Doubts of runs that are flown so on purpose: a boat under way, with a burst of full throttle."""
+
+GRID = (-0.3, 0.2, 0.7, 1.2)
+LEAST, MOST = -0.3, 1.3
+"""The profile may end a little beyond the physical 0 to 1: an ESC's dead zone bends the curve, too."""
+ROUNDS = 3
+"""Parabolas laid through the three best points so far."""
+NARROW = 0.005
+UNKNOWN = 0.25
+"""A standard error of the share above which the curve counts as unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    square: float
+    fit: AxisFit
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of what the model leaves over: nearly a parabola in the share, far more so than its logarithm."""
+        return self.fit.residual_rms**2
+
+    @property
+    def samples(self) -> int:
+        """How many samples were fitted."""
+        return sum(len(trace.t) for trace in self.fit.traces)
+
+    @property
+    def correlation(self) -> float:
+        """How many samples make one independent one."""
+        return max(float(self.fit.extra.get("residual_correlation_time", 1.0)), 1.0)
+
+
+def bent(trial: Trial, square: float) -> Trial:
+    """Return *trial* with its throttle ``X`` (fractions of full) replaced by the thrust it gives."""
+    X = trial["X"]
+    return replace(
+        trial,
+        channels={
+            **trial.channels,
+            "X": replace(X, values=(1.0 - square) * X.values + square * X.values * np.abs(X.values)),
+        },
+    )
+
+
+def square_of(fit: AxisFit) -> float:
+    """Return the share of thrust that goes with throttle squared, 1 at most; 0 when *fit* knows of none."""
+    return min(float(fit.extra.get(CURVE, {}).get("square", 0.0)), 1.0)
+
+
+def fit_surge(
+    trials: Sequence[Trial], *, structure: Structure | None = None, delay: Literal["auto"] | float = "auto"
+) -> AxisFit:
+    """Identify surge from runs with ``X`` as a fraction of full throttle and ``u``.
+
+    Returns
+    -------
+    AxisFit
+        ``extra["thrust_curve"]`` holds ``square`` and ``std``, the curve's uncertainty is in the other standard
+        errors. ``X`` of the model is thrust as a fraction of that at full throttle.
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        As :func:`gcs_autotune.identify.fit_axis`.
+    """
+    first = fit_axis(list(trials), dof="surge", structure=structure, delay=delay)
+    lag = first.model.delay
+
+    def at(square: float, drag: Structure | None) -> _Point:
+        runs = [bent(t, square) for t in trials]
+        return _Point(square, fit_axis(runs, dof="surge", structure=drag, delay=lag))
+
+    points = _profile(lambda q: at(q, structure or "affine"))
+    best = min(points, key=lambda p: p.misfit)
+    std = _spread(points, best)
+    final = fit_axis([bent(t, best.square) for t in trials], dof="surge", structure=structure, delay=delay)
+    covariance = final.covariance + _carried(final, lambda q: at(q, final.structure), best.square, std)
+    return _with_square(final, best.square, std, covariance)
+
+
+def _profile(at: Callable[[float], _Point]) -> list[_Point]:
+    """Return the points looked at: a grid, then where parabolas through the best three have their top."""
+    points: list[_Point] = []
+    for square in GRID:
+        try:
+            points.append(at(square))
+        except NotInformative:
+            continue
+    if not points:
+        return [at(0.0)]
+    for _ in range(ROUNDS):
+        top = _top(points)
+        if top is None or min(abs(p.square - top) for p in points) < NARROW:
+            break
+        points.append(at(top))
+    return points
+
+
+def _parabola(points: Sequence[_Point]) -> Array | None:
+    """Return the parabola through the best point and one on either side (if there is); None if it is no valley."""
+    best = min(points, key=lambda p: p.misfit)
+    sides = [[p for p in points if way * (p.square - best.square) > 0.0] for way in (-1.0, 1.0)]
+    near = [min(side, key=lambda p: abs(p.square - best.square)) for side in sides if side]
+    rest = sorted((p for p in points if p is not best and p not in near), key=lambda p: abs(p.square - best.square))
+    three = [best, *near, *rest][:3]
+    if len(three) < 3:
+        return None
+    found: Array = np.polyfit([p.square for p in three], [p.misfit for p in three], 2)
+    return found if found[0] > 0.0 else None
+
+
+def _top(points: Sequence[_Point]) -> float | None:
+    curve = _parabola(points)
+    if curve is None:
+        return None
+    return float(np.clip(-curve[1] / (2.0 * curve[0]), LEAST, MOST))
+
+
+def _spread(points: Sequence[_Point], best: _Point) -> float:
+    """Return the standard error of the share from the valley's curvature; infinite when it has none."""
+    curve = _parabola(points)
+    if curve is None:
+        return math.inf
+    return math.sqrt(best.misfit * best.correlation / (best.samples * float(curve[0])))
+
+
+def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: float) -> Array:
+    """Return what the uncertainty of the share adds to the covariance of the five."""
+    reach = min(std, UNKNOWN)
+    if not reach > 0.0:
+        return np.zeros((5, 5))
+    ends = []
+    for q in (square - reach, square + reach):
+        try:
+            m = at(q).fit.model
+        except NotInformative:
+            m = fit.model
+        ends.append(np.array([m.alpha, m.beta, m.beta_quadratic, m.delta, 0.0]))
+    slope = 0.5 * (ends[1] - ends[0])
+    return np.outer(slope, slope)
+
+
+def _with_square(fit: AxisFit, square: float, std: float, covariance: Array) -> AxisFit:
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=True)}
+    doubts = tuple(d for d in fit.doubts if d.slug not in BY_DESIGN)
+    if not std <= UNKNOWN:
+        unknown = Doubt(
+            "thrust-curve-unknown",
+            "how thrust goes with throttle can hardly be told from these runs",
+            "fly with a larger --throttle, so that the levels lie further apart",
+        )
+        doubts = (*doubts, unknown)
+    extra = {**fit.extra, CURVE: {"square": square, "std": std}}
+    return replace(fit, parameters=known, covariance=covariance, doubts=doubts, extra=extra)
+
+
+def extended(fit: AxisFit) -> ExtendedModel:
+    """Return the model of *fit* with its thrust curve, as model files hold it."""
+    plain = as_extended(fit.model)
+    curve = Applied("quadratic-actuator", "X", {"share": square_of(fit)}, {"u_ref": 1.0})
+    return replace(plain, effects=(*plain.effects, curve))

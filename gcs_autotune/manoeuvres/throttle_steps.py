@@ -1,0 +1,179 @@
+"""Throttle steps under way: how a boat's surge is identified.
+
+A relay on speed would need thrust that pushes as hard astern as ahead; a boat under way has its propeller ahead, its
+thrust goes with the square of the throttle, and nearly all there is to know lies in how fast it gains way at one
+throttle and loses it at another. So: steady at a working throttle, then levels well apart, one of them none at all.
+Each lasts until the speed is steady. A light hand on the rudder keeps the course meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.manoeuvres.course_hand import CourseHand
+from gcs_autotune.manoeuvres.lead_in import LeadIn
+from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.trial import Mark
+from gcs_autotune.watch import Progress
+
+__all__ = ["LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
+
+LEVELS: tuple[tuple[float, ...], ...] = ((0.45, 1.35, 0.0, 1.0), (0.0, 1.35, 0.7, 1.0))
+"""Throttles of the two runs, as shares of the working throttle, which each begins and ends with. Chosen: coasting tells
+drag from inertia, a burst and a low level bend the thrust curve apart from the drag curve, and both orders differ."""
+
+STEADY_WINDOW = 3.0
+STEADY_SHARE = 0.04
+"""Speed counts as steady when it changes less than this share of the working speed over the window [s]."""
+NOISE_STDS = 2.0
+"""... or less than the noise can tell."""
+COASTED = 0.35
+"""Coasting ends at this share of the working speed: the rudder is to bite again."""
+BEFORE = 2.0
+"""So much [s] of the steady lead-in belongs to the record proper: the state the first step starts from."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThrottleStepsSettings:
+    """What to fly: ``throttle`` the working throttle [fraction of full], ``levels`` shares of it, ``most`` the largest.
+
+    A level lasts at least ``least_time`` and at most ``most_time`` [s]. ``least_speed`` [m/s]: slower than that is no
+    way to tell anything from.
+    """
+
+    throttle: float
+    levels: Sequence[float] = LEVELS[0]
+    most: float = 1.0
+    least_time: float = 4.0
+    most_time: float = 12.0
+    least_speed: float = 0.2
+
+
+class ThrottleSteps:
+    """Lead-in at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it."""
+
+    in_manual = True
+
+    def __init__(self, settings: ThrottleStepsSettings, name: str = "throttle-steps") -> None:
+        self.name = name
+        self.outcome: Outcome | None = None
+        self._settings = settings
+        self._lead_in = LeadIn("u", needs_way=True)
+        self._hand = CourseHand()
+        self._marks: list[Mark] = []
+        self._levels = [min(share * settings.throttle, settings.most) for share in settings.levels]
+        self._level = settings.throttle
+        self._next = 0
+        self._since = self._began = math.nan
+        self._seen: deque[tuple[float, float, float]] = deque()
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Settings as flown, for the trial's meta; ``from_t`` is shortly before the first step."""
+        s = self._settings
+        return {
+            "manoeuvre": "throttle-steps",
+            "dof": "surge",
+            "signal": "u",
+            "force": "X",
+            "throttle": s.throttle,
+            "levels": list(self._levels),
+            "noise_std": self._lead_in.noise_std,
+            "speed": self._lead_in.speed,
+            "reference": self._lead_in.speed,
+            "from_t": self._began,
+        }
+
+    def start(self, observation: Observation) -> None:
+        """Begin the lead-in."""
+        self._lead_in.start(observation)
+        self._hand.start(observation)
+
+    def update(self, observation: Observation) -> Command:
+        """Hold the level in force until it has told what it can."""
+        if math.isfinite(observation.u):
+            self._take(observation)
+        elif not self._lead_in.done and observation.t - self._first(observation) > self._settings.most_time:
+            self.outcome = Outcome("aborted", "the vehicle does not tell its speed: has it a position fix?")
+        return Actuate(X=self._level, N=self._hand.steer(observation))
+
+    def take_marks(self) -> Sequence[Mark]:
+        """Return the level changes since the last call."""
+        marks, self._marks = self._marks, []
+        return marks
+
+    def progress(self, observation: Observation) -> Progress:
+        """Return the speed at the level in force."""
+        stage = "lead-in" if math.isnan(self._began) else f"throttle {100.0 * self._level:.0f} %"
+        return Progress(
+            stage="",
+            manoeuvre=stage,
+            t=observation.t,
+            signal="u",
+            value=observation.u,
+            output=observation.output.get("X", math.nan),
+            age=observation.age,
+        )
+
+    def _first(self, observation: Observation) -> float:
+        if math.isnan(self._since):
+            self._since = observation.t
+        return self._since
+
+    def _take(self, observation: Observation) -> None:
+        t, u = observation.t, observation.u
+        self._seen.append((t, u, observation.output.get("X", math.nan)))
+        while self._seen[0][0] < t - STEADY_WINDOW:
+            self._seen.popleft()
+        if math.isnan(self._began):
+            self._lead_in.update(t, u, u)
+            if self._lead_in.done:
+                self._begin(t)
+            return
+        elapsed, s = t - self._since, self._settings
+        steady = elapsed >= s.least_time and self._is_steady()
+        coasted = self._level == 0.0 and u <= COASTED * self._lead_in.speed
+        if steady or coasted or elapsed >= s.most_time:
+            self._step(t, steady=steady)
+
+    def _begin(self, t: float) -> None:
+        speed, s = self._lead_in.speed, self._settings
+        if not speed >= s.least_speed:
+            self.outcome = Outcome(
+                "aborted",
+                f"the boat makes {speed:.2f} m/s at {s.throttle:.0%} throttle, less than the {s.least_speed:g} m/s "
+                "wanted: give a larger --throttle, or check that propeller and throttle point the same way",
+            )
+            return
+        self._began = t - BEFORE
+        self._step(t, steady=True)
+
+    def _step(self, t: float, *, steady: bool) -> None:
+        if steady:
+            half = [(u, x) for when, u, x in self._seen if when >= t - 0.5 * STEADY_WINDOW]
+            u, x = (float(np.nanmean(column)) for column in zip(*half, strict=True))
+            self._marks.append(Mark(t, "steady", {"u": u, "X": x, "level": self._level}))
+        if self._next == len(self._levels):
+            self.outcome = Outcome("completed", f"{len(self._levels)} throttle levels flown")
+            return
+        self._level = self._levels[self._next]
+        self._next += 1
+        self._since = t
+        self._seen.clear()
+        self._marks.append(Mark(t, "level", {"X": self._level}))
+
+    def _is_steady(self) -> bool:
+        if not self._seen or self._seen[-1][0] - self._seen[0][0] < 0.8 * STEADY_WINDOW:
+            return False
+        speeds = [u for _, u, _ in self._seen]
+        half = len(speeds) // 2
+        change = abs(float(np.mean(speeds[half:])) - float(np.mean(speeds[:half])))
+        noise = NOISE_STDS * self._lead_in.noise_std / math.sqrt(max(half, 1))
+        return change < max(STEADY_SHARE * 0.5 * self._lead_in.speed, noise)

@@ -1,0 +1,152 @@
+"""How a loop is proved: the step flown before and after, and what the design must know of it.
+
+A heading or a depth is stepped from where the craft is. A speed or a turn rate is stepped about what the craft was
+found to keep, so there the experiments come first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_autotune.design import Actuator
+from gcs_autotune.design.laws.about_speed import holding
+from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import Axis
+from gcs_autotune.manoeuvres import Step, StepSettings
+from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+
+__all__ = ["Known", "Proof", "proof_about_rest", "proof_of_speed", "proof_of_turn_rate"]
+
+SHARE_OF_TOP = 0.4
+"""The speed step goes from 60 % of the working speed up to it."""
+LEAST_NOISES = 8.0
+"""A step smaller than so many standard deviations of the measured noise proves nothing."""
+SPEED_BAND, RATE_BAND = 0.2, 0.25
+"""How near the held value counts as steady before the step, as a share of it: a velocity is noisy."""
+NEAR = 0.9
+"""A step that ends below this share of the speed kept in the experiments has its cruise pair where it ends."""
+SAME_SPEED = 0.02
+"""A present cruise speed within this share of the measured one is left alone."""
+SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
+"""A speed step is given so many time constants of the craft, within these bounds [s]."""
+TURN_RATE = math.radians(30.0)
+"""The turn-rate step, from half of it to port to half of it to starboard; less where the craft cannot."""
+SHARE_OF_TURN = 0.6
+"""Of the turn rate at full output that the step may reach, either way."""
+LEAST_RATE_DURATION, MOST_RATE_DURATION = 6.0, 20.0
+SWEEP = math.radians(75.0)
+"""What the bow may turn through during one step, so that the craft stays where there is room."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What experiments, or a given model, tell of the craft: the model in fractions of full, its actuator, noise."""
+
+    model: SingleDof
+    actuator: Actuator
+    noise_std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """One step: ``settings`` as flown, ``design_speed`` [m/s] for the law (None: the measured one), and what was
+    ``measured`` (parameter -> value)."""
+
+    settings: StepSettings
+    design_speed: float | None
+    measured: Mapping[str, float]
+
+    def step(self, name: str) -> Step:
+        """Return the manoeuvre."""
+        return Step(self.settings, name)
+
+
+def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
+    """Return the heading or depth step, at *speed* [m/s]."""
+    d = DEFAULTS[axis.dof]
+    step = StepSettings(
+        signal=d.signal,
+        size=settings.step if settings.step is not None else d.step,
+        duration=settings.step_duration or d.step_duration,
+        speed=speed,
+    )
+    return Proof(step, None, {})
+
+
+def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, present: Mapping[str, float]) -> Proof:
+    """Return the speed step about what the boat keeps at *throttle* [fraction], and that pair.
+
+    Raises
+    ------
+    PreconditionFailed
+        That is hardly any speed, or the autopilot's WP_SPEED leaves no room for a step the sensors can tell.
+    """
+    model = known.model
+    force = float(known.actuator.static(np.array([pulse_of(throttle, present)]))[0])
+    kept = model.steady_velocity(force)
+    top = kept if settings.speed is None else settings.speed
+    limit = present.get("WP_SPEED", math.inf)
+    top = min(top, limit) if limit > 0.0 else top
+    size = abs(settings.step) if settings.step is not None else SHARE_OF_TOP * top
+    if not (math.isfinite(kept) and top > size > LEAST_NOISES * known.noise_std):
+        raise PreconditionFailed(
+            f"a speed step of {size:.2f} m/s up to {top:.2f} m/s cannot be told from the noise of "
+            f"{known.noise_std:.3f} m/s: give a larger --throttle or --step, or raise WP_SPEED ({limit:g} m/s)"
+        )
+    drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
+    time = model.alpha / max(drag, 1e-3)
+    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_DURATION), MOST_DURATION)
+    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND)
+    if top < NEAR * kept:
+        throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
+    return Proof(step, top - size, _cruise_pair(known, throttle, present))
+
+
+def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) -> dict[str, float]:
+    """Return the whole percent of throttle nearest to *throttle* and the speed the boat keeps at it.
+
+    The speed is what the measured approaches to it tend to. The present pair stays when it says the same.
+    """
+    percent = float(max(round(100.0 * throttle), 1))
+    force = float(known.actuator.static(np.array([pulse_of(percent / 100.0, present)]))[0])
+    speed = float(f"{known.model.steady_velocity(force):.3g}")
+    old = present.get("CRUISE_SPEED", math.nan)
+    if present.get("CRUISE_THROTTLE") == percent and abs(old - speed) <= SAME_SPEED * speed:
+        speed = old
+    return {"CRUISE_SPEED": speed, "CRUISE_THROTTLE": percent}
+
+
+def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Proof:
+    """Return the turn-rate step, from one side to the other, at *speed* [m/s].
+
+    Raises
+    ------
+    PreconditionFailed
+        The craft hardly turns.
+    """
+    m = known.model
+    most = SHARE_OF_TURN * abs(m.steady_velocity(1.0 - abs(m.delta)))
+    time = m.alpha / max(m.beta + 2.0 * m.beta_quadratic * min(0.5 * TURN_RATE, most), 1e-3)
+    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_RATE_DURATION), MOST_RATE_DURATION)
+    size = abs(settings.step) if settings.step is not None else min(TURN_RATE, 2.0 * most, 2.0 * SWEEP / duration)
+    if not size > LEAST_NOISES * known.noise_std:
+        raise PreconditionFailed(
+            f"a turn-rate step of {math.degrees(size):.1f} deg/s cannot be told from the noise: give a larger --step"
+        )
+    step = StepSettings(
+        "r",
+        size,
+        duration,
+        speed=speed,
+        base=-0.5 * size,
+        settle=LEAST_RATE_DURATION,
+        steady_time=1.5,
+        steady_band=RATE_BAND,
+    )
+    return Proof(step, None, {})

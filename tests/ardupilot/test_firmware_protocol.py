@@ -1,0 +1,160 @@
+"""Discovery, parameters, modes, rates: ours answers as ArduPilot's own simulator does; the tool copes with both."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs_autotune.errors import ParameterMissing
+from gcs_autotune.link import open_craft
+
+ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+GAIN = {"boat": "ATC_STR_RAT_P", "rov": "ATC_RAT_YAW_P"}
+UNKNOWN = "NO_SUCH_GAIN"
+
+
+def interval(deck, name: str, hz: float) -> int:
+    number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+    return deck.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
+
+
+def test_it_is_found_and_known_for_what_it_is(craft):
+    vehicle = craft.session.vehicle
+    assert (vehicle.system, vehicle.component, vehicle.autopilot) == (1, 1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    kinds = {"boat": mavlink.MAV_TYPE_SURFACE_BOAT, "rov": mavlink.MAV_TYPE_SUBMARINE}
+    assert vehicle.vehicle_type == kinds[craft.firmware.kind]
+    assert vehicle.version.startswith("4.")
+
+
+def test_a_gain_is_written_read_back_and_put_back_as_a_32_bit_float(craft):
+    name = GAIN[craft.firmware.kind]
+    old = craft.parameters.read(name)
+    craft.parameters.write(name, 0.33)
+    assert craft.parameters.read(name) == pytest.approx(0.33, abs=1e-7)
+    assert craft.parameters.read(name) != 0.33
+    craft.parameters.write(name, old)
+    assert craft.parameters.read(name) == old
+
+
+def test_values_out_of_their_documented_range_are_taken(craft):
+    name = GAIN[craft.firmware.kind]
+    old = craft.parameters.read(name)
+    craft.parameters.write(name, 99.0)
+    assert craft.parameters.read(name) == 99.0
+    craft.parameters.write(name, old)
+
+
+def test_an_unknown_name_is_missing_and_nothing_more(craft):
+    with pytest.raises(ParameterMissing, match=UNKNOWN):
+        craft.parameters.read(UNKNOWN)
+    known = GAIN[craft.firmware.kind]
+    assert set(craft.parameters.read_existing([UNKNOWN, known])) == {known}
+
+
+def test_an_unknown_name_and_a_value_that_is_no_number_are_answered_by_param_error(craft):
+    """New in 4.7; before, both met silence."""
+    errors: list[tuple[str, int]] = []
+    stop = craft.session.listen("PARAM_ERROR", lambda m: errors.append((m.param_id, m.error)))
+    craft.session.send(mavlink.MAVLink_param_request_read_message(1, 1, UNKNOWN.encode(), -1))
+    craft.session.send(mavlink.MAVLink_param_set_message(1, 1, UNKNOWN.encode(), 1.0, 9))
+    name = GAIN[craft.firmware.kind]
+    craft.session.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), math.inf, 9))
+    craft.run(1.0)
+    stop()
+    absent, impossible = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+    assert sorted(errors) == sorted([(UNKNOWN, absent), (UNKNOWN, absent), (name, impossible)])
+
+
+def test_a_value_that_is_no_number_is_not_taken(craft):
+    name = GAIN[craft.firmware.kind]
+    old = craft.parameters.read(name)
+    craft.session.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), math.nan, 9))
+    craft.run(0.5)
+    assert craft.parameters.read(name) == old
+
+
+def test_whole_numbered_parameters_drop_the_fraction(boat):
+    old = boat.parameters.read("CRUISE_THROTTLE")
+    boat.session.send(mavlink.MAVLink_param_set_message(1, 1, b"CRUISE_THROTTLE", 33.7, 9))
+    boat.run(0.5)
+    assert boat.parameters.read("CRUISE_THROTTLE") == 33.0
+    boat.parameters.write("CRUISE_THROTTLE", old)
+
+
+def test_the_whole_list_comes_complete(craft):
+    values = craft.parameters.read_full()
+    assert values[GAIN[craft.firmware.kind]] > 0.0
+    assert values["MAV_GCS_SYSID"] == 255.0
+    assert len(values) > 200
+
+
+def test_disarmed_it_takes_every_mode_that_is_flown_in(craft):
+    firmware = craft.firmware
+    for mode in (firmware.hold_mode, firmware.rest_mode, firmware.manual_mode):
+        craft.commands.set_mode(mode)
+        assert craft.mode == mode
+
+
+def test_a_mode_that_does_not_exist_is_refused(craft):
+    before = craft.mode
+    assert craft.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 99.0) != ACCEPTED
+    craft.run(1.5)
+    assert craft.mode == before
+
+
+def test_rover_denies_what_its_loop_of_50_hz_cannot_send_and_keeps_the_old_rate(boat):
+    assert interval(boat, "ATTITUDE", 40.0) == ACCEPTED
+    assert interval(boat, "ATTITUDE", 50.0) == DENIED
+    assert boat.rates.request({"ATTITUDE": 100.0}) == {"ATTITUDE": 25.0}
+    assert boat.rates.measure({"ATTITUDE": 25.0})["ATTITUDE"] == pytest.approx(25.0, rel=0.05)
+    assert any("too fast" in text for _, text in boat.said)
+
+
+def test_rover_sends_40_hz_at_uneven_intervals(boat):
+    assert interval(boat, "ATTITUDE", 40.0) == ACCEPTED
+    boat.run(0.5)
+    stamps: list[int] = []
+    stop = boat.session.listen("ATTITUDE", lambda m: stamps.append(m.time_boot_ms))
+    boat.run(2.0)
+    stop()
+    gaps = {b - a for a, b in itertools.pairwise(stamps)}
+    assert {20, 40} <= {round(gap, -1) for gap in gaps} <= {20, 30, 40}
+    assert 1000.0 * (len(stamps) - 1) / (stamps[-1] - stamps[0]) == pytest.approx(40.0, rel=0.04)
+
+
+def test_sub_grants_50_hz_of_attitude_and_outputs(rov):
+    assert rov.rates.request({"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0}) == {
+        "ATTITUDE": 25.0,
+        "SERVO_OUTPUT_RAW": 40.0,
+    }
+    measured = rov.rates.measure({"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0})
+    assert measured["ATTITUDE"] == pytest.approx(25.0, rel=0.06)
+    assert measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.06)
+
+
+def test_a_message_nobody_sends_is_refused_and_does_not_stop_the_others(craft):
+    granted = craft.rates.request({"WHEEL_DISTANCE": 5.0, "ATTITUDE": 10.0})
+    assert granted["ATTITUDE"] == 10.0
+
+
+def test_rates_are_put_back(craft):
+    before = craft.rates._previous_interval("VFR_HUD")
+    craft.rates.request({"VFR_HUD": 7.0})
+    assert craft.rates._previous_interval("VFR_HUD") == pytest.approx(1e6 / 7.0, rel=0.2)
+    craft.rates.restore()
+    assert craft.rates._previous_interval("VFR_HUD") == before
+
+
+def test_boarding_adopts_the_ground_station_id_that_it_obeys(craft):
+    craft.parameters.write("MAV_GCS_SYSID", 77)
+    try:
+        boarded = open_craft(craft.session)
+        assert craft.session.source_system == 77
+        boarded.rates.restore()
+    finally:
+        craft.parameters.write("MAV_GCS_SYSID", 255)
+        craft.session.source_system = 255
+    assert any("77" in note for note in craft.session.notes)

@@ -1,0 +1,145 @@
+"""Recorded sessions with unmodified ArduRover and ArduSub: boarding, parameters, rates, identification."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from replayed import Recording, Replayed
+
+from gcs_autotune.errors import CommandDenied, ParameterMissing
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.link import Commands, MemoryLink, Parameters, Rates, Session, open_craft
+
+KINDS = ("rover", "sub")
+GAIN = {"rover": "ATC_STR_RAT_P", "sub": "ATC_RAT_YAW_P"}
+TRUTH = {"rover": lambda speed: 1.0 / (1.174 * speed), "sub": lambda _: 1.0 / 2.696}
+"""Steering per turn rate [s/rad] of the stock models (SIM_Sailboat, SIM_Submarine; see docs/ardupilot.md)."""
+
+recording = cache(Recording)
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param
+
+
+def before_the_first_relay(kind: str) -> float:
+    return recording(kind).relays[0]["from_t"] - 5.0
+
+
+@pytest.fixture
+def peer(kind):
+    return Replayed(recording(kind), before_the_first_relay(kind))
+
+
+@pytest.fixture
+def session(peer):
+    with Session(MemoryLink(peer)) as session:
+        yield session
+
+
+@pytest.fixture
+def aboard(session):
+    session.discover()
+    return session
+
+
+def test_it_is_discovered_with_its_version(aboard, kind):
+    vehicle = aboard.vehicle
+    types = {"rover": mavlink.MAV_TYPE_SURFACE_BOAT, "sub": mavlink.MAV_TYPE_SUBMARINE}
+    assert (vehicle.autopilot, vehicle.vehicle_type) == (mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, types[kind])
+    assert vehicle.version == recording(kind).version
+
+
+def test_boarding_reads_the_wiring_and_hears_the_attitude(session, peer, kind):
+    craft = open_craft(session, wanted_rates={"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0})
+    assert craft.rates.granted["ATTITUDE"].granted == 25.0
+    now = craft.observe()
+    assert set(now.output) >= {"N", "X"}
+    assert now.t == pytest.approx(before_the_first_relay(kind), abs=15.0)
+    written = {"PARAM_SET", "RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"}
+    assert not written & {m.get_type() for m in peer.asked}
+
+
+def test_a_gain_is_written_and_put_back_and_the_float_echo_is_no_refusal(aboard, kind):
+    parameters, name = Parameters(aboard), GAIN[kind]
+    old = parameters.read(name)
+    parameters.write(name, 0.33)
+    assert parameters.known[name] == pytest.approx(0.33, abs=1e-7)
+    assert parameters.known[name] != 0.33
+    parameters.write(name, old)
+
+
+def test_an_unknown_name_is_answered_by_an_error_and_not_waited_for(aboard):
+    """New in 4.7: PARAM_ERROR; before, silence."""
+    begun = aboard.clock.now()
+    with pytest.raises(ParameterMissing):
+        Parameters(aboard).read("NO_SUCH_GAIN")
+    assert aboard.clock.now() - begun < 1.0
+
+
+def test_every_gain_of_every_axis_is_there_under_some_name(aboard, kind):
+    firmware = FIRMWARE["ardurover" if kind == "rover" else "ardusub"]
+    held = Parameters(aboard).read_full()
+    assert set(held) == recording(kind).names()
+    wanted = [gain.parameter for gain in firmware.axes["heading"].gains]
+    assert set(wanted) <= set(held)
+
+
+def test_rates_that_its_loop_cannot_send_are_denied_and_halved(aboard, kind):
+    firmware = FIRMWARE["ardurover" if kind == "rover" else "ardusub"]
+    rates = Rates(aboard, Commands(aboard, firmware))
+    granted = rates.request({"ATTITUDE": 400.0, "WHEEL_DISTANCE": 10.0})
+    assert granted["ATTITUDE"] == (25.0 if kind == "rover" else 200.0)
+    assert granted["WHEEL_DISTANCE"] == 0.0
+    assert any("ATTITUDE: asked for 400 Hz" in note for note in aboard.notes)
+
+
+def test_a_mode_that_does_not_exist_is_refused(aboard, kind):
+    firmware = FIRMWARE["ardurover" if kind == "rover" else "ardusub"]
+    with pytest.raises(CommandDenied) as refused:
+        Commands(aboard, firmware).command_long(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 99.0)
+    assert refused.value.result in (mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED)
+
+
+@cache
+def flown_again(kind: str, number: int):
+    """Return the trial that the link room makes of the recorded telemetry of a relay experiment."""
+    flown = recording(kind).relays[number]
+    with Session(MemoryLink(Replayed(recording(kind), flown["from_t"] - 10.0), quantum=0.02)) as session:
+        craft = open_craft(session, system_id=1, wanted_rates={"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0})
+        craft.start_recording(f"relay-{number + 1}")
+        while craft.observe().t < flown["to_t"]:
+            pass
+        return craft.stop_recording("completed").between(flown["from_t"], flown["to_t"])
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_what_the_servos_did_is_what_the_relay_asked_for(kind, number):
+    """The dead zone of the stick is made up for: what is measured at the servo is the relay's own output."""
+    output = np.abs(flown_again(kind, number)["N"].values[10:])
+    assert np.median(output) == pytest.approx(recording(kind).relays[number]["C"], abs=0.005)
+
+
+def test_samples_carry_the_vehicles_own_stamps(kind):
+    gaps = np.diff(flown_again(kind, 0)["psi"].t)
+    assert np.mean(gaps) == pytest.approx(0.04, rel=0.03)
+    assert 0.015 < np.min(gaps) <= np.max(gaps) < 0.065
+
+
+@cache
+def fitted(kind: str):
+    return fit_axis([flown_again(kind, number) for number in (0, 1)], dof="yaw")
+
+
+def test_the_recorded_relays_give_the_steady_turn_rate_of_the_simulated_craft(kind):
+    speed = float(np.mean([flown_again(kind, number)["U"].values.mean() for number in (0, 1)]))
+    assert fitted(kind).parameters["beta_r"].value == pytest.approx(TRUTH[kind](speed), rel=0.06)
+
+
+def test_a_boat_without_yaw_inertia_is_doubted_and_not_believed():
+    assert "inertia-unresolved" in {doubt.slug for doubt in fitted("rover").doubts}

@@ -1,0 +1,74 @@
+"""Whole jobs on ArduPilot's own firmware: as a user starts them, and in this process to be stopped at will."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from firmware_process import ArduPilot, Witness
+
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Connection, TuneSettings, tune
+
+__all__ = ["QUICK", "Stopper", "assert_left_alone", "command_line", "summary_of", "tune_until"]
+
+QUICK = ("--step-duration", "8")
+"""Options that make a tune of a lively craft short."""
+_DISARMED_PULSES = (0, 1500)
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
+
+
+def command_line(*arguments: str, timeout: float = 300.0) -> subprocess.CompletedProcess[str]:
+    """Run ``gcs-autotune`` with these arguments."""
+    command = [sys.executable, "-m", "gcs_autotune", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, env=ENVIRONMENT)
+
+
+def summary_of(run: Path) -> dict[str, Any]:
+    """Return what a run says of itself."""
+    summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
+    return summary
+
+
+class Stopper(SilentWatcher):
+    """Operator and watcher in one: presses Ctrl-C when something is said that begins with *stage*."""
+
+    def __init__(self, stage: str) -> None:
+        self._stage = stage
+        self.said: list[str] = []
+        self.pressed = False
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+        self.pressed |= text.startswith(self._stage)
+
+    def stop_requested(self) -> bool:
+        return self.pressed
+
+    def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
+        return True
+
+
+def tune_until(firmware: ArduPilot, axis: str, stage: str, directory: Path, **changes: Any) -> Stopper:
+    """Tune *axis* and stop as soon as *stage* is announced; raises what the tune raises."""
+    stopper = Stopper(stage)
+    settings = TuneSettings(axis, Connection(firmware.uri, system_id=1), directory, step_duration=5.0, **changes)
+    tune(settings, stopper, stopper, "2026-11-21T12:00:00")
+    return stopper
+
+
+def assert_left_alone(witness: Witness, before: dict[str, float], mode: int) -> None:
+    """Everything as found, as another ground station sees it: neutral, disarmed, mode and parameters."""
+    assert all(pwm in _DISARMED_PULSES for pwm in witness.outputs()), witness.outputs()
+    assert witness.mode_and_armed() == (mode, False)
+    assert witness.parameters(list(before)) == before
+
+
+def gains_of(axis: Any) -> Sequence[str]:
+    """Return the names of the parameters that a tune of *axis* may write."""
+    return [gain.parameter for gain in axis.gains]

@@ -1,0 +1,71 @@
+"""A boat's surge from throttle steps under way: inertia, drag and thrust curve come apart."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from gcs_autotune.identify.model_file import load_model
+from gcs_autotune.identify.surge import CURVE, bent, extended, fit_surge, square_of
+from gcs_autotune.models import SingleDof
+from gcs_autotune.models.simulation import simulate
+from gcs_autotune.trial import Channel, Trial
+
+LEVELS = ((0.6, 0.27, 0.8, 0.0, 0.6), (0.6, 0.0, 0.8, 0.42, 0.6))
+DWELL = 12.0
+
+
+def flown(model: SingleDof, square: float, levels: tuple[float, ...], seed: int, noise: float = 0.02) -> Trial:
+    """Throttle steps as ``ThrottleSteps`` flies them: slewed, in steps of one percent, speed at 10 Hz."""
+    t_in = np.arange(0.0, DWELL * len(levels), 0.02)
+    wish = np.array([levels[int(t / DWELL)] for t in t_in])
+    X = np.empty_like(wish)
+    now = levels[0]
+    for i, wanted in enumerate(wish):
+        now += np.clip(wanted - now, -0.02, 0.02)
+        X[i] = round(100.0 * now) / 100.0
+    thrust = (1.0 - square) * X + square * X * np.abs(X)
+    t = np.arange(0.0, DWELL * len(levels), 0.1)
+    start = model.steady_velocity(float(thrust[0]))
+    u = simulate(model, t_in, thrust, t, nu_0=start).nu + noise * np.random.default_rng(seed).standard_normal(len(t))
+    return Trial(f"throttle-{seed}", {"X": Channel("X", "1", t_in, X), "u": Channel("u", "m/s", t, u)})
+
+
+@pytest.mark.parametrize(
+    ("model", "square"),
+    [
+        (SingleDof("surge", "1", 4.0, 0.0, 0.444), 1.0),
+        (SingleDof("surge", "1", 0.8, 0.25, 0.1), 0.5),
+        (SingleDof("surge", "1", 0.04, 0.0, 0.01), 0.0),
+    ],
+    ids=["plain propeller", "half bent", "straight"],
+)
+def test_inertia_drag_and_thrust_curve_are_found_within_their_errors(model: SingleDof, square: float) -> None:
+    noise = 0.02 * max(model.steady_velocity(0.6) / 1.2, 1.0)
+    fit = fit_surge([flown(model, square, levels, n, noise) for n, levels in enumerate(LEVELS)])
+    std = fit.extra[CURVE]["std"]
+    assert abs(square_of(fit) - square) < 3.5 * std
+    assert std < 0.12
+    assert fit.model.alpha == pytest.approx(model.alpha, abs=4.0 * fit.parameters["alpha_u"].std)
+    for throttle in (0.2, 0.4, 0.6, 0.8):
+        wanted = model.steady_velocity((1.0 - square) * throttle + square * throttle**2)
+        q = square_of(fit)
+        assert fit.model.steady_velocity((1.0 - q) * throttle + q * throttle**2) == pytest.approx(wanted, rel=0.03)
+    assert "one-sided-input" not in {d.slug for d in fit.doubts}
+
+
+def test_a_surge_model_with_its_curve_is_a_model_file(tmp_path) -> None:
+    model = SingleDof("surge", "1", 4.0, 0.0, 0.444)
+    fit = fit_surge([flown(model, 1.0, levels, n) for n, levels in enumerate(LEVELS)])
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(extended(fit).to_dict()))
+    curve = load_model(path).model.effects[-1]
+    assert curve.slug == "quadratic-actuator"
+    assert curve["share"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_bending_leaves_full_throttle_and_the_sign_alone() -> None:
+    X = Channel("X", "1", np.arange(4.0), np.array([-1.0, -0.5, 0.5, 1.0]))
+    assert bent(Trial("t", {"X": X}), 1.0)["X"].values == pytest.approx([-1.0, -0.25, 0.25, 1.0])

@@ -1,0 +1,70 @@
+"""Just booted, at the surface, cruising fast: what the tool met on ArduPilot's own simulator."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_autotune.craft import DepthTarget, Observation
+from gcs_autotune.errors import OperatorStopped
+from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope
+from gcs_autotune.workflow.experiments import dive_for
+from tests.workflow.harbour import Harbour
+
+
+class StopsWhen:
+    """Presses Ctrl-C once something has been said."""
+
+    def __init__(self, harbour, beginning):
+        self.harbour, self.beginning = harbour, beginning
+
+    def stop_requested(self):
+        return any(text.startswith(self.beginning) for text in self.harbour.said)
+
+    def ask(self, question, while_waiting):
+        return True
+
+
+def test_a_boat_without_a_position_is_waited_for_before_it_is_armed(tmp_path):
+    harbour = Harbour(tmp_path)
+    harbour.vehicle.autopilot.ready_ms = 42_000
+    with pytest.raises(OperatorStopped):
+        harbour.tune(StopsWhen(harbour, "step with present gains"))
+    said = harbour.said
+    waiting = next(i for i, t in enumerate(said) if t.startswith("waiting for the vehicle"))
+    assert waiting < said.index("step with present gains")
+    assert harbour.server.now > 42.0
+    harbour.assert_as_found()
+
+
+def test_only_an_rov_near_the_surface_dives_and_only_for_depth():
+    shallow, deep = Observation(0.0, 0.0, z=0.05), Observation(0.0, 0.0, z=2.0)
+    assert dive_for("heave", "rov", shallow) is not None
+    assert dive_for("heave", "rov", deep) is None
+    assert dive_for("yaw", "rov", shallow) is None
+    assert dive_for("heave", "boat", shallow) is None
+
+
+def descend(rate: float) -> Dive:
+    """Fly a dive with a craft that follows at *rate* [m/s]."""
+    dive, t, z = Dive(DiveSettings(1.5)), 0.0, 0.0
+    dive.start(Observation(t, 0.0, z=z))
+    while dive.outcome is None:
+        command = dive.update(Observation(t, 0.0, z=z))
+        assert isinstance(command, DepthTarget)
+        assert command.z <= 1.5
+        t, z = t + 0.1, min(command.z, z + 0.1 * rate)
+    return dive
+
+
+def test_a_dive_ends_at_its_depth_or_says_that_the_craft_does_not_sink():
+    assert descend(0.2).outcome.ending == "completed"
+    refused = descend(0.0).outcome
+    assert refused.ending == "aborted"
+    assert "does not come to 1.5 m" in refused.reason
+
+
+def test_speed_and_distance_limits_grow_with_the_cruise_unless_they_are_given():
+    assert (Envelope().speed_limit, Envelope().distance_limit) == (4.0, 300.0)
+    assert (Envelope(cruise=5.0).speed_limit, Envelope(cruise=5.0).distance_limit) == (7.5, 500.0)
+    assert Envelope(cruise=5.0, speed=3.0).speed_limit == 3.0
+    assert Envelope(cruise=5.0, distance=80.0).distance_limit == 80.0

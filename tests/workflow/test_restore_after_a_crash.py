@@ -1,0 +1,187 @@
+"""``restore`` after whatever: the vehicle is asked itself, and is as it was found."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.faults import Berth, Case, Fault, Killed, play
+from benchmarks.faults.case import FLEET
+from gcs_autotune.errors import NotAsFound, OperatorStopped, PreconditionFailed, WrongVehicle
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link import Commands, Journal, ParameterLoan, Parameters, Session
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Unattended, restore_run
+
+NEW = {"ATC_STR_RAT_P": 0.5, "ATC_STR_RAT_I": 0.4, "ATC_STR_RAT_FF": 1.5}
+CHARLIE = FLEET[0]
+
+
+def moored(**options: Any) -> Berth:
+    berth = Berth("charlie", seed=1, parameters={"SIM_RC_FAIL": 0.0, **options})
+    berth.wait(4.0)
+    berth.server.vehicle.autopilot.set_mode(4)
+    berth.wait(0.1)
+    return berth
+
+
+def borrow(berth: Berth, path: Path, faults: tuple[Fault, ...] = (), **found: Any) -> None:
+    """What a tune does to a vehicle, in short: journal, arm, another mode, new gains; and no clean-up."""
+    with Session(berth.connection(faults).open()) as session:
+        session.discover(system_id=1)
+        commands = Commands(session, FIRMWARE["ardurover"])
+        known = {"vehicle": session.vehicle, "mode": "HOLD", "armed": False, "link": "memory", **found}
+        journal = Journal(path, **known)
+        try:
+            commands.arm()
+            commands.set_mode("GUIDED")
+            ParameterLoan(Parameters(session), journal).set(NEW)
+        finally:
+            journal.leave()
+
+
+def restore(berth: Berth, path: Path, *faults: Fault, answer: bool = True, **acts: Any) -> Any:
+    return restore_run(berth.connection(faults, **acts), path, Unattended(answer), SilentWatcher())
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+def test_restore_disarms_puts_back_reads_back_and_settles(path: Path) -> None:
+    berth = moored()
+    found = berth.condition()
+    borrow(berth, path)
+    assert berth.condition().differs_from(found, {})
+    changes = restore(berth, path)
+    assert changes == {n: (pytest.approx(v), pytest.approx(found.parameters[n])) for n, v in NEW.items()}
+    assert berth.condition().differs_from(found, {}) == []
+    assert Journal.read(path).is_settled
+    assert restore(berth, path) == {}
+
+
+def test_killed_at_any_moment_of_borrowing_and_again_of_restoring(path: Path) -> None:
+    """The moments are counted in messages of ours, so that none between two of them is left out."""
+    whole = moored()
+    connection = whole.connection()
+    restore_link = whole.connection()
+    with Session(connection.open()):
+        pass
+    borrow(whole, path)
+    restore_run(restore_link, path, Unattended(), SilentWatcher())
+    counts = dict(restore_link.opened[0].sent)
+    moments = [("PARAM_SET", n, after) for n in (1, 2, 3) for after in (0.0, 0.021, 0.05)]
+    moments += [("COMMAND_LONG", n, after) for n in (2, 3) for after in (0.0, 0.05)]
+    for k, (name, count, after) in enumerate(moments):
+        path.unlink()
+        berth = moored()
+        found = berth.condition()
+        with pytest.raises(Killed):
+            borrow(berth, path, (Fault("killed", after, sent=name, count=count),))
+        again = list(counts)[k % len(counts)]
+        at = 1 + k % counts[again]
+        try:
+            restore(berth, path, Fault("killed", 0.0, sent=again, count=at))
+        except Killed:
+            assert not Journal.read(path).is_settled
+        restore(berth, path)
+        assert berth.condition().differs_from(found, {}) == [], (name, count, after, again, at)
+        assert Journal.read(path).is_settled
+
+
+def test_another_hull_under_the_same_system_id_is_refused_by_its_board(path: Path) -> None:
+    berth = moored()
+    borrow(berth, path)
+    journal = path.read_text().replace('"uid": "', '"uid": "f00')
+    path.write_text(journal)
+    before = berth.condition()
+    with pytest.raises(WrongVehicle, match="its board is f00"):
+        restore(berth, path)
+    assert berth.condition().parameters == before.parameters
+    assert not Journal.read(path).is_settled
+
+
+def test_without_a_unique_id_calibration_and_setup_tell_two_hulls_apart(path: Path) -> None:
+    berth = moored()
+    borrow(berth, path, fingerprint={"CRUISE_SPEED": berth.condition().parameters["CRUISE_SPEED"], "RC1_TRIM": 1500.0})
+    events = [json.loads(line) for line in path.read_text().splitlines()]
+    events[0]["vehicle"]["uid"] = ""
+    path.write_text("".join(json.dumps(e) + "\n" for e in events))
+    other = moored(RC1_TRIM=1512.0)
+    with pytest.raises(WrongVehicle, match="RC1_TRIM 1500 there, 1512 here"):
+        restore(other, path)
+    assert other.writes == []
+    restore(berth, path)
+    assert Journal.read(path).is_settled
+
+
+def test_what_somebody_else_wrote_since_is_said_before_it_is_written_over(path: Path) -> None:
+    berth = moored()
+    borrow(berth, path)
+    berth.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
+    with pytest.raises(OperatorStopped, match=r"ATC_STR_RAT_P 0.77 -> 0.2 \(which is not what the run wrote"):
+        restore(berth, path, answer=False)
+    assert berth.condition().armed
+
+
+def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:
+    berth = moored()
+    journal = Journal(path, mode="HOLD", armed=False)
+    with pytest.raises(PreconditionFailed, match="still going on"):
+        restore(berth, path)
+    journal.leave()
+    assert berth.server.now == pytest.approx(4.1)
+
+
+def test_the_radio_lost_while_restoring_is_waited_for(path: Path) -> None:
+    berth = moored()
+    found = berth.condition()
+    borrow(berth, path)
+    restore(berth, path, Fault("silence", 0.05, 20.0, sent="PARAM_SET"))
+    assert berth.condition().differs_from(found, {}) == []
+
+
+def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> None:
+    berth = moored()
+    found = berth.condition()
+    borrow(berth, path)
+    berth.deaf_to.add("ATC_STR_RAT_I")
+    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_I.*again") as caught:
+        restore(berth, path)
+    assert set(caught.value.differences) == {"ATC_STR_RAT_I"}
+    assert [d.split()[0] for d in berth.condition().differs_from(found, {})] == ["ATC_STR_RAT_I"]
+    assert set(Journal.open_debts(path)) == {"ATC_STR_RAT_I"}
+    berth.deaf_to.clear()
+    restore(berth, path)
+    assert berth.condition().differs_from(found, {}) == []
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("unplugged", 0.05, sent="PARAM_SET", count=2),
+        Fault("silence", 1.0, sent="PARAM_SET", count=4),
+        Fault("silence", 1.0, 12.0, sent="PARAM_SET", count=4),
+        Fault("reboot", 3.0, size=4.0, sent="PARAM_SET", count=4),
+        Fault("disk-full", 0.0, sent="PARAM_SET", count=4),
+        Fault("forged-own", 0.0, size=0.5, way="down"),
+        Fault("stuck", 2.0, size=1.0, sent="PARAM_SET", count=4),
+    ],
+    ids=lambda fault: f"{fault.kind}-{fault.duration:g}",
+)
+def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fault) -> None:
+    outcome = play(Case.of(CHARLIE, fault))
+    assert outcome.failures == []
+    assert outcome.writes > 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc for open files")
+def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
+    play(Case.of(CHARLIE, Fault("unplugged", 5.0)), tmp_path)
+    open_files = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
+    assert str(tmp_path / "run" / "journal.jsonl") not in open_files

@@ -1,0 +1,87 @@
+"""``tune speed`` and ``tune yaw``, from the link to proved gains, and ``experiment surge``."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from gcs_autotune.identify.surge import CURVE
+from gcs_autotune.trial import load_trial
+from gcs_autotune.workflow import Unattended, experiment
+
+from .harbour import Ear, Harbour
+
+
+@pytest.fixture(scope="module")
+def swift(tmp_path_factory):
+    """A boat that steers by two thrusters, its speed loop tuned from a cruise pair that is wrong."""
+    harbour = Harbour(tmp_path_factory.mktemp("swift"), "blueboat", parameters={"CRUISE_SPEED": 2.5})
+    return harbour, harbour.tune(axis="speed")
+
+
+def test_a_speed_loop_is_tuned_and_proved_and_the_cruise_pair_put_right(swift) -> None:
+    harbour, story = swift
+    assert story.ending == "kept"
+    assert story.metrics_after.itae < 0.5 * story.metrics_before.itae
+    values = harbour.vehicle.parameters.values
+    assert values["CRUISE_THROTTLE"] == 40
+    assert values["CRUISE_SPEED"] == pytest.approx(2.0 * 55.2 * 0.4 / 29.35, rel=0.03)
+    for name, value in story.proposal.new.items():
+        assert values[name] == pytest.approx(value, rel=1e-6)
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+
+
+def test_the_surge_of_the_simulated_boat_is_found_with_its_straight_thrust(swift) -> None:
+    _, story = swift
+    full = 2.0 * 55.2
+    assert story.fit.model.alpha == pytest.approx(41.77 / full, rel=0.03)
+    assert story.fit.model.steady_velocity(0.5) == pytest.approx(0.5 * full / 29.35, rel=0.03)
+    assert story.fit.extra[CURVE]["square"] == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_same_speed_step_is_flown_before_and_after_and_drawn_as_speed(swift) -> None:
+    harbour, story = swift
+    assert story.step_before.meta["signal"] == story.step_after.meta["signal"] == "u"
+    assert story.step_before.meta["size"] == story.step_after.meta["size"]
+    assert [t.name for t in story.relays] == ["throttle-1", "throttle-2"]
+    page = (harbour.directory / "report.html").read_text(encoding="utf-8")
+    assert "Throttle steps" in page
+    assert "measured on the water" in page
+    json.loads((harbour.directory / "gains.json").read_text(encoding="utf-8"))
+    recorded = load_trial(next((harbour.directory / "trials").glob("*-throttle-1.csv")))
+    assert recorded.meta["dof"] == "surge"
+
+
+def test_a_turn_rate_loop_is_tuned_without_its_angle_gain(tmp_path) -> None:
+    harbour = Harbour(tmp_path, "blueboat")
+    story = harbour.tune(axis="yaw")
+    assert story.ending == "kept"
+    assert story.step_after.meta["signal"] == "r"
+    assert story.metrics_after.itae < 0.5 * story.metrics_before.itae
+    changed = {n for n, v in harbour.parameters.items() if dict(harbour.vehicle.parameters.values)[n] != v}
+    assert changed == set(story.proposal.new)
+    assert "ATC_STR_ANG_P" not in changed
+
+
+def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
+    harbour = Harbour(tmp_path, "falcon")
+    story = harbour.tune(axis="yaw", dry_run=True)
+    assert story.ending in ("dry-run", "unchanged")
+    flown = story.step_before
+    end = [m.t for m in flown.marks if m.kind == "target"][-1]
+    reached = flown["r"].between(end - 1.5, end).values.mean()
+    assert reached == pytest.approx(flown.meta["size"] / 2.0, rel=0.15)
+    harbour.assert_as_found()
+
+
+def test_experiment_surge_on_a_boat_explains_the_motion_and_leaves_a_model_file(tmp_path) -> None:
+    harbour = Harbour(tmp_path)
+    fit = experiment(harbour.settings("surge"), Unattended(), Ear(harbour.said))
+    assert fit.fit_percent > 85.0
+    assert fit.model.alpha == pytest.approx(300.0 / 75.0, rel=0.03)
+    assert fit.extra[CURVE]["square"] == pytest.approx(1.0, abs=0.06)
+    model = json.loads((harbour.directory / "model.json").read_text(encoding="utf-8"))
+    assert model["effects"][-1]["slug"] == "quadratic-actuator"
+    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
