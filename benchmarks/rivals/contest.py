@@ -78,6 +78,7 @@ def _tune(
     with tempfile.TemporaryDirectory(prefix="rivals-tune-") as folder:
         run = Path(folder) / "run"
         command = ["tune", job.axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
+        command += ["--max-distance", "2000"] if sea.data.is_boat else []
         status = sea.host([*command, "--step-duration", f"{job.duration:g}"], Path(folder) / "said")
         cycle, note = _cycle(run), f"ended with {status}"
         if (run / "summary.json").exists():
