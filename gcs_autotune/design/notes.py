@@ -10,6 +10,7 @@ import numpy as np
 from gcs_autotune.design.hunting import LONG, Hunting
 from gcs_autotune.design.matching import Problem, peak_demand
 from gcs_autotune.design.model_function import settling_time
+from gcs_autotune.design.other_speeds import on_other_speeds
 from gcs_autotune.design.selection import Candidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
@@ -32,6 +33,8 @@ def notes_on(
 ) -> Iterator[str]:
     """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
+    if axis.needs_speed:
+        yield from on_other_speeds(problem, shown.settings, shown.wanted)
     yield from _on_the_present(problem, axis)
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)

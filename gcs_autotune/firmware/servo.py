@@ -81,6 +81,14 @@ class ServoMap:
         rows = tuple(tuple(round(float(w), 12) for w in row) for row in inverse)
         return cls(tuple(outputs), names, rows)
 
+    def driving(self, force: str) -> tuple[tuple[Output, float], ...]:
+        """Return the outputs that make *force*, each with its fraction of full at full force."""
+        if force not in self.names:
+            return ()
+        factors = np.linalg.pinv(np.array(self.weights))[:, self.names.index(force)]
+        pairs = zip(self.outputs, factors, strict=True)
+        return tuple((output, float(factor)) for output, factor in pairs if abs(factor) > 1e-9)
+
     def forces(self, pwms: Sequence[float]) -> dict[str, float]:
         """Return force name -> fraction of full output.
 

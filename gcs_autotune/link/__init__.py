@@ -5,7 +5,10 @@ The only room that knows serial ports, and with ``logs`` the only one that knows
 * ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``mavsdk_link``, ``child``, ``memory``;
 * ``wire`` frames, ``signing`` them, ``tlog`` logs; ``session`` heartbeat, discovery, routing, liveness;
 * ``parameters``, ``journal`` and ``loan`` (borrow, verify, give back), ``params_file``;
-* ``commands``, ``rates``; ``telemetry`` with ``stamps``, ``watchdog``, ``recorder``;
+* ``commands``; ``rates`` fitted by ``bandwidth``, kept by ``rate_keeper``;
+* ``telemetry`` with ``stamps``, ``watchdog``, ``recorder``;
+* ``driver`` keeps commands in force (``overrides``, ``targets``, ``beat``), ``sticks`` sees whether they are,
+  ``obedience`` proves it at arming, ``hands`` notices others', ``company`` knows whose, ``latency`` how late all is;
 * ``mavlink_craft`` (:class:`MavlinkCraft`), put together by :func:`open_craft` (``boarding``).
 
 Adding a transport: a class with ``_read_available``, ``_write``, ``_close``, a line in ``TRANSPORTS``, and its ends in

@@ -35,6 +35,8 @@ NEEDED_RATES: Mapping[str, float] = {"ATTITUDE": 5.0, "SERVO_OUTPUT_RAW": 5.0}
 _FINE_STEP = 0.01
 """Chosen: divides the period of every autopilot loop from 50 to 100 Hz, so a message's tick is met exactly."""
 
+_LATE = 0.03
+"""Chosen [s]: a gyro filter's lag that is worth a word."""
 _FULL_SPEED, _LOOP_RATE, _GYRO_FILTER = "WP_SPEED", "SCHED_LOOP_RATE", "INS_GYRO_FILTER"
 
 
@@ -86,9 +88,13 @@ def open_craft(
         arm_patience=arm_patience,
     )
     try:
-        granted = rates.request(wanted_rates)
-        rates.measure(needed_rates)
-        _follow_control_tick(craft, granted.get("ATTITUDE", 0.0))
+        rates.request(wanted_rates)
+        rates.fit(needed_rates, wiring.loop_period)
+        craft.keep_rates()
+        _note_late_rates(session, wiring.rate_lag)
+        if craft.company.radio:
+            session.notes.append(f"telemetry radio: {craft.company.radio}")
+        _follow_control_tick(craft, rates.granted["ATTITUDE"].granted if "ATTITUDE" in rates.granted else 0.0)
     except AutotuneError:
         rates.restore()
         raise
@@ -103,6 +109,14 @@ def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
     transport.follow_tick(0.0, _FINE_STEP)
     craft.session.wait_for(lambda: True if craft.telemetry.ticks > seen else None, 2.0 / rate)
     transport.follow_tick(craft.clock.now(), 1.0 / rate)
+
+
+def _note_late_rates(session: Session, lag: float) -> None:
+    if lag >= _LATE:
+        session.notes.append(
+            f"the autopilot's gyro filter ({_GYRO_FILTER}) makes turn rates {1e3 * lag:.0f} ms late; they are dated "
+            "back, and the heading, which is not late, is fitted first"
+        )
 
 
 def _firmware(identity: VehicleIdentity) -> Firmware:

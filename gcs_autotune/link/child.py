@@ -66,6 +66,9 @@ class Rehearsal:
 class ChildLink(SteppedTransport):
     """Start *command* and grant it time. It gets a session of its own, so Ctrl-C at the terminal spares it."""
 
+    repeat_period = 0.1
+    """Nothing is lost or late here, and every repetition is a grant of its own that costs time."""
+
     def __init__(self, command: Sequence[str], description: str, *, quantum: float = 0.1) -> None:
         super().__init__(description, quantum)
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in _close

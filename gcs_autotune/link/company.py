@@ -59,6 +59,7 @@ class Company:
     ----------
     stations : (system, component) -> what it says it is, e.g. ``GCS``; ``""`` before its first heartbeat.
     orders : the last orders heard, oldest first.
+    radio : what a telemetry radio told of itself last (RADIO_STATUS), in words; empty when there is none.
     """
 
     def __init__(self, session: Session) -> None:
@@ -66,6 +67,7 @@ class Company:
         self._heard: dict[tuple[int, int], float] = {}
         self.stations: dict[tuple[int, int], str] = {}
         self.orders: deque[Order] = deque(maxlen=_KEPT)
+        self.radio = ""
         session.overhear(self._on_foreign)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
@@ -87,6 +89,9 @@ class Company:
         return f"{kind or 'station'} (system {system}, component {component})"
 
     def _on_foreign(self, frame: Frame) -> None:
+        if frame.name in ("RADIO_STATUS", "RADIO"):
+            self._on_radio(frame.message)
+            return
         ids = frame.system, frame.component
         self._heard[ids] = self._session.clock.now()
         if frame.name == "HEARTBEAT":
@@ -95,6 +100,13 @@ class Company:
             self.stations.setdefault(ids, "")
         if frame.name in ORDERS and self._is_for_our_vehicle(frame):
             self._take(*ids, _spelled(frame.name, frame.message), str(getattr(frame.message, "param_id", "")))
+
+    def _on_radio(self, m: Message) -> None:
+        """A radio injects these in its own name; signal and noise are its own units, 255 unknown."""
+        self.radio = (
+            f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} aboard, {m.txbuf} % of its "
+            f"buffer free, {m.rxerrors} packets damaged"
+        )
 
     def _is_for_our_vehicle(self, frame: Frame) -> bool:
         vehicle = self._session.vehicle
@@ -105,10 +117,15 @@ class Company:
         """The vehicle tells everybody on the link whom it has obeyed."""
         system = int(getattr(ack, "target_system", 0))
         if system not in (0, self._session.source_system) and ack.result == mavlink.MAV_RESULT_ACCEPTED:
-            component = int(getattr(ack, "target_component", 0))
+            component = self._component(system, int(getattr(ack, "target_component", 0)))
             self._heard[system, component] = self._session.clock.now()
             self.stations.setdefault((system, component), "")
             self._take(system, component, _command_name(int(ack.command)))
+
+    def _component(self, system: int, told: int) -> int:
+        """Return the component told, or, where the vehicle names none, the one of that system that was heard."""
+        known = [component for of, component in self.stations if of == system]
+        return known[0] if told == 0 and len(known) == 1 else told
 
     def _take(self, system: int, component: int, what: str, name: str = "") -> None:
         self.orders.append(Order(self._session.clock.now(), system, component, what, name))

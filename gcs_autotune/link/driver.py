@@ -17,11 +17,8 @@ from gcs_autotune.link.telemetry import Telemetry
 
 __all__ = ["FOLLOW_TIMEOUT", "Driver"]
 
-_REFRESH = 0.04
-"""Seconds of link time after which the active command is repeated: 25 Hz, a dozen in the half second after which
-ArduRover without a receiver takes its pilot for lost."""
 _NARROW_REFRESH = 0.1
-"""The same on a link that has no room for that."""
+"""Chosen: seconds of link time after which the active command is repeated where there is no room for more."""
 _STALE = 0.15
 """Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
 _SYNC_PERIOD = 1.0
@@ -66,7 +63,7 @@ class Driver:
         self.clock = session.clock
         self.active: Command | None = None
         self.beat = Beat(session.clock)
-        self._duty = session.every(_REFRESH, self._refresh)
+        self._duty = session.every(session.transport.repeat_period, self._refresh)
         session.every(_SYNC_PERIOD, latency.ask)
         session.listen("ATTITUDE", lambda _: self._refresh_in_vehicle_time())
         session.listen("SERVO_OUTPUT_RAW", lambda _: latency.moved(telemetry.output_since, telemetry.outputs))

@@ -21,6 +21,8 @@ from gcs_autotune.link.wire import Message, mavlink
 __all__ = ["Latency", "LinkTimes"]
 
 _KEPT = 200
+_TRUSTED = 5
+"""Chosen: answers among which the clocks are compared; at one a second no clock drifts by a millisecond meanwhile."""
 _STEP = 0.04
 """Chosen: fraction of full output by which a command must change to be timed; keepers' small corrections do not."""
 _MOVED_SHARE, _MOVED_MOST = 0.3, 0.03
@@ -34,6 +36,8 @@ _REAL_TIME = 0.02
 @dataclass(frozen=True, slots=True)
 class LinkTimes:
     """Medians and 90 % quantiles [s of the vehicle's time; the round trip: of link time]; NaN when not measured.
+
+    Command to servo needs both clocks, so it is not measured on a simulator that runs at another speed.
 
     ``samples`` command changes were timed; ``override_rate`` [Hz] overrides were sent at while commanding, with
     ``override_gap`` [s] the longest pause between two.
@@ -117,11 +121,12 @@ class Latency:
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
 
-        Of all answers the quickest is trusted: the less time it took, the less can be wrong about its middle.
+        Of the last few answers the quickest is trusted: the less time it took, the less can be wrong about its middle.
+        Of the last few only, because a simulator on a busy machine falls behind.
         """
         if not self._trips:
             return math.nan
-        sent, trip, stamp = min(self._trips, key=lambda entry: entry[1])
+        sent, trip, stamp = min(list(self._trips)[-_TRUSTED:], key=lambda entry: entry[1])
         return stamp + self._pace() * (t - sent - 0.5 * trip)
 
     def _pace(self) -> float:
@@ -165,7 +170,7 @@ class Latency:
             gone = math.copysign(1.0, change) * (outputs.get(force, pending.before) - pending.before)
             if gone >= min(_MOVED_SHARE * abs(change), _MOVED_MOST):
                 self._round.append(t - pending.seen)
-                if math.isfinite(pending.sent):
+                if math.isfinite(pending.sent) and self._pace() == 1.0:
                     self._up.append(t - pending.sent)
                 del self._pending[force]
             elif t - pending.since > _NEVER:

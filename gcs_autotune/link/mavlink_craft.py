@@ -18,6 +18,7 @@ from gcs_autotune.link.latency import Latency, LinkTimes
 from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
 from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
+from gcs_autotune.link.rate_keeper import RateKeeper
 from gcs_autotune.link.rates import Rates, message_number
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
@@ -43,7 +44,7 @@ _WARM_UP = 1.0
 _LAG_SHARE = 8.0
 """Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
 swings in four: there half of every quarter is the craft's own)."""
-_SAMPLES = 10.0
+_SAMPLES = 8.0
 """Chosen: attitudes per oscillation below which its amplitude is guesswork."""
 
 
@@ -105,10 +106,21 @@ class MavlinkCraft:
         )
         self._resting = True
 
+    def keep_rates(self) -> None:
+        """Rates have been fitted to the link: keep them, whatever other stations ask for, and spare a full link."""
+        RateKeeper(self.session, self.rates, self.company).start()
+        if math.isfinite(self.rates.capacity):
+            self._driver.spare_the_link()
+
     @property
     def firmware(self) -> Firmware:
         """What kind of autopilot it is."""
         return self._firmware
+
+    @property
+    def servos(self) -> ServoMap:
+        """How its servo outputs make forces."""
+        return self._wiring.servos
 
     @property
     def clock(self) -> Clock:

@@ -1,17 +1,20 @@
 """Asking for message rates, and measuring what really comes.
 
-ArduPilot denies what its loop cannot send and keeps the old rate; radios lose messages. So a request is
-halved until it is granted, the result is measured on the vehicle's own clock, and put back at the end.
+ArduPilot denies what its loop cannot send and keeps the old rate; radios have room for a few kilobytes a second and
+lose the rest. So a request is halved until it is granted, the result is measured on the vehicle's own clock, fitted to
+what the link was seen to carry (:mod:`gcs_autotune.link.bandwidth`), and put back at the end.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from gcs_autotune.errors import AutotuneError, CommandDenied, NoReply, TelemetryFault
+from gcs_autotune.link.bandwidth import CHATTER, Demand, plan
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.wire import Message, mavlink
@@ -20,6 +23,14 @@ __all__ = ["Granted", "Rates", "message_number"]
 
 _SLOWEST = 1.0
 """Hz below which halving gives up."""
+_SHORT = 0.8
+"""Chosen: a message that comes at less than this share of what was granted is being lost or held back."""
+_ROUNDS = 3
+"""Chosen: fittings before what is there has to do."""
+_OFF = -1
+_USUAL_SIZE = 40.0
+"""Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
+_ROUNDING = 1e-3
 
 
 def message_number(name: str) -> int:
@@ -43,6 +54,8 @@ class Rates:
     ----------
     granted : message name -> what came of the request.
     measured : message name -> Hz, from the last :meth:`measure`.
+    capacity : bytes per second [of the vehicle's time] that the link was seen to carry when it was full; NaN when it
+        never was.
     """
 
     def __init__(self, session: Session, commands: Commands) -> None:
@@ -50,19 +63,97 @@ class Rates:
         self._commands = commands
         self.granted: dict[str, Granted] = {}
         self.measured: dict[str, float] = {}
+        self.capacity = math.nan
+        self._sizes: dict[str, float] = {}
+        self._carried = 0.0
+        self._chatter: dict[str, float] = {}
 
     def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
-        """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether."""
+        """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether.
+
+        Raises
+        ------
+        TelemetryFault
+            Answers ceased to come: what was granted so far has filled the link.
+        """
+        begun, before_all = self._session.clock.now(), self._session.traffic.total()
         for name, rate in wanted.items():
             before = self.granted.get(name)
             previous = before.previous if before else self._previous_interval(name)
             self.granted[name] = Granted(rate, 0.0, previous)
-            self.granted[name] = Granted(rate, self._grant(name, rate), previous)
+            try:
+                self.granted[name] = Granted(rate, self._grant(name, rate), previous)
+            except NoReply as error:
+                carried = self._session.traffic.total() - before_all
+                seconds = max(self._session.clock.now() - begun, 1e-3)
+                raise TelemetryFault(
+                    f"the link is too slow: it carries {carried / seconds:.0f} bytes/s, and with that {error}. Use a "
+                    "faster link (a higher baud rate, a better radio), or close what else uses this one"
+                ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
                     f"{name}: asked for {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
                 )
         return {name: self.granted[name].granted for name in wanted}
+
+    def fit(self, needed: Mapping[str, float], loop_period: float = 0.0) -> dict[str, float]:
+        """Measure, and ask for less, in order of need, until the link carries what is asked for.
+
+        Parameters
+        ----------
+        needed : message -> rate [Hz] without which nothing can be flown.
+        loop_period : of the autopilot [s]; one that sends at its loops only may round an interval up to whole loops.
+
+        Returns message -> Hz measured in the end.
+
+        Raises
+        ------
+        TelemetryFault
+            The link does not even carry what is needed, with the numbers.
+        """
+        for _ in range(_ROUNDS):
+            measured = self.measure({})
+            if not self._is_full(measured, loop_period):
+                break
+            self.capacity = self._carried
+            try:
+                self._ask_for_less(needed)
+            except NoReply as error:
+                self._session.notes.append(f"the link is too full even to say so: {error}")
+                break
+        else:
+            measured = self.measure({})
+        self._demand(needed)
+        return measured
+
+    def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
+        """Whether something comes, but less often than granted (what does not come at all does not exist aboard)."""
+        return any(
+            0.0 < measured[n] < _SHORT * _at_loops(g.granted, loop_period)
+            for n, g in self.granted.items()
+            if n in measured
+        )
+
+    def _ask_for_less(self, needed: Mapping[str, float]) -> None:
+        sizes = {n: self._sizes.get(n, _USUAL_SIZE) for n in self.granted}
+        demands = [
+            Demand(n, g.granted, sizes[n], needed.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
+        ]
+        rates, hushed = plan(demands, self._chatter, self.capacity)
+        told = []
+        for name, rate in sorted(rates.items(), key=lambda item: -sizes[item[0]] * self.granted[item[0]].granted):
+            before = self.granted[name]
+            if rate < before.granted:
+                told.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")
+                self._set_interval(name, round(1e6 / rate))
+                self.granted[name] = replace(before, granted=rate)
+        for name in hushed:
+            told.append(f"{name} off")
+            self.granted[name] = Granted(0.0, 0.0, self._previous_interval(name))
+            self._set_interval(name, _OFF)
+        self._session.notes.append(
+            f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told) or 'nothing left to save'}"
+        )
 
     def _grant(self, name: str, rate: float) -> float:
         while rate >= _SLOWEST:
@@ -104,11 +195,17 @@ class Rates:
         TelemetryFault
             One comes too slowly, with the numbers, or no ATTITUDE comes to measure time by.
         """
+        rates = self._count(duration, required)
+        self._demand(required, tolerance)
+        return rates
+
+    def _count(self, duration: float, required: Mapping[str, float]) -> dict[str, float]:
         counts: Counter[str] = Counter()
         stamps: list[float] = []
+        traffic = self._session.traffic.copy()
         watched = {*required, *self.granted}
         stops = [self._session.listen(name, partial(_count, counts, name)) for name in watched]
-        stops.append(self._session.listen("ATTITUDE", lambda m: stamps.append(m.time_boot_ms * 1e-3)))
+        stops.append(self._session.listen("ATTITUDE", lambda m: _append_later(stamps, m.time_boot_ms * 1e-3)))
         try:
             self._session.wait_for(lambda: _lasted(stamps, duration), 4.0 * duration)
         finally:
@@ -120,13 +217,26 @@ class Rates:
             raise TelemetryFault(
                 "no ATTITUDE arrives although heartbeats do: is another ground station changing the stream rates?"
             )
-        rates = self.measured = {name: counts[name] / span for name in watched}
-        slow = [f"{n} {rates[n]:.1f} Hz of {hz:g}" for n, hz in required.items() if rates[n] < tolerance * hz]
+        self.measured = {name: counts[name] / span for name in watched}
+        heard = self._session.traffic - traffic
+        self._carried = heard.total() / span
+        self._sizes = {name: heard[name] / counts[name] for name in watched if counts[name]}
+        self._chatter = {n: size / span for n, size in heard.items() if n not in watched and n in CHATTER}
+        return self.measured
+
+    def _demand(self, required: Mapping[str, float], tolerance: float = 0.6) -> None:
+        rates = self.measured
+        slow = [
+            f"{n} {rates.get(n, 0.0):.1f} Hz of {hz:g}"
+            for n, hz in required.items()
+            if rates.get(n, 0.0) < tolerance * hz
+        ]
         if slow:
+            room = f"; it carries {self.capacity:.0f} bytes/s" if math.isfinite(self.capacity) else ""
             raise TelemetryFault(
-                f"telemetry is too slow: {', '.join(slow)}; use a faster link, or ask for fewer messages"
+                f"telemetry is too slow: {', '.join(slow)}{room}. Use a faster link (a higher baud rate, a better "
+                "radio), or close what else uses this one"
             )
-        return rates
 
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""
@@ -141,6 +251,19 @@ class Rates:
 
 def _count(counts: Counter[str], name: str, _: Message) -> None:
     counts[name] += 1
+
+
+def _at_loops(rate: float, loop_period: float) -> float:
+    """Return the rate [Hz] of an interval rounded up to whole loops."""
+    if rate <= 0.0 or loop_period <= 0.0:
+        return rate
+    return 1.0 / (math.ceil(1.0 / rate / loop_period - _ROUNDING) * loop_period)
+
+
+def _append_later(stamps: list[float], t: float) -> None:
+    """Keep a stamp unless it is older than the last: datagrams may come out of order, or twice."""
+    if not stamps or t > stamps[-1]:
+        stamps.append(t)
 
 
 def _lasted(stamps: list[float], duration: float) -> bool | None:

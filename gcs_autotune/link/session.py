@@ -78,6 +78,7 @@ class Session:
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
     foreign : (system, component) -> messages heard from others.
+    traffic : message name -> bytes received, of everybody's.
     notes : things worth telling the operator, in order.
     """
 
@@ -99,6 +100,7 @@ class Session:
         self.custom_mode = -1
         self.heartbeats = 0
         self.foreign: Counter[tuple[int, int]] = Counter()
+        self.traffic: Counter[str] = Counter()
         self.texts = TextLog()
         self.notes: list[str] = []
         self._framer = Framer()
@@ -109,6 +111,7 @@ class Session:
         self._interrupt = interrupt
         self._timeout = heartbeat_timeout
         self._listeners: dict[str, list[Listener]] = defaultdict(list)
+        self._twins: set[tuple[int, int]] = set()
         self._overhearing: list[Callable[[Frame], None]] = []
         self._duties: list[Duty] = []
         self._candidates: dict[tuple[int, int], Candidate] = {}
@@ -354,6 +357,7 @@ class Session:
             return
         if frame.name not in _SECRET:
             self._log(frame.raw)
+        self.traffic[frame.name] += len(frame.raw)
         if self.vehicle is None:
             self._consider(frame)
             return
@@ -381,7 +385,8 @@ class Session:
         for hear in self._overhearing:
             hear(frame)
         is_twin = frame.name == "HEARTBEAT" and frame.system == self.source_system
-        if is_twin and self.foreign[frame.system, frame.component] == 1:
+        if is_twin and (frame.system, frame.component) not in self._twins:
+            self._twins.add((frame.system, frame.component))
             self.notes.append(
                 f"another station on this link also is system {frame.system}: the vehicle cannot tell us apart "
                 "and obeys both; close it"

@@ -34,6 +34,10 @@ class Transport(ABC):
     is_simulated = False
     """True when the link's time is simulated, so that a record may be repeated to the last bit."""
 
+    repeat_period = 0.04
+    """Seconds after which a command in force is sent again: 25 Hz, a dozen in the half second after which ArduRover
+    without a receiver takes its pilot for lost."""
+
     def __init__(self, description: str, clock: Clock | None = None) -> None:
         self._description = description
         self._clock: Clock = clock or WallClock()

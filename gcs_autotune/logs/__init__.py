@@ -2,7 +2,7 @@
 
 * ``files``: :func:`load_runs` and the tables of readers; ``renaming`` for columns by other names;
 * ``tlog``, ``mavlink_csv`` MAVLink messages, written onto tapes (samples by source, one ``tape`` per boot) by
-  ``mavlink_scribe``; ``dataflash`` logs on board, with ``dataflash_binary`` and ``dataflash_text``; ``qgc_csv``;
+  ``mavlink_scribe``; ``dataflash`` logs on board, with ``dataflash_binary``, ``_text``, ``_stamps``; ``qgc_csv``;
   which message brings which source is in the tables ``mavlink_signals`` and ``dataflash_signals``;
 * ``channels`` which source becomes which motion channel, ``filters`` what the autopilot did to it before,
   ``outputs`` what drove the craft;

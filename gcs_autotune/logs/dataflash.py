@@ -14,6 +14,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.logs.dataflash_binary import HEAD, BinaryLog, Block
 from gcs_autotune.logs.dataflash_signals import EVENTS, SIGNALS, Missing, signals_of
+from gcs_autotune.logs.dataflash_stamps import strays_of
 from gcs_autotune.logs.dataflash_text import TextBlock, TextLog
 from gcs_autotune.logs.recording import Census, Recording
 from gcs_autotune.logs.tape import Note, Tape
@@ -27,12 +28,6 @@ EV_ARMED, EV_DISARMED = 10, 11
 """Event numbers of ArduPilot, for logs older than the ARM message."""
 REBOOT = 5.0
 """Chosen [s]: a piece of log that begins so much before the end of what came before is of another boot."""
-STRAY = 2.0
-"""Chosen [s]: a stamp so much before, or after, the middle one of its neighbours on both sides is damaged."""
-FAR = 600.0
-"""Chosen [s]: so far from the only neighbours there are it is damaged, too."""
-NEIGHBOURS = 5
-"""Chosen: messages looked at on either side."""
 
 
 def record_dataflash(path: Path, system: int | None = None) -> Recording:
@@ -149,7 +144,8 @@ class _Scribe:
 
     def _believable(self, blocks: list[AnyBlock]) -> dict[str, Array]:
         """Return stamps [s] by kind, NaN where one does not fit between its neighbours in the file."""
-        kinds = {b.kind: b.column("TimeUS") * 1e-6 for b in blocks if "TimeUS" in b.names}
+        told = {b.kind: b.column("TimeUS") for b in blocks if "TimeUS" in b.names}
+        kinds = {k: t * 1e-6 for k, t in told.items() if t.dtype == np.float64 and t.ndim == 1}
         if not kinds:
             return {}
         order = np.concatenate([b.order for b in blocks if b.kind in kinds])
@@ -162,7 +158,7 @@ class _Scribe:
             last = np.maximum.accumulate(np.where(blank, -1, np.arange(len(place))))
             last[last < 0] = int(np.argmax(~blank))
             t[place] = t[place[last]]
-        strays = _strays(t[place])
+        strays = strays_of(t[place])
         self.strays += int(np.sum(strays))
         t[place[strays]] = np.nan
         ends = np.cumsum([len(s) for s in kinds.values()])
@@ -189,25 +185,6 @@ def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[fl
     return list(itertools.pairwise(cuts))
 
 
-def _strays(t: Array) -> NDArray[np.bool_]:
-    """Return which stamps, in order of the file, lie before both their neighbourhoods or after both.
-
-    Where there is only one (the ends of a piece), a stamp far from it is a stray, too.
-    """
-    if not np.any(~(np.abs(np.diff(t)) <= STRAY)):
-        return np.zeros(len(t), dtype=bool)
-    beyond = np.full(NEIGHBOURS, np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([beyond, t, beyond]), NEIGHBOURS)
-    middle = np.median(windows, axis=1)
-    before, after = middle[: len(t)], middle[NEIGHBOURS + 1 : NEIGHBOURS + 1 + len(t)]
-    is_ahead = (t > before + STRAY) & (t > after + STRAY)
-    is_behind = (t < before - STRAY) & (t < after - STRAY)
-    is_alone = np.isnan(before) | np.isnan(after)
-    nearest = np.fmin(np.abs(t - before), np.abs(t - after))
-    strays: NDArray[np.bool_] = is_ahead | is_behind | (is_alone & (nearest > FAR)) | ~np.isfinite(t)
-    return strays
-
-
 def _whole(t: Array, values: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
     """Leave out the messages without a stamp or of another instance (NaN)."""
     keep = np.isfinite(t)
@@ -224,13 +201,16 @@ def _events(tape: Tape, kind: str, stamps: Array, columns: Mapping[str, Any]) ->
                     tape.parameters[str(columns["Name"][i])] = float(columns["Value"][i])
             elif np.isfinite(t):
                 _event(tape, kind, float(t), {name: values[i] for name, values in columns.items()})
-    except KeyError as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise Missing(str(error)) from None
 
 
 def _event(tape: Tape, kind: str, t: float, m: Mapping[str, Any]) -> None:
     if kind == "MSG":
-        _said(tape, t, str(m["Message"]))
+        tape.texts.append((t, str(m["Message"])))
+        _name(tape, str(m["Message"]))
+    elif kind == "VER":
+        _name(tape, str(m["FWS"]))
     elif kind == "MODE":
         number = str(m.get("ModeNum", m.get("Mode"))).partition(".")[0]
         if number.isdecimal():
@@ -241,8 +221,8 @@ def _event(tape: Tape, kind: str, t: float, m: Mapping[str, Any]) -> None:
         tape.arming.append((t, bool(m["Id"] == EV_ARMED)))
 
 
-def _said(tape: Tape, t: float, text: str) -> None:
-    tape.texts.append((t, text))
+def _name(tape: Tape, text: str) -> None:
+    """Take the firmware's name and version from what it says of itself."""
     if tape.firmware is None:
         for name, firmware in FIRMWARE.items():
             if text.lower().startswith((name, name.removeprefix("ardu"))):

@@ -90,7 +90,8 @@ class Block:
         factor = self.layout.factors[self.layout.names.index(name)]
         if factor == 0.0:
             return np.array([bytes(v).split(b"\0")[0].decode("ascii", "replace") for v in raw], dtype=object)
-        return raw.astype(np.float64) * factor
+        with np.errstate(invalid="ignore"):  # a damaged float may be a signalling NaN
+            return raw.astype(np.float64) * factor
 
 
 @dataclass
@@ -171,7 +172,8 @@ class BinaryLog:
             dtype = np.dtype([("head", "V3"), *((n, c) for n, (c, _) in zip(names, known, strict=True))])
         except (ValueError, TypeError):
             return
-        if dtype.itemsize != length or lengths[number] not in (0, length):
+        others = {layout.kind for n, layout in self._layouts.items() if n != number}
+        if dtype.itemsize != length or lengths[number] not in (0, length) or kind in others:
             return
         self._layouts[number] = Layout(kind, length, tuple(names), tuple(f for _, f in known), dtype)
         lengths[number] = length

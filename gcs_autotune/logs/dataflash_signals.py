@@ -20,14 +20,14 @@ Columns: TypeAlias = Mapping[str, Any]
 
 RAD = math.pi / 180.0
 FIX_3D = 3
-EVENTS = frozenset({"PARM", "MSG", "MODE", "ARM", "EV"})
+EVENTS = frozenset({"PARM", "MSG", "VER", "MODE", "ARM", "EV"})
 """Messages that are looked at one by one."""
 INSTANCE = ("C", "I")
 """Columns that number the instances of a sensor or filter; only the first one is read."""
 
 
 class Missing(KeyError):
-    """A message lacks a column that every version of it known here has."""
+    """A message lacks a column that every version of it known here has, or holds words there."""
 
 
 def _picked(**columns: tuple[str, float]) -> Callable[[Columns], dict[str, Array]]:
@@ -88,10 +88,10 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
         It lacks a column.
     """
     try:
-        found = SIGNALS[kind](columns)
-    except KeyError as error:
+        found = {source: np.asarray(v, dtype=np.float64) for source, v in SIGNALS[kind](columns).items()}
+    except (KeyError, TypeError, ValueError) as error:  # a damaged FMT makes words of numbers
         raise Missing(str(error)) from None
     for name in INSTANCE:
-        if name in columns:
+        if name in columns and columns[name].dtype == np.float64:
             found = {source: np.where(columns[name] == 0, values, np.nan) for source, values in found.items()}
     return found

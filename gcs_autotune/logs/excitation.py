@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.logs.tape import Note
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["Excitation", "excitation_of"]
+__all__ = ["Excitation", "excitation_of", "little_told"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ QUIET = 3.0
 SLOW = 0.5
 """Chosen [s]: samples further apart miss what a small craft does."""
 FEWEST = 20
+GOOD = "worth a try"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,17 @@ def excitation_of(run: Trial) -> list[Excitation]:
     return [e for e in found if e is not None]
 
 
+def little_told(looks: list[Excitation]) -> Note | None:
+    """Return the doubt of a run none of whose axes is worth a try; None when one is, or there was none to look at."""
+    if not looks or any(e.verdict == GOOD for e in looks):
+        return None
+    return (
+        "little-excitation",
+        f"this run hardly tells anything ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
+        "record a relay, a zig-zag or steps to both sides, larger and longer",
+    )
+
+
 def _look(run: Trial, dof: Dof) -> Excitation | None:
     names = [n for n in ((dof.force, "delta") if dof.name == "yaw" else (dof.force,)) if n in run]
     answers = [n for n in (dof.velocity, dof.position, *(("U",) if dof.name == "surge" else ())) if n in run]
@@ -82,7 +95,7 @@ def _look(run: Trial, dof: Dof) -> Excitation | None:
         (swings < FEW_CHANGES, "weak", f"the input swings only {swings} times from side to side"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
     ]
-    verdict, why = next(((v, w) for holds, v, w in reasons if holds), ("worth a try", ""))
+    verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
     return Excitation(
         dof.name, cause.name, float(high - low), swings, effect.name, ratio, step, beat, verdict, why
     )  # fmt: skip

@@ -165,6 +165,12 @@ def _of_directory(
             for log in logs
             for run in load_runs(log, pick=pick, system=system, columns=columns, parameters=parameters)
         ]
+    if any(_csv_reader(file) for file in files):
+        return [
+            run
+            for file in files
+            for run in load_runs(file, pick=pick, system=system, columns=columns, parameters=parameters)
+        ]
     trials = [load_trial(file, columns) for file in files]
     if not any("manoeuvre" in t.meta for t in trials):
         return trials

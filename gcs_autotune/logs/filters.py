@@ -18,13 +18,14 @@ RATES = ("p", "q", "r")
 
 
 def filters_of(parameters: Mapping[str, float], sources: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return channel -> ``parameter cutoff_hz order delay_s`` of each rate in *sources*, as far as is known.
+    """Return channel -> ``parameter cutoff_hz order delay_s bias_removed`` of each rate in *sources*, if that is known.
 
-    ``delay_s`` [s] is the delay of slow signals, sqrt(2) / (2 pi cutoff).
+    ``delay_s`` [s] is the delay of slow signals, sqrt(2) / (2 pi cutoff); ``bias_removed`` says whether the estimator's
+    gyro bias has been taken off.
     """
     cutoff = parameters.get(PARAMETER, 0.0)
     if cutoff <= 0.0:
         return {}
     delay = math.sqrt(2.0) / (2.0 * math.pi * cutoff)
     row = {"parameter": PARAMETER, "cutoff_hz": cutoff, "order": 2, "delay_s": round(delay, 6)}
-    return {name: row for name in RATES if name in sources}
+    return {name: {**row, "bias_removed": sources[name] != "imu"} for name in RATES if name in sources}

@@ -32,6 +32,9 @@ DUMPED = re.compile(r"^timestamp[,;\t][A-Z][A-Z0-9_]+\.\w+")
 GROUND_STATION = (255, 190)
 VEHICLE = (1, 1)
 TEXTS = frozenset({"param_id", "text"})
+TAIL = "Len"
+TAIL_CELLS = 5
+"""Every whole line ends in ``Len`` and a number, later versions with a checksum behind."""
 OLD_STAMP = "%m/%d/%Y %I:%M:%S %p"
 
 
@@ -115,10 +118,10 @@ def _recording(
 
 def _planner(lines: _Lines) -> Iterator[Heard]:
     for line in lines:
-        cells = [c.strip() for c in line.split(",")]
+        cells = line.split(",")
         at = next((i for i, c in enumerate(cells) if c.startswith("mavlink_") and c.endswith("_t")), 0)
-        time = _time(cells[0])
-        if at < 4 or math.isnan(time):
+        time = _time(cells[0].strip())
+        if at < 4 or math.isnan(time) or TAIL not in cells[-TAIL_CELLS:]:
             lines.damaged(line)
             continue
         name = cells[at].removeprefix("mavlink_").removesuffix("_t").upper()
@@ -134,9 +137,9 @@ def _pairs(cells: list[str], known: frozenset[str]) -> dict[str, str]:
     """Read ``name,value`` pairs until the empty cell before the tail; a value may have commas of its own."""
     found: dict[str, str] = {}
     at = 0
-    while at + 1 < len(cells) and cells[at]:
+    while at + 1 < len(cells) and cells[at].strip():
         end = at + 2
-        while end < len(cells) and cells[end] and cells[end] not in known and known:
+        while known and end < len(cells) and cells[end].strip() and cells[end] not in known:
             end += 1
         found[cells[at]] = ",".join(cells[at + 1 : end])
         at = end
@@ -174,7 +177,7 @@ def _message(name: str, values: dict[str, str]) -> SimpleNamespace:
 
 
 def _number(text: str) -> float | int | str:
-    for piece in (text, text.replace(",", ".", 1)):
+    for piece in (text.strip(), text.strip().replace(",", ".", 1)):
         try:
             return int(piece)
         except ValueError:

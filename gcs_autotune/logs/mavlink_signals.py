@@ -31,6 +31,7 @@ TRUTH = frozenset({"SIMSTATE", "SIM_STATE", "SIM", "SIM2"})
 """What only a simulator can tell: listed, never used."""
 
 NO_PULSE = 0.0
+"""Of outputs 9 to 16, which MAVLink 1 does not have."""
 FIX_3D = 3
 UNKNOWN = 65535
 
@@ -78,7 +79,8 @@ def _gps(m: Message) -> dict[str, float]:
 def _servos(m: Message) -> dict[str, float]:
     if m.port != 0:
         return {}
-    return {f"servo.{n}": float(getattr(m, f"servo{n}_raw", NO_PULSE)) for n in range(1, 17)}
+    found = {f"servo.{n}": float(getattr(m, f"servo{n}_raw")) for n in range(1, 9)}
+    return found | {f"servo.{n}": float(getattr(m, f"servo{n}_raw", NO_PULSE)) for n in range(9, 17)}
 
 
 def _rc(m: Message) -> dict[str, float]:

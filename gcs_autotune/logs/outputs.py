@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.firmware import Firmware, ServoMap, read_servo_map
+from gcs_autotune.firmware import Firmware, Output, ServoMap, read_servo_map
 from gcs_autotune.logs.tape import Note, RecordedParameters, Tape
 from gcs_autotune.trial import Channel
 
@@ -62,14 +62,15 @@ def _from_servos(tape: Tape, servos: ServoMap) -> dict[str, Channel]:
     t = columns[0][0]
     if any(len(stamps) != len(t) for stamps, _ in columns):
         return {}
-    highest = max(numbers)
-    table = np.zeros((len(t), highest))
-    for n, (_, values) in zip(numbers, columns, strict=True):
-        table[:, n - 1] = values
-    distinct, which = np.unique(table, axis=0, return_inverse=True)
-    found = [servos.forces([float(v) for v in row]) for row in distinct]
-    which = which.reshape(-1)
-    return {name: Channel(name, "1", *_dated(t, np.array([f[name] for f in found])[which])) for name in servos.names}
+    shares = np.array([_shares(o, values) for o, (_, values) in zip(servos.outputs, columns, strict=True)])
+    forces = np.array(servos.weights) @ shares + 0.0
+    return {name: Channel(name, "1", *_dated(t, row)) for name, row in zip(servos.names, forces, strict=True)}
+
+
+def _shares(output: Output, pwm: Array) -> Array:
+    """Return the fraction of full output of each pulse."""
+    distinct, which = np.unique(pwm, return_inverse=True)
+    return np.array([output.fraction(float(v)) for v in distinct])[which]
 
 
 def _dated(t: Array, values: Array) -> tuple[Array, Array]:

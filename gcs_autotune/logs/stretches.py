@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.logs.channels import motion_channels
+from gcs_autotune.logs.excitation import excitation_of, little_told
 from gcs_autotune.logs.filters import filters_of
 from gcs_autotune.logs.outputs import drive_channels
 from gcs_autotune.logs.recording import Recording
@@ -83,10 +84,10 @@ def cut_runs(log: Recording) -> Cut:
         for stretch in _stretches(tape):
             number += 1
             name = f"{tape.name}#{number} {stretch.mode} {stretch.start - zero:.0f}-{stretch.end - zero:.0f} s"
-            run = Trial(name, {**motion, **drive}).between(stretch.start, stretch.end)
+            channels = {n: _between(c, stretch.start, stretch.end) for n, c in {**motion, **drive}.items()}
             run = Trial(
                 name,
-                {n: c for n, c in run.channels.items() if len(c)},
+                {n: c for n, c in channels.items() if len(c)},
                 _marks(tape, stretch),
                 "imported",
                 meta={
@@ -111,13 +112,27 @@ def cut_runs(log: Recording) -> Cut:
             if why:
                 dropped.append(LeftOut(run, why))
             else:
-                runs.append(run)
+                runs.append(_looked_at(run))
     words = [str(left) for left in dropped]
     return Cut([_with_dropped(run, words) for run in runs], dropped)
 
 
+def _between(channel: Channel, start: float, end: float) -> Channel:
+    """Return the samples with ``start <= t <= end`` without copying them."""
+    first, last = np.searchsorted(channel.t, start, side="left"), np.searchsorted(channel.t, end, side="right")
+    return Channel(channel.name, channel.unit, channel.t[first:last], channel.values[first:last])
+
+
+def _looked_at(run: Trial) -> Trial:
+    """Return a run with a first look at what it may tell, and a doubt when that is little."""
+    looks = excitation_of(run)
+    doubt = little_told(looks)
+    notes = [*run.meta["notes"], *([doubt] if doubt else [])]
+    return replace(run, meta={**run.meta, "excitation": [e.to_dict() for e in looks], "notes": notes})
+
+
 def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
-    return Trial(run.name, run.channels, run.marks, run.ending, run.reason, {**run.meta, "stretches_left_out": dropped})
+    return replace(run, meta={**run.meta, "stretches_left_out": dropped})
 
 
 def _stretches(tape: Tape) -> list[_Stretch]:

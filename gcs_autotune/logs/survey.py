@@ -8,7 +8,6 @@ from typing import Any
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import read_servo_map
 from gcs_autotune.logs.dataflash_signals import SIGNALS as ON_BOARD
-from gcs_autotune.logs.excitation import excitation_of
 from gcs_autotune.logs.mavlink_signals import SIGNALS as ON_THE_LINK
 from gcs_autotune.logs.mavlink_signals import TRUTH
 from gcs_autotune.logs.recording import Recording
@@ -87,7 +86,7 @@ def _run(run: Trial) -> dict[str, Any]:
         "input_from": run.meta.get("input_from", ""),
         "sources": run.meta.get("sources", {}),
         "filters": run.meta.get("filters", {}),
-        "excitation": [e.to_dict() for e in excitation_of(run)],
+        "excitation": run.meta.get("excitation", []),
     }
 
 

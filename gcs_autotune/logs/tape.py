@@ -101,13 +101,20 @@ class _Column:
 
 
 class _Group:
-    """Sources that share their stamps, because one message brings them."""
+    """Sources that share their stamps, because one message brings them; never without a sample."""
 
-    __slots__ = ("columns", "stamps")
+    __slots__ = ("_read", "columns", "stamps")
 
     def __init__(self, values: Iterable[float]) -> None:
         self.stamps = array("d")
         self.columns = [_Column(v) for v in values]
+        self._read = np.empty(0)
+
+    def times(self) -> Array:
+        """Return the stamps; the same array for all columns, so that they cost memory only once."""
+        if len(self._read) != len(self.stamps):
+            self._read = np.array(self.stamps, dtype=np.float64)
+        return self._read
 
 
 @dataclass(eq=False)
@@ -145,14 +152,17 @@ class Tape:
         names = tuple(values)
         group = self._groups.get(names)
         if group is None:
-            group = self._groups[names] = _Group(values.values())
-            self._limits[names] = _limits(names)
-        if group.stamps and t < group.stamps[-1]:
-            self.late += 1
-            return
-        if not all(-most <= v <= most for v, most in zip(values.values(), self._limits[names], strict=True)):
+            limits = self._limits[names] = _limits(names)
+        else:
+            limits = self._limits[names]
+            if t < group.stamps[-1]:
+                self.late += 1
+                return
+        if not all(-most <= v <= most for v, most in zip(values.values(), limits, strict=True)):
             self.absurd += 1
             return
+        if group is None:
+            group = self._groups[names] = _Group(values.values())
         group.stamps.append(t)
         for column, value in zip(group.columns, values.values(), strict=True):
             column.append(value)
@@ -170,25 +180,26 @@ class Tape:
         if not len(t):
             return
         group = self._groups.get(names)
-        if group is None:
-            group = self._groups[names] = _Group([float(c[0]) for c in columns])
-            self._limits[names] = _limits(names)
         newest = np.maximum.accumulate(t)
-        if group.stamps:
+        if group is not None:
             newest = np.maximum(newest, group.stamps[-1])
         in_order = t >= newest
         self.late += int(np.sum(~in_order))
+        if not np.any(in_order):
+            return
+        if group is None:
+            group = self._groups[names] = _Group([float(c[0]) for c in columns])
         group.stamps.frombytes(t[in_order].tobytes())
         for target, column in zip(group.columns, columns, strict=True):
             target.extend(column[in_order])
 
     def __contains__(self, source: object) -> bool:
-        return any(source in names and group.stamps for names, group in self._groups.items())
+        return any(source in names for names in self._groups)
 
     def series(self, source: str) -> tuple[Array, Array]:
         """Return stamps and values of a source, both empty when the log has none of it."""
         found = [
-            (np.array(group.stamps, dtype=np.float64), group.columns[names.index(source)].read())
+            (group.times(), group.columns[names.index(source)].read())
             for names, group in self._groups.items()
             if source in names
         ]
@@ -203,21 +214,22 @@ class Tape:
     def numbered(self, source: str) -> list[int]:
         """Return the numbers *n* of all sources called ``source.n``, in order."""
         prefix = source + "."
-        every = {n for names, group in self._groups.items() if group.stamps for n in names}
+        every = {n for names in self._groups for n in names}
         return sorted(int(n.removeprefix(prefix)) for n in every if n.startswith(prefix))
 
     @property
     def span(self) -> tuple[float, float]:
         """First and last stamp [s]; (0, 0) when there is nothing."""
-        ends = [(g.stamps[0], g.stamps[-1]) for g in self._groups.values() if g.stamps]
+        ends = [(g.stamps[0], g.stamps[-1]) for g in self._groups.values()]
         return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 0.0)
 
     def silences(self, longest: float) -> list[tuple[float, float]]:
         """Return the stretches [s] longer than *longest* in which no source at all has a sample."""
-        groups = [np.array(g.stamps, dtype=np.float64) for g in self._groups.values() if g.stamps]
+        groups = [g.times() for g in self._groups.values()]
         if not groups:
             return []
-        t = np.unique(np.concatenate(groups))
+        t = np.concatenate(groups)
+        t.sort()
         at = np.flatnonzero(np.diff(t) > longest)
         return [(float(t[i]), float(t[i + 1])) for i in at]
 

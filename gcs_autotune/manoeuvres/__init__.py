@@ -3,8 +3,9 @@
 A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns observations into commands. Only
 :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
-What to use when: ``relay`` to identify one degree of freedom in a few oscillations; ``step`` to prove a
-closed loop; ``turn-about`` to bring a boat back between two of them; ``dive`` to take an ROV off the surface.
+What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
+one degree of freedom in a few oscillations; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back
+between two of them; ``dive`` to take an ROV off the surface.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 from gcs_autotune.manoeuvres.sequencer import Flown, Sequencer, visit
+from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
+from gcs_autotune.manoeuvres.sign_words import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 
@@ -31,9 +34,12 @@ __all__ = [
     "Guard",
     "Manoeuvre",
     "Outcome",
+    "Outlet",
     "Relay",
     "RelaySettings",
     "Sequencer",
+    "SignCheck",
+    "SignCheckSettings",
     "Step",
     "StepSettings",
     "TurnAbout",
@@ -43,6 +49,7 @@ __all__ = [
 
 MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
     "relay": Relay,
+    "sign-check": SignCheck,
     "step": Step,
     "turn-about": TurnAbout,
     "dive": Dive,

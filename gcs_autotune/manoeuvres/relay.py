@@ -26,6 +26,9 @@ __all__ = ["Relay", "RelaySettings"]
 ENOUGH_TO_TELL = 2
 """Chosen: proper periods after which it is clear how quick an oscillation is."""
 
+MOST_SLOWINGS = 4
+"""Chosen: widenings for the link's sake; five times the hysteresis at least."""
+
 WIDEST_STEP = 3.0
 """Chosen: a relay is not widened by more than this at once, whatever the link would like."""
 
@@ -96,7 +99,7 @@ class Relay:
         self._improper_periods = 0
         self._judged = 0
         self._switched_once = False
-        self._widenings = 0
+        self._widenings = self._slowings = 0
         self._astray = 0
         self._first_half = self._extreme = math.nan
         self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
@@ -224,6 +227,7 @@ class Relay:
         elif self._improper_periods >= 2:
             self._grow(t, self._improper())
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
+            self._widenings += 1
             self._widen(t, s.growth)
         elif state.switchings >= 2 * s.most_periods:
             self.outcome = Outcome("aborted", self._never_settled())
@@ -254,14 +258,14 @@ class Relay:
 
     def _slow_down(self, t: float, period: float) -> None:
         """The link cannot carry an oscillation of this *period* [s]: make it wider and so slower, or give up."""
-        if self._may_widen():
+        if self._settings.hysteresis is None and self._slowings < MOST_SLOWINGS:
+            self._slowings += 1
             self._widen(t, min(max(self._settings.least_period / period, self._settings.growth), WIDEST_STEP))
         else:
             self.outcome = Outcome("aborted", self._link_too_slow(period))
 
     def _widen(self, t: float, factor: float) -> None:
         """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
-        self._widenings += 1
         self._hysteresis *= factor
         self._improper_periods = 0
         self._reset_monitor()

@@ -245,8 +245,9 @@ def changed_parameters(story: TuneStory) -> Table:
 
 
 def vehicle_rows(vehicle: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    """Label and text of what is known about the vehicle, the known keys first."""
-    keys = [*(k for k in _VEHICLE if k in vehicle), *(k for k in vehicle if k not in _VEHICLE)]
+    """Label and text of what is known about the vehicle, the known keys first; tables of numbers are left out."""
+    plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
+    keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
     return tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
 
 

@@ -66,12 +66,15 @@ def come_aboard(
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
         control_rate = control_rate or usual
         craft = open_craft(session, wanted_rates=telemetry_rates(control_rate))
+        told = len(session.notes)
         try:
-            for note in session.notes:
+            for note in session.notes[:told]:
                 watcher.say(note)
             yield craft
         finally:
             _leave(craft)
+            for note in session.notes[told:]:
+                watcher.say(note)
 
 
 def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:

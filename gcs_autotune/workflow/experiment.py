@@ -18,6 +18,7 @@ from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
 from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, turn_for
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
@@ -75,6 +76,11 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
     sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
+    if dof in CHECKED:
+        see_signs(
+            sign_check_for(dof, craft.firmware, craft.servos, cruise.throttle, needs_speed=False, output=output),
+            sequencer.fly,
+        )
     dive = dive_for(dof, craft.firmware.kind, craft.observe())
     if dive is not None:
         flown = sequencer.fly(dive, "diving")
@@ -121,7 +127,8 @@ def _announce(
     for text in (
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
-        f"move: {down}two self-oscillation experiments in {settings.axis}",
+        f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}{down}two self-oscillation experiments in "
+        f"{settings.axis}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")

@@ -36,6 +36,7 @@ from gcs_autotune.workflow.experiments import (
 from gcs_autotune.workflow.given import STRANGE, Given, explained, given_for
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.preflight import ANNOUNCED, STAGE, remarks_on, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
@@ -101,6 +102,8 @@ class _Tuner:
         self._envelope = replace(self._envelope, cruise=speed_for(self._settings, self._axis, present)[1])
         self._sequencer = Sequencer(self._craft, self._envelope, tale, self._keep)
         tale.say(f"present parameters saved to {self._record.save_parameters('before', own)}")
+        for remark in remarks_on(self._craft):
+            tale.say(remark)
         self._announce(self._craft.observe())
         try:
             self._visit(present)
@@ -123,6 +126,7 @@ class _Tuner:
     def _on_the_water(self, present: Mapping[str, float], journal: Journal) -> None:
         tale = self._tale
         throttle, speed = speed_for(self._settings, self._axis, present)
+        self._check_signs(throttle)
         dive = dive_for(self._axis.dof, self._craft.firmware.kind, self._craft.observe())
         if dive is not None:
             self._fly(dive, "diving")
@@ -147,6 +151,15 @@ class _Tuner:
             tale.end("declined", "the new gains were not wanted; nothing was written")
         else:
             self._prove(proposal, journal, throttle, speed, grain)
+
+    def _check_signs(self, throttle: float) -> None:
+        """See that the actuator acts, and the right way, before the autopilot's own loop or a relay relies on it."""
+        craft, axis = self._craft, self._axis
+        check = sign_check_for(
+            axis.dof, craft.firmware, craft.servos, throttle, axis.needs_speed, self._settings.relay_output
+        )
+        self._tale.say(STAGE)
+        see_signs(check, self._sequencer.fly)
 
     def _identify(self, throttle: float) -> AxisFit:
         s, tale = self._settings, self._tale
@@ -291,7 +304,7 @@ class _Tuner:
                 ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
                 + f"; {TWITCHING}",
                 f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-                f"move: {down}{shown} steps in {axis.name}{swings}{under_way}",
+                f"move: {ANNOUNCED}{down}{shown} steps in {axis.name}{swings}{under_way}",
                 "write no parameter (dry run)"
                 if s.dry_run
                 else f"write some of {gains}, after asking again; the old values come back unless the new prove better",

@@ -32,6 +32,7 @@ class RoverMotors:
         self.limit_throttle = False
         self._scaled = False
         self._servo = 0.0
+        self._turned = 1.0
         self._last_throttle = 0.0
 
     def set_steering(self, fraction: float, *, scaled: bool) -> None:
@@ -71,7 +72,10 @@ class RoverMotors:
     def _scale(self, speed: float) -> float:
         steering, base = self.steering, self._values["MOT_SPD_SCA_BASE"]
         self.limit_steer = False
-        if self._scaled:
+        self._turned = 1.0
+        if self._scaled and self._values["MOT_VEC_ANGLEMAX"] > 0.0:
+            steering = self._turn_thrust(steering)
+        elif self._scaled:
             if 0.0 < base < abs(speed):
                 steering *= base / abs(speed)
             else:
@@ -81,6 +85,20 @@ class RoverMotors:
         if abs(steering) >= 1.0:
             self.limit_steer = True
         return clamp(steering, -1.0, 1.0)
+
+    def _turn_thrust(self, steering: float) -> float:
+        """Vectored thrust: steering is a sideways force, so the thrust is turned the less the more of it there is."""
+        widest = math.radians(min(self._values["MOT_VEC_ANGLEMAX"], 90.0))
+        throttle = self.throttle / 100.0
+        limit = abs(throttle * math.tan(widest))
+        if abs(steering) > limit:
+            steering = math.copysign(limit, steering)
+            self.limit_steer = True
+        if throttle == 0.0:
+            return steering
+        angle = math.atan(steering / throttle)
+        self._turned = math.cos(angle)
+        return angle / widest
 
     def _pulse(self, function: int, low: int, trim: int, high: int, sign: int) -> int:
         if function == _STEERING:
@@ -94,7 +112,7 @@ class RoverMotors:
 
     def _shape_throttle(self) -> float:
         values = self._values
-        size = abs(self.throttle) / 100.0
+        size = min(abs(self.throttle) / 100.0 / max(self._turned, 1e-3), 1.0)
         if size == 0.0:
             return 0.0
         expo = values["MOT_THST_EXPO"]

@@ -111,12 +111,24 @@ def test_lateral_acceleration_limits_the_turn_of_a_fast_boat() -> None:
     assert ROVER.velocity_limit({"ATC_TURN_MAX_G": 0.1}, 10.0) == pytest.approx(0.0981, rel=1e-3)
 
 
-def test_vectored_thrust_is_not_scaled_by_speed_and_says_so() -> None:
-    settings = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0}
-    assert any("vectored" in note for note in ROVER.notes(CHARLIE, settings, 3.0))
-    craft = boat(1.0, 1.0, 0.0, 0.0)
-    once, again = (ROVER.simulate(craft, settings, Scenario(0.1, 10.0), v, 0.0).position for v in (1.0, 4.0))
+def test_vectored_thrust_is_scaled_by_throttle_and_says_so() -> None:
+    settings = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0, "CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
+    assert any("atan(steering / throttle)" in note for note in ROVER.notes(CHARLIE, settings, 3.0))
+    assert ROVER.scale(settings, 1.0) == pytest.approx(1.0 / (0.25 * math.radians(30.0)))
+    once, again = (
+        ROVER.simulate(boat(1.0, 0.4 * v, 0.0, 0.0), settings, Scenario(0.01, 10.0), v, 0.0).position for v in (1, 3)
+    )
     assert once == pytest.approx(again)
+
+
+@pytest.mark.parametrize("speed", [1.2, 4.0])
+@pytest.mark.parametrize("base", [0.5, 1.0])
+def test_the_rovers_notes_give_the_feed_forward_that_holds_at_every_speed(speed: float, base: float) -> None:
+    per_speed = 0.8
+    settings = {**STEADY, "MOT_SPD_SCA_BASE": base}
+    note = ROVER.notes(boat(1.0, per_speed * speed, 0.0, 0.0), settings, speed)[0]
+    assert f"identified in MANUAL at {speed:.2f} m/s" in note
+    assert f"= 1/(K base) = {1.0 / (per_speed * base):.3g} " in note
 
 
 def test_a_delay_moves_the_whole_response() -> None:

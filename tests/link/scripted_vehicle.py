@@ -72,7 +72,7 @@ class ScriptedVehicle:
         self.rc = [1500] * 19
         self.servos = [1500] * 8
         self.psi, self.r, self.z = 3.0, 0.0, 0.0
-        self.turn_rate = 0.5
+        self.turn_rate, self.lag = 0.5, 0.0
         self.boot_offset = 0.0
         self.tick = 0
         self._out = bytearray()
@@ -131,10 +131,9 @@ class ScriptedVehicle:
     # --- motion and telemetry -------------------------------------------------------------------------
 
     def _step(self) -> None:
-        self._actuate()
         yaw = (self.servos[0] - 1500) / 500 if self.kind == BOAT else (self.servos[1] - self.servos[0]) / 800
-        self.r = self.turn_rate * yaw
-        self.psi += self.r * TICK
+        self._turn(self.turn_rate * yaw)
+        self._actuate()
         ms = round((self.time + self.boot_offset) * 1000)
         if self._is_due("HEARTBEAT", 1.0):
             self.heartbeat()
@@ -164,8 +163,14 @@ class ScriptedVehicle:
     def _is_due(self, name: str, interval: float) -> bool:
         if self.time + 1e-9 < self._due.get(name, 0.0):
             return False
-        self._due[name] = self.time + interval
+        self._due[name] = (math.floor(self.time / interval + 1e-6) + 1) * interval
         return True
+
+    def _turn(self, steady: float) -> None:
+        """First order with time constant ``lag`` [s], exactly; none is none."""
+        left = math.exp(-TICK / self.lag) if self.lag else 0.0
+        self.psi += steady * TICK + (self.r - steady) * self.lag * (1.0 - left)
+        self.r = steady + (self.r - steady) * left
 
     def _actuate(self) -> None:
         expiry = self.parameters["RC_OVERRIDE_TIME"]

@@ -215,6 +215,7 @@ def test_a_real_rov_at_rest_is_read_and_not_identified() -> None:
     (run,) = load_runs(REAL / "small.tlog")
     assert run.name == "small#1 MANUAL 207-223 s"
     assert (run.meta["damaged"], run.meta["input_from"]) == (4, "servo outputs")
+    assert "little-excitation" in slugs(run)
     assert [float(np.max(np.abs(run[n].values))) for n in "XZN"] == pytest.approx([0.5, 0.5, 0.0925], abs=1e-3)
     for dof in ("yaw", "heave"):
         with pytest.raises(NotInformative, match="larger inputs"):

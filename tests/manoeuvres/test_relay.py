@@ -150,3 +150,22 @@ def test_an_rov_keeps_its_depth_while_its_heading_swings():
     flown, _ = fly(craft, RelaySettings("psi", "N", keep_still=True))
     assert flown.outcome.ending == "completed"
     assert abs(flown.trial["z"].values - 4.0).max() < 0.7
+
+
+def test_an_oscillation_too_quick_for_the_link_is_widened_until_the_link_can_carry_it():
+    quick, _ = fly(PondCraft(gain=4.0, drag=4.0), YAW)
+    period = find_cycles(quick.trial, "yaw")[-1]
+    wanted = 1.5 * (period.T_H + period.T_L)
+    settings = RelaySettings("psi", "N", least_period=wanted)
+    flown, _ = fly(PondCraft(gain=4.0, drag=4.0), settings)
+    assert flown.outcome.ending == "completed"
+    cycle = find_cycles(flown.trial, "yaw")[-1]
+    assert cycle.T_H + cycle.T_L >= wanted
+    assert any(m.kind == "widen" for m in flown.trial.marks)
+
+
+def test_a_link_too_slow_for_the_craft_is_refused_with_the_numbers():
+    flown, _ = fly(PondCraft(), RelaySettings("psi", "N", hysteresis=math.radians(5.0), least_period=20.0))
+    assert flown.outcome.ending == "aborted"
+    assert "it oscillates in" in flown.outcome.reason
+    assert "nothing quicker than 20.00 s" in flown.outcome.reason

@@ -66,8 +66,9 @@ def test_everything_is_said_before_it_is_done(tuned):
 def test_the_run_directory_holds_the_whole_record(tuned):
     harbour, story = tuned
     names = {p.name for p in (harbour.directory / "trials").glob("*.csv")}
-    assert {"01-step-before.csv", "03-relay-1.csv", "05-relay-2.csv", "07-step-after.csv"} <= names
-    trial = load_trial(harbour.directory / "trials" / "03-relay-1.csv")
+    flown = {"01-sign-check.csv", "02-step-before.csv", "04-relay-1.csv", "06-relay-2.csv", "08-step-after.csv"}
+    assert flown <= names
+    trial = load_trial(harbour.directory / "trials" / "04-relay-1.csv")
     assert trial["psi"].unit == "rad" and trial["N"].unit == "1"
     assert any(m.kind == "switch" for m in trial.marks)
     before = load_params(harbour.directory / "parameters_before.param")

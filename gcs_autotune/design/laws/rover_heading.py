@@ -41,6 +41,8 @@ FF, P, I, D, ANG = (  # noqa: E741 - I is the integral gain
 )
 GRAVITY = 9.80665
 JUST_ABOVE = 1.0 + 1e-9
+LEAST_THROTTLE = 0.05
+"""Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
 LOW_FEED = 0.7
 """Feed-forward below this share of the model's own is worth a note."""
 
@@ -116,6 +118,8 @@ DEFAULTS: Settings = {
     "ATC_TURN_MAX_G": 0.6,
     "MOT_SPD_SCA_BASE": 1.0,
     "MOT_VEC_ANGLEMAX": 0.0,
+    "CRUISE_SPEED": 2.0,
+    "CRUISE_THROTTLE": 50.0,
     "INS_GYRO_FILTER": 4.0,
     "SCHED_LOOP_RATE": 50.0,
 }
@@ -139,10 +143,25 @@ class RoverHeading:
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
     def scale(self, settings: Settings, speed: float | None) -> float:
-        """Return servo per controller output at *speed* [m/s]."""
+        """Return servo per controller output at *speed* [m/s].
+
+        With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
+        throttle that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot drives at that speed with.
+        """
+        widest = self._widest(settings)
+        if widest > 0.0:
+            return 1.0 / (self._throttle(settings, speed) * widest)
         base = self._get(settings, "MOT_SPD_SCA_BASE")
-        vectored = self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0
-        return base / speed if speed is not None and not vectored and speed > base > 0.0 else 1.0
+        return base / speed if speed is not None and speed > base > 0.0 else 1.0
+
+    def _widest(self, settings: Settings) -> float:
+        """Return the angle [rad] to which full steering turns the thrust; 0 with a rudder."""
+        return math.radians(min(max(self._get(settings, "MOT_VEC_ANGLEMAX"), 0.0), 90.0))
+
+    def _throttle(self, settings: Settings, speed: float | None) -> float:
+        cruise = self._get(settings, "CRUISE_SPEED")
+        share = 1.0 if speed is None or cruise <= 0.0 else speed / cruise
+        return min(max(self._get(settings, "CRUISE_THROTTLE") / 100.0 * share, LEAST_THROTTLE), 1.0)
 
     def integral_grows(self, settings: Settings, speed: float | None) -> bool:
         """Whether the integral term can grow at *speed*: not at or below MOT_SPD_SCA_BASE."""
@@ -256,21 +275,27 @@ class RoverHeading:
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say at which speeds the gains hold."""
         base = self._get(settings, "MOT_SPD_SCA_BASE")
-        if self._get(settings, "MOT_VEC_ANGLEMAX") > 0.0:
+        if self._widest(settings) > 0.0:
             return [
-                "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot scales steering by throttle, so the gains "
-                "hold at the throttle of the experiment"
+                "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
+                "so the gains hold at the throttle of the experiment, taken to be "
+                f"{self._throttle(settings, speed):.0%} of full (from CRUISE_THROTTLE and CRUISE_SPEED), and elsewhere "
+                "as long as thrust grows in proportion to throttle; without throttle there is no steering"
             ]
+        turn = math.degrees(abs(model.steady_velocity(1.0)))
+        seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"
         if not self.integral_grows(settings, speed):
             return [
-                f"the experiment ran at {speed:.2f} m/s, not above MOT_SPD_SCA_BASE = {base:g} m/s: there the "
-                "autopilot does not scale the steering and its integral cannot grow, so wind or trim leaves an "
-                f"error; the margins are given for just above that speed; prove the gains again when going faster"
+                f"{seen}; that is not above MOT_SPD_SCA_BASE = {base:g} m/s: there the autopilot does not scale the "
+                "steering and its integral cannot grow, so wind or trim leaves an error; the margins are given for "
+                "just above that speed; prove the gains again when going faster"
             ]
+        ideal = model.equivalent_drag(model.steady_velocity(0.5)) / self.scale(settings, speed)
         return [
-            f"identified at {speed:.2f} m/s; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the "
-            "steering by speed, so the gains hold there as long as the turn rate per rudder grows in proportion "
-            f"to speed; at or below {base:g} m/s the integral term is frozen",
+            f"{seen}; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed, so the gains "
+            f"hold there as long as the turn rate per rudder grows in proportion to speed: {FF} = 1/(K base) = "
+            f"{ideal:.3g} then follows turn rates exactly, at every speed; at or below {base:g} m/s the integral term "
+            "is frozen",
             *self._feed_notes(model, settings, speed),
         ]
 

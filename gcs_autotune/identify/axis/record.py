@@ -42,6 +42,9 @@ INPUTS: dict[str, tuple[str, ...]] = {
 MIN_SAMPLES = 20
 """Fewest output samples of a stretch worth fitting. Chosen: three per parameter to be told apart."""
 
+WITHIN_LOOP = 0.25
+"""Chosen: share of an autopilot's loop by which outputs and attitudes of one loop may differ in time."""
+
 GAP_SECONDS, GAP_STEPS = 1.0, 10.0
 """A hole longer than both (seconds, median steps) starts a new stretch with free initial state."""
 
@@ -237,14 +240,18 @@ def dating_of(trial: Trial, drive: Channel) -> float:
     """Return how far [s] a jump of *drive* may lie from its stamp: 0 when stamps are exact, else (midway between two
     messages) half their distance.
 
-    The last message without it is as far before the stamp as the first with it comes after. An autopilot changes
+    The last moment without it is as far before the stamp as the first message with it comes after; that moment is the
+    message before, or, where the autopilot's ``loop_period`` is known, one loop later. An autopilot changes
     its outputs at its own loop only and a relay switches in step with the telemetry, so the error is the same at
     every jump: it does not average out.
     """
     if trial.meta.get("outputs_dated") != "midway":
         return 0.0
     jumps = np.flatnonzero(np.diff(drive.values) != 0.0) + 1
-    return float(np.median(drive.t[jumps] - drive.t[jumps - 1])) if len(jumps) else 0.0
+    if len(jumps) == 0:
+        return 0.0
+    loop = float(trial.meta.get("loop_period", 0.0))
+    return max(float(np.median(drive.t[jumps] - drive.t[jumps - 1])) - loop, WITHIN_LOOP * loop)
 
 
 def edges(t: Array) -> Array:

@@ -1,0 +1,214 @@
+"""Before anything swings: a small pulse each way, to see that the actuator moves the craft, and the right way.
+
+A relay on a reversed rudder, or the autopilot's own loop on it, turns the craft round and round; on a dead one it waits
+in vain. The pulse grows until it is answered; the least that says something is used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.manoeuvres import sign_words as words
+from gcs_autotune.manoeuvres.answer import Answer, Tick, answer
+from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
+from gcs_autotune.manoeuvres.lead_in import LeadIn
+from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.manoeuvres.sign_words import Outlet
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Mark
+from gcs_autotune.watch import Progress
+
+__all__ = ["SignCheck", "SignCheckSettings"]
+
+SHORTEST = 0.6
+"""Chosen [s]: a pulse lasts at least this; some ticks more than a radio and an actuator are late."""
+DRIFT_WINDOW = 3.0
+"""Seconds before the pulse from which the drift is taken."""
+NOISES = 5.0
+"""A motion below so many standard deviations of the noise says nothing."""
+BACK_LONGER = 2.5
+"""The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
+STANDING = 0.9
+"""An output this large without any command is at its stop."""
+WAY_NOISES = 4.0
+"""Way of less than so many standard deviations of the speed measurement is no way to steer by."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignCheckSettings:
+    """What to fly. Outputs are fractions of full; ``reach``, ``least`` rad or m; times s; ``least_speed`` m/s.
+
+    Attributes
+    ----------
+    signal, force : what is watched (``psi`` or ``z``) and what is driven.
+    outputs : sizes of the pulse, tried until one is answered.
+    reach : a pulse ends when the craft has moved so far, else after ``longest``.
+    least : the least motion that counts as an answer.
+    throttle : constant thrust ahead meanwhile; with it the craft must make ``least_speed``, or a rudder has nothing to
+        bite on.
+    cure : what to change when it turns the wrong way, for a message.
+    outlets : the servo outputs that drive this force, for a message.
+    """
+
+    signal: str
+    force: str
+    outputs: tuple[float, ...] = (0.15, 0.3, 0.6)
+    reach: float = math.radians(6.0)
+    least: float = math.radians(1.5)
+    longest: float = 4.0
+    throttle: float = 0.0
+    least_speed: float = 0.0
+    keep_still: bool = False
+    cure: str = "check SERVOn_REVERSED or MOT_n_DIRECTION"
+    outlets: tuple[Outlet, ...] = ()
+
+
+class SignCheck:
+    """Lead-in (way on, noise and drift measured), then pulses until the craft has answered both ways."""
+
+    name = "sign-check"
+    in_manual = True
+
+    def __init__(self, settings: SignCheckSettings) -> None:
+        self.outcome: Outcome | None = None
+        self.answer: Answer | None = None
+        self._settings = settings
+        self._lead_in = LeadIn(settings.signal, needs_way=settings.throttle != 0.0)
+        self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
+        self._marks: list[Mark] = []
+        self._size = 0
+        self._command = 0.0
+        self._rest: list[Tick] = []
+        self._forward: list[Tick] = []
+        self._back: list[Tick] = []
+        self._speeds: list[float] = []
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Settings as flown, and what was seen, for the trial's meta."""
+        s, seen = self._settings, self.answer
+        found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}
+        return {
+            "manoeuvre": "sign-check",
+            "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
+            "signal": s.signal,
+            "force": s.force,
+            "output": s.outputs[self._size],
+            "throttle": s.throttle,
+            "speed": self._lead_in.speed,
+            "noise_std": self._lead_in.noise_std,
+            **found,
+        }
+
+    def start(self, observation: Observation) -> None:
+        """Begin the lead-in."""
+        self._lead_in.start(observation)
+
+    def update(self, observation: Observation) -> Command:
+        """Drive the pulses."""
+        s, t, x = self._settings, observation.t, observation.value(self._settings.signal)
+        tick = t, x, observation.output.get(s.force, math.nan)
+        if not self._forward:
+            self._wait(observation, tick)
+        elif not self._back:
+            self._forward.append(tick)
+            moved, seconds = x - self._forward[0][1], t - self._forward[0][0]
+            if seconds >= SHORTEST and (seconds >= s.longest or abs(moved) >= s.reach):
+                self._back = [tick]
+                self._push(t, -self._command)
+        else:
+            self._back.append(tick)
+            start, turn = self._forward[0], self._back[0]
+            gone, seconds = turn[1] - start[1], t - turn[0]
+            answered = abs(gone) >= self._least
+            longest = (turn[0] - start[0]) * (BACK_LONGER if answered else 1.0)
+            is_back = answered and (x - start[1]) * gone <= 0.0
+            if seconds >= SHORTEST and (seconds >= longest or is_back):
+                self._judge()
+        return self._drive(observation)
+
+    def take_marks(self) -> Sequence[Mark]:
+        """Return the pulses begun since the last call."""
+        marks, self._marks = self._marks, []
+        return marks
+
+    def progress(self, observation: Observation) -> Progress:
+        """Return what is moved and how far."""
+        s = self._settings
+        return Progress(
+            stage="",
+            manoeuvre="lead-in" if self._command == 0.0 else "pulse",
+            t=observation.t,
+            signal=s.signal,
+            value=observation.value(s.signal),
+            output=observation.output.get(s.force, math.nan),
+            age=observation.age,
+        )
+
+    # --- the course of it ---------------------------------------------------------------------------------
+
+    def _wait(self, observation: Observation, tick: Tick) -> None:
+        """Let speed, noise and drift settle; then begin, unless there is nothing to steer by."""
+        t, x, _ = tick
+        if not self._lead_in.done:
+            self._lead_in.update(t, x, observation.speed)
+        self._speeds.append(observation.speed)
+        self._rest = [*(old for old in self._rest if old[0] >= t - DRIFT_WINDOW), tick]
+        settled = self._lead_in.done and t - self._rest[0][0] >= 0.9 * DRIFT_WINDOW
+        if settled and not self._nothing_to_steer_by():
+            self._forward = [tick]
+            self._push(t, self._settings.outputs[self._size])
+
+    def _nothing_to_steer_by(self) -> bool:
+        s, idle = self._settings, self._rest[-1][2]
+        if abs(idle) >= STANDING:
+            self._refuse(words.at_its_stop(idle, s.force, s.outlets))
+        elif s.least_speed > 0.0:
+            speed, recent = self._lead_in.speed, self._speeds[-30:]
+            noise = math.sqrt(sum((v - speed) ** 2 for v in recent) / len(recent))
+            least = max(s.least_speed, WAY_NOISES * noise)
+            if not speed >= least:
+                self._refuse(words.too_slow(speed, noise, least, s.throttle))
+        return self.outcome is not None
+
+    @property
+    def _least(self) -> float:
+        """The least motion that counts as an answer [rad or m]."""
+        return max(self._settings.least, NOISES * self._lead_in.noise_std)
+
+    def _push(self, t: float, command: float) -> None:
+        self._command = command
+        self._marks.append(Mark(t, "pulse", {self._settings.force: command}))
+
+    def _judge(self) -> None:
+        """End with a verdict, or come to rest and try the next size."""
+        s = self._settings
+        self.answer = seen = answer(s.outputs[self._size], self._rest, self._forward, self._back, self._least)
+        self._command = 0.0
+        if seen.unheeded is not None:
+            self._refuse(words.not_followed(seen.unheeded, s.force, s.outlets))
+        elif seen.is_right:
+            self.outcome = Outcome("completed", words.acts_rightly(seen.forward, s.signal, s.force))
+        elif seen.signs == (-1, -1):
+            self._refuse(words.turned_round(seen, s.signal, s.force, s.cure))
+        elif self._size + 1 < len(s.outputs):
+            self._size += 1
+            self._rest, self._forward, self._back = [], [], []
+        elif seen.is_reversed:
+            self._refuse(words.turned_round(seen, s.signal, s.force, s.cure))
+        else:
+            self._refuse(words.unclear(seen, s.signal, s.force, s.outlets))
+
+    def _refuse(self, why: str) -> None:
+        self.outcome = Outcome("aborted", why)
+
+    def _drive(self, observation: Observation) -> Command:
+        s = self._settings
+        command = Actuate(X=s.throttle)
+        for keeper in self._keepers:
+            command = replace(command, **{keeper.force: keeper.demand(observation)})
+        return replace(command, **{s.force: getattr(command, s.force) + self._command})

@@ -1,0 +1,103 @@
+"""What must be right before anything swings: the actuator acts, the right way, with enough way on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outlet, SignCheck, SignCheckSettings
+from gcs_autotune.sname import DOFS
+from gcs_autotune.workflow.settings import DEFAULTS
+
+__all__ = ["ANNOUNCED", "CHECKED", "STAGE", "remarks_on", "see_signs", "sign_check_for"]
+
+STAGE = "sign check"
+ANNOUNCED = "a small pulse each way to see that it answers rightly, then "
+"""What is said of it before it is flown."""
+LEAST_SPEED = 0.25
+"""Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
+PULSES = (0.15, 0.3, 0.6)
+"""Chosen: fractions of full output; the first is beyond a transmitter's dead zone (0.06), the last is half a relay."""
+REACH = {"psi": 0.6, "z": 1.0}
+"""Chosen: a pulse ends at this share of the least hysteresis of a relay on the signal."""
+LEAST = 0.15
+"""Chosen: the least motion that counts, as a share of the same."""
+LONGEST = {"psi": 4.0, "z": 6.0}
+"""Chosen [s]: a pulse is no longer. A yaw time constant of 8 s then shows 0.4 of its rate."""
+CHECKED = frozenset(("yaw", "heave"))
+"""Degrees of freedom whose actuators are checked."""
+_MANUAL_SCALES = 1
+
+
+def sign_check_for(
+    dof: str, firmware: Firmware, servos: ServoMap, throttle: float, needs_speed: bool, output: float | None = None
+) -> SignCheck:
+    """Return the check of the actuator that moves *dof* (``yaw`` or ``heave``); *output*: the relay's, when given."""
+    d, force = DEFAULTS[dof], DOFS[dof].force
+    driving = servos.driving(force)
+    outlets = tuple(
+        Outlet(o.channel, o.trim, o.sign * factor * (o.high - o.trim if o.sign * factor > 0.0 else o.trim - o.low))
+        for o, factor in driving
+    )
+    return SignCheck(
+        SignCheckSettings(
+            signal=d.signal,
+            force=force,
+            outputs=PULSES if output is None else tuple(sorted({min(p, output) for p in PULSES})),
+            reach=REACH[d.signal] * d.least_hysteresis,
+            least=LEAST * d.least_hysteresis,
+            longest=LONGEST[d.signal],
+            throttle=throttle,
+            least_speed=LEAST_SPEED if needs_speed else 0.0,
+            keep_still=firmware.kind == "rov",
+            cure=_cure(firmware, [o for o, _ in driving]),
+            outlets=outlets,
+        )
+    )
+
+
+def _cure(firmware: Firmware, outputs: list[Output]) -> str:
+    channels = [f"SERVO{o.channel}" for o in outputs]
+    if firmware.frame_parameter:
+        return (
+            f"Motors on {', '.join(channels)} are turned round or in each other's place: check MOT_n_DIRECTION, the "
+            f"wiring against {firmware.frame_parameter}, and AHRS_ORIENTATION"
+        )
+    if len(outputs) == 1:
+        now = int(outputs[0].sign < 0.0)
+        return (
+            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or turn the linkage round; if to the eye it "
+            "turned the right way, AHRS_ORIENTATION is wrong"
+        )
+    return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
+
+
+def see_signs(check: SignCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+    """Fly the check.
+
+    Raises
+    ------
+    PreconditionFailed
+        The actuator is dead, turned round, saturated or too weak, or there is no way on; the message has the cure.
+    """
+    flown = fly(check, STAGE)
+    if flown.outcome.ending == "aborted":
+        raise PreconditionFailed(f"{STAGE}: {flown.outcome.reason}")
+
+
+def remarks_on(craft: MavlinkCraft) -> list[str]:
+    """Return what is odd about the vehicle's settings and matters here: arming checks off, steering scaled by hand."""
+    wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.kind == "boat" else [])]
+    names, own = read_named(craft.parameters, wanted)
+    values, found = names.to_canonical(own), []
+    if values.get("ARMING_CHECK") == 0.0:
+        name = names.own("ARMING_CHECK")
+        found.append(f"{name} is {own[name]:g}: this vehicle arms without any check of its own")
+    if int(values.get("MANUAL_OPTIONS", 0.0)) & _MANUAL_SCALES:
+        found.append(
+            "MANUAL_OPTIONS scales the steering by speed in MANUAL too: relays come out smaller than asked for; what "
+            "the servo really did is measured and used"
+        )
+    return found

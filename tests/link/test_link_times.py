@@ -1,0 +1,225 @@
+"""Round trip, command to servo, the whole loop; rates fitted to a narrow link; rates kept against another station."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from narrow import Narrow
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from router import Router
+from scripted_vehicle import ScriptedVehicle
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import TelemetryFault
+from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
+from gcs_autotune.link.bandwidth import Demand, plan
+from gcs_autotune.link.beat import Beat
+from gcs_autotune.link.stamps import gyro_lag
+
+WANTED = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
+ALL = 10 * 40 + 40 * 33 + 10 * 54 + 10 * 40 + 5 * 32
+"""Bytes a second that these take, roughly."""
+
+
+def board(peer: Peer) -> MavlinkCraft:
+    return open_craft(Session(MemoryLink(peer)), wanted_rates=WANTED, arm_patience=3.0)
+
+
+def swing(craft: MavlinkCraft, seconds: int) -> None:
+    for k in range(10 * seconds):
+        craft.observe()
+        craft.send(Actuate(N=0.3 if k // 10 % 2 else -0.3))
+
+
+# --- how late --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.06, 0.2])
+def test_a_links_delays_are_measured_without_being_told(boat: ScriptedVehicle, latency: float) -> None:
+    craft = board(Narrow(boat, latency=latency))
+    craft.arm()
+    swing(craft, 10)
+    times = craft.link_times
+    assert times.round_trip == pytest.approx(2 * latency + 0.03, abs=0.05)
+    assert times.command_to_servo == pytest.approx(latency + 0.02, abs=0.03)
+    assert times.loop == pytest.approx(2 * latency + 0.02, abs=0.05)
+    assert times.samples >= 10
+
+
+def test_jitter_shows_in_the_ninth_of_ten(boat: ScriptedVehicle) -> None:
+    craft = board(Narrow(boat, latency=0.05, jitter=0.15))
+    craft.arm()
+    swing(craft, 20)
+    times = craft.link_times
+    assert times.loop_90 - times.loop > 0.03
+    assert times.round_trip_90 - times.round_trip > 0.03
+
+
+def test_the_delay_sets_the_quickest_oscillation_that_can_be_flown(boat: ScriptedVehicle) -> None:
+    craft = board(Narrow(boat, latency=0.2))
+    assert craft.least_period == pytest.approx(8 / 10.0, rel=0.1)
+    craft.arm()
+    assert craft.least_period == pytest.approx(8 * (0.42 + 0.05), rel=0.15)
+
+
+def test_a_trial_carries_the_links_delays(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    craft.arm()
+    craft.start_recording("relay")
+    swing(craft, 3)
+    meta = craft.stop_recording("completed").meta
+    assert meta["link_times"]["override_rate"] >= 25.0
+    assert {"round_trip", "command_to_servo", "loop"} <= set(meta["link_times"])
+    assert (meta["loop_period"], meta["rate_lag"]) == (0.02, 0.0)
+
+
+def test_answers_to_other_stations_are_not_taken_for_ours(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.send(mavlink.MAVLink_timesync_message(round(boat.time * 1e9) + 10**12, 12345))
+    boat.send(mavlink.MAVLink_timesync_message(0, 77))
+    craft.session.pause(1.0)
+    assert craft.latency.vehicle_time(craft.clock.now()) == pytest.approx(boat.time, abs=0.05)
+
+
+def test_a_vehicle_without_timesync_is_flown_all_the_same(boat: ScriptedVehicle) -> None:
+    boat.on["TIMESYNC"] = lambda _: None
+    craft = board(boat)
+    craft.arm()
+    assert str(craft.link_times).startswith("whole loop")
+
+
+def test_a_simulator_on_double_speed_is_timed_in_its_own_seconds(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.on["TIMESYNC"] = lambda m: boat.send(mavlink.MAVLink_timesync_message(round(boat.time * 2e9), m.ts1))
+    craft.latency._trips.clear()
+    craft.session.pause(5.0)
+    now = craft.clock.now()
+    assert craft.latency.vehicle_time(now) - craft.latency.vehicle_time(now - 1.0) == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_beat_counts_its_pauses() -> None:
+    clock = ManualClock()
+    beat = Beat(clock)
+    for pause in (0.1, 0.1, 0.4, 0.1):
+        beat.strike()
+        clock.advance(pause)
+    beat.rest()
+    clock.advance(100.0)
+    beat.strike()
+    assert (beat.rate, beat.longest) == (pytest.approx(5.0), pytest.approx(0.4))
+
+
+def test_a_gyro_filter_of_four_hertz_is_56_ms_late() -> None:
+    assert gyro_lag(4.0) == pytest.approx(0.0563, abs=1e-4)
+    assert gyro_lag(0.0) == 0.0
+
+
+# --- how much --------------------------------------------------------------------------------
+
+
+def test_a_wide_link_gets_everything(boat: ScriptedVehicle) -> None:
+    craft = board(Narrow(boat, rate=11520.0))
+    assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
+    assert not any("bytes/s" in note for note in craft.session.notes)
+
+
+def test_a_narrow_link_carries_what_is_needed_most(boat: ScriptedVehicle) -> None:
+    pipe = Narrow(boat, rate=1100.0, latency=0.05, jitter=0.02)
+    craft = board(pipe)
+    rates = craft.rates.measured
+    assert rates["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
+    assert 10.0 <= rates["SERVO_OUTPUT_RAW"] < 30.0
+    assert rates["VFR_HUD"] < 2.0
+    assert any("the link carries" in note and "SERVO_OUTPUT_RAW 40 ->" in note for note in craft.session.notes)
+    pipe.dropped = 0
+    craft.arm()
+    swing(craft, 10)
+    assert pipe.dropped < 0.02 * pipe.carried
+    assert 9.0 <= craft.link_times.override_rate <= 25.0, "the way up is spared too"
+
+
+def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: ScriptedVehicle) -> None:
+    number = mavlink.MAVLINK_MSG_ID_RAW_IMU
+    boat.intervals[number] = 0.05
+    step = boat._step
+
+    def with_chatter() -> None:
+        step()
+        interval = boat.intervals.get(number, -1.0)
+        if interval > 0 and boat._is_due("RAW_IMU", interval):
+            boat.send(mavlink.MAVLink_raw_imu_message(0, *range(1, 10)))
+
+    boat._step = with_chatter  # type: ignore[method-assign]
+    craft = board(Narrow(boat, rate=1300.0))
+    assert craft.rates.measured["ATTITUDE"] >= 4.5
+    assert any("RAW_IMU off" in note for note in craft.session.notes)
+    craft.rates.restore()
+    assert boat.intervals[number] == pytest.approx(0.05)
+
+
+def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
+    router = Router(boat, repeats=True)
+    radio = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
+    router.every(radio, 0.5, lambda: mavlink.MAVLink_radio_status_message(180, 150, 40, 20, 30, 7, 0))
+    craft = board(router)
+    assert any(
+        "radio: signal 180 over noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
+    )
+    assert craft.company.stations == {}
+
+
+def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:
+    with pytest.raises(TelemetryFault, match=r"it carries \d+ bytes/s.* Use a faster link"):
+        board(Narrow(boat, rate=250.0))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(100.0, 20000.0), st.floats(0.0, 5000.0))
+def test_a_plan_never_exceeds_what_there_is_but_for_the_floors(capacity: float, chatter: float) -> None:
+    demands = [Demand("ATTITUDE", 10, 40, 5), Demand("SERVO_OUTPUT_RAW", 40, 33, 5), Demand("VFR_HUD", 5, 32)]
+    rates, hushed = plan(demands, {"RAW_IMU": chatter}, capacity)
+    used = sum(rates[d.name] * d.size for d in demands) + (0.0 if hushed else chatter)
+    floors = sum(d.floor * d.size for d in demands)
+    assert used <= max(0.8 * capacity, floors) + 1e-6
+    assert all(d.floor <= rates[d.name] <= d.rate for d in demands)
+
+
+# --- and whose --------------------------------------------------------------------------------
+
+
+def test_rates_another_station_changed_are_asked_for_again_and_said(boat: ScriptedVehicle) -> None:
+    router = Router(boat, repeats=True)
+    other = router.station(252)
+    number = mavlink.MAVLINK_MSG_ID_ATTITUDE
+
+    def stream(m: Any) -> None:
+        boat.intervals[number] = 1.0 / m.req_message_rate
+
+    boat.on["REQUEST_DATA_STREAM"] = stream
+    craft = board(router)
+    craft.arm()
+    router.say(other, mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 2, 1))
+    swing(craft, 3)
+    assert boat.intervals[number] == pytest.approx(0.1)
+    said = [note for note in craft.session.notes if "asked for again" in note]
+    assert len(said) == 1
+    assert said[0].startswith("for a while ATTITUDE at")
+    assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
+
+
+def test_a_router_beside_another_station_is_like_no_router(boat: ScriptedVehicle) -> None:
+    """Duplicated datagrams, foreign heartbeats and foreign traffic change nothing that is recorded."""
+    router = Router(boat, repeats=True)
+    other = router.station(252)
+    router.every(other, 0.1, lambda: mavlink.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 9.0))
+    craft = board(router)
+    craft.arm()
+    craft.start_recording("relay")
+    swing(craft, 5)
+    trial = craft.stop_recording("completed")
+    assert abs(trial["r"].values).max() < 1.0
+    assert len(trial["psi"]) == pytest.approx(50, abs=2)

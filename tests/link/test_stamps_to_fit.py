@@ -1,0 +1,115 @@
+"""From the wire to the fit: uneven stamps, outputs dated by the autopilot's loops, late turn rates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scripted_vehicle import ScriptedVehicle
+
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify.axis.record import prepare
+from gcs_autotune.link import MemoryLink, Session, open_craft
+from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
+from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.watch import SilentWatcher
+
+LAG, RATE = 0.6, 0.8
+"""The boat: time constant [s] and turn rate at full helm [rad/s]; inertia is LAG / RATE, drag 1 / RATE."""
+NOISE = 0.002
+WANTED = {"ATTITUDE": 40.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0}
+WIDE = Envelope(heading_excursion=math.radians(170.0))
+
+
+class Hull(ScriptedVehicle):
+    """A boat with inertia, a noisy compass, and a gyro that is late by ``rate_lag`` [whole ticks]."""
+
+    def __init__(self, late_ticks: int = 0) -> None:
+        super().__init__()
+        self.turn_rate, self.lag = RATE, LAG
+        self.rates = [0.0] * (late_ticks + 1)
+        self.track: list[tuple[float, float]] = []
+        rng = np.random.default_rng(7)
+
+        def edit(message: Any) -> Any:
+            if message.get_type() == "ATTITUDE":
+                message.yaw += float(rng.normal(0.0, NOISE))
+                message.yawspeed = self.rates[0] + float(rng.normal(0.0, NOISE))
+            return message
+
+        self.edit = edit
+
+    def _turn(self, steady: float) -> None:
+        super()._turn(steady)
+        self.rates = [*self.rates[1:], self.r]
+        self.track.append((self.time, self.psi))
+
+
+def swing(hull: Hull, output: float = 0.4) -> Trial:
+    craft = open_craft(Session(MemoryLink(hull)), wanted_rates=WANTED)
+    craft.arm()
+    relay = Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)), "relay")
+    return Sequencer(craft, WIDE, SilentWatcher(), lambda trial: None).fly(relay).trial
+
+
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    return swing(Hull())
+
+
+def as_if_uniform(trial: Trial) -> Trial:
+    def even(c: Channel) -> Channel:
+        return replace(c, t=np.linspace(c.t[0], c.t[0] + (len(c) - 1) / 40.0, len(c)))
+
+    return replace(trial, channels={n: even(c) for n, c in trial.channels.items()})
+
+
+def test_forty_hertz_come_on_a_fifty_hertz_loop_in_gaps_of_20_and_40_ms(trial: Trial) -> None:
+    for name in ("psi", "N"):
+        gaps = np.round(np.diff(np.unique(trial[name].t)), 3)
+        assert set(gaps[gaps > 0.005]) <= {0.01, 0.02, 0.03, 0.04}
+        assert len(set(gaps)) > 1
+
+
+def test_the_fit_is_right_through_the_whole_chain_because_every_sample_has_its_own_stamp(trial: Trial) -> None:
+    inertia = fit_axis([trial], dof="yaw", structure="linear").parameters["alpha_r"]
+    assert inertia.value == pytest.approx(LAG / RATE, abs=3.0 * inertia.std)
+    assert inertia.std < 0.02 * inertia.value
+
+
+def test_every_heading_is_where_the_boat_was_at_its_stamp_and_would_not_be_at_even_ones() -> None:
+    hull = Hull()
+    trial = swing(hull)
+
+    def error(run: Trial) -> float:
+        true = np.interp(run["psi"].t, *np.array(hull.track).T)
+        return float(np.std(run["psi"].values - true))
+
+    assert error(trial) == pytest.approx(NOISE, rel=0.1)
+    assert error(as_if_uniform(trial)) > 1.3 * NOISE
+
+
+def test_a_change_of_output_is_dated_within_the_loops_it_may_have_happened_in(trial: Trial) -> None:
+    """Messages 20 ms apart on a 20 ms loop leave no doubt; 40 ms apart they leave one loop's."""
+    assert prepare(trial, "yaw")[0].dating <= 0.01
+    assert prepare(replace(trial, meta={**trial.meta, "loop_period": 0.0}), "yaw")[0].dating > 0.015
+
+
+def test_a_late_gyro_is_dated_back_and_joins_the_fit() -> None:
+    hull = Hull(late_ticks=3)
+    hull.parameters["INS_GYRO_FILTER"] = math.sqrt(2.0) / (2.0 * math.pi * 0.06)
+    known = swing(hull)
+    assert known.meta["rate_lag"] == pytest.approx(0.06)
+    assert known["psi"].t[-1] - known["r"].t[-1] == pytest.approx(0.06)
+    fit = fit_axis([known], dof="yaw", structure="linear")
+    assert fit.to_dict()["signals"] == ["psi", "r"]
+    assert fit.parameters["alpha_r"].value == pytest.approx(LAG / RATE, rel=0.01)
+
+
+def test_a_late_gyro_that_nobody_knows_of_stays_out_of_the_fit_and_that_is_said() -> None:
+    fit = fit_axis([swing(Hull(late_ticks=3))], dof="yaw", structure="linear")
+    assert fit.to_dict()["signals"] == ["psi"]
+    assert "lags by" in fit.to_dict()["signals_left_out"]["r"]

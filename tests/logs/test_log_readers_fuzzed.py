@@ -1,0 +1,108 @@
+"""Damaged, cut and random files of every kind: our own errors or fewer samples, never anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_on_board import Board
+from log_writing import BOAT, Tlog, beats, parameters, sail, swing
+
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.logs import cut_runs, record, survey
+from gcs_autotune.logs.dataflash_binary import BinaryLog
+
+CASES = 60
+
+
+def tlog(folder: Path) -> bytes:
+    log = Tlog()
+    parameters(log, BOAT)
+    beats(log, 0.0, 8.0, armed=True)
+    sail(log, swing(8.0))
+    return log.write(folder / "whole.tlog").read_bytes()
+
+
+def on_board(folder: Path) -> bytes:
+    board = Board()
+    board.boat()
+    for i, r in enumerate(swing(8.0)["r"]):
+        t = 100.0 + 0.05 * i
+        board.row("ATT", t, 0.5, 1.5, 10.0 + i % 90)
+        board.row("IMU", t, 0, 0.0, 0.0, float(r))
+        board.row("RCOU", t, 1500 + 10 * (i // 40 % 2), 0, 1600)
+    return board.write(folder / "whole.bin").read_bytes()
+
+
+def as_text(folder: Path) -> bytes:
+    on_board(folder)
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    for blocks in BinaryLog((folder / "whole.bin").open("rb")):
+        for b in blocks:
+            letters = "".join("Z" if f == 0.0 else "d" for f in b.layout.factors)
+            lines.append(f"FMT, 1, 9, {b.kind}, {letters}, {','.join(b.names)}")
+            columns = [b.column(n) for n in b.names]
+            lines += [f"{b.kind}, {', '.join(str(c[i]) for c in columns)}" for i in range(len(b.order))]
+    return "\n".join(lines).encode()
+
+
+def planner_csv(folder: Path) -> bytes:
+    row = "2026-05-01T12:00:{s:02d}.500,FD,1C, 0, 0,7D, 1, 1,    1E,mavlink_{kind}_t,{fields},,Len,36"
+    lines = []
+    for s in range(40):
+        beat = "type,11,autopilot,3,base_mode,128,custom_mode,0,system_status,4"
+        lines.append(row.format(s=s, kind="heartbeat", fields=beat))
+        angles = f"time_boot_ms,{1000 * s},roll,0,pitch,0,yaw,0.{s},rollspeed,0,pitchspeed,0,yawspeed,0.1"
+        lines.append(row.format(s=s, kind="attitude", fields=angles))
+    return "\r\n".join(lines).encode()
+
+
+def qgc_csv(folder: Path) -> bytes:
+    head = "Timestamp,roll,pitch,heading,groundSpeed,localPosition.x\n"
+    return (head + "".join(f"2026-05-01 12:00:{s:02d}.000,1,2,{s},--.--,{s}\n" for s in range(60))).encode()
+
+
+def spoilt(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
+    for _ in range(CASES // 4):
+        yield data[: int(rng.integers(0, len(data)))]
+        flipped = bytearray(data)
+        for i in rng.integers(0, len(data), int(rng.integers(1, 300))):
+            flipped[int(i)] ^= 1 << int(rng.integers(0, 8))
+        yield bytes(flipped)
+        torn = bytearray(data)
+        for i in rng.integers(0, len(data), 12):
+            torn[int(i) : int(i) + int(rng.integers(1, 300))] = rng.bytes(int(rng.integers(0, 300)))
+        yield bytes(torn)
+        yield rng.bytes(int(rng.integers(0, 4000)))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "make"),
+    [(".tlog", tlog), (".bin", on_board), (".log", as_text), (".csv", planner_csv), (".csv", qgc_csv)],
+    ids=["tlog", "bin", "log", "planner", "qgc"],
+)
+def test_whatever_is_in_a_file_it_is_read_or_refused_in_our_own_words(
+    tmp_path: Path, suffix: str, make: object
+) -> None:
+    assert callable(make)
+    data = make(tmp_path)
+    path = tmp_path / f"spoilt{suffix}"
+    path.write_bytes(data)
+    whole = record(path)
+    assert whole is not None
+    assert cut_runs(whole).runs or cut_runs(whole).left_out
+    said = 0
+    for bad in spoilt(data, np.random.default_rng(20)):
+        path.write_bytes(bad)
+        try:
+            log = record(path)
+            if log is None:
+                said += 1  # that it is no ground station's CSV
+            else:
+                survey(log, cut_runs(log))
+        except AutotuneError as error:
+            said += 1
+            assert str(path.name) in str(error) or str(path) in str(error)
+    assert said >= CASES // 8

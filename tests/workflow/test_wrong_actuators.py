@@ -1,0 +1,41 @@
+"""Boats and ROVs whose actuators are wired wrongly: refused before anything swings, with the cure."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_autotune.errors import PreconditionFailed
+from sitl.effects import parse_effect
+
+from .harbour import Harbour
+
+REVERSED_HEAVE = {"MOT_5_DIRECTION": -1.0, "MOT_6_DIRECTION": -1.0, "MOT_3_DIRECTION": -1.0}
+
+WRONG = {
+    "reversed rudder": ("charlie", "heading", {"parameters": {"SERVO1_REVERSED": 1.0}}, "Set SERVO1_REVERSED to 0"),
+    "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "Set SERVO1_REVERSED to 1"),
+    "dead rudder": ("charlie", "heading", {"effect": "dead-zone@steering.width=1"}, "SERVO1 went to 1800 us and 1200"),
+    "reversed heave": ("videoray", "depth", {"parameters": REVERSED_HEAVE}, "check MOT_n_DIRECTION"),
+    "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "it is dead"),
+    "too slow": ("charlie", "heading", {"throttle": 0.02}, "give more --throttle"),
+}
+
+
+@pytest.mark.parametrize(("name", "axis", "options", "why"), WRONG.values(), ids=WRONG)
+def test_a_wrong_actuator_is_refused_before_anything_swings(tmp_path, name, axis, options, why):
+    effects = [parse_effect(options["effect"])] if "effect" in options else []
+    harbour = Harbour(tmp_path, name, parameters=options.get("parameters"), effects=effects)
+    with pytest.raises(PreconditionFailed, match="sign check") as caught:
+        harbour.tune(axis=axis, **({"throttle": options["throttle"]} if "throttle" in options else {}))
+    assert why in str(caught.value)
+    harbour.assert_as_found()
+    assert [path.stem for path in (harbour.directory / "trials").glob("*.csv")] == ["01-sign-check"]
+
+
+def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path):
+    settings = {"ARMING_SKIPCHK": -1.0, "MANUAL_OPTIONS": 1.0, "SERVO1_REVERSED": 1.0}
+    harbour = Harbour(tmp_path, names="4.7", parameters=settings)
+    with pytest.raises(PreconditionFailed):
+        harbour.tune()
+    assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harbour.said)
+    assert any("MANUAL_OPTIONS" in text for text in harbour.said)
