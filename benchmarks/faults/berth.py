@@ -11,9 +11,9 @@ from typing import Any
 from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import FaultyLink
 from gcs_autotune.link import MemoryLink, Transport
+from gcs_autotune.link.wire import Framer
 from gcs_autotune.workflow import Connection
 from sitl import Server, open_vehicle
-from sitl.mavlink.server import HANDLERS
 
 __all__ = ["Berth", "Condition", "Moored"]
 
@@ -56,7 +56,7 @@ class Berth:
     """One vehicle in the water. Time on it goes on from one connection to the next.
 
     ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived; ``deaf_to`` :
-    names whose PARAM_SET it leaves unheard.
+    names whose PARAM_SET (and what came with it) is left unheard.
     """
 
     def __init__(self, name: str, *, seed: int, parameters: Mapping[str, float] | None = None) -> None:
@@ -64,27 +64,17 @@ class Berth:
         self.writes: list[tuple[str, float, str]] = []
         self.deaf_to: set[str] = set()
         self.journal: Path | None = None
-        self._note_writes()
+        self._framer = Framer()
 
-    def _note_writes(self) -> None:
-        berth, take = self, HANDLERS["PARAM_SET"]
-
-        def noting(server: Server, message: Any) -> None:
-            path = berth.journal
+    def hears(self, data: bytes) -> None:
+        """Take bytes from the ground; note what they write."""
+        writes = [f.message for f in self._framer.feed(data) if f.name == "PARAM_SET"]
+        for message in writes:
+            path = self.journal
             text = path.read_text(encoding="utf-8") if path is not None and path.exists() else ""
-            berth.writes.append((str(message.param_id), float(message.param_value), text))
-            if str(message.param_id) not in berth.deaf_to:
-                take(server, message)
-
-        self._hears = {**HANDLERS, "PARAM_SET": noting}
-        self.server._hear = self._hear  # type: ignore[method-assign]
-
-    def _hear(self, data: bytes) -> None:
-        server = self.server
-        for message in server._codec.parse_buffer(data) or ():
-            handler = self._hears.get(message.get_type())
-            if handler is not None and server._is_addressed(message):
-                handler(server, message)
+            self.writes.append((str(message.param_id), float(message.param_value), text))
+        if not any(str(message.param_id) in self.deaf_to for message in writes):
+            self.server.receive(data)
 
     def condition(self) -> Condition:
         """Ask the vehicle itself."""
@@ -109,11 +99,12 @@ class _Peer:
     """The vehicle as a peer of a link whose clock starts at zero now."""
 
     def __init__(self, berth: Berth) -> None:
+        self._berth = berth
         self._server = berth.server
         self._offset = berth.server.now
 
     def receive(self, data: bytes) -> None:
-        self._server.receive(data)
+        self._berth.hears(data)
 
     def advance_to(self, t: float) -> bytes:
         return self._server.advance_to(self._offset + t)
