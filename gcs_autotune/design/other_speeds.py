@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from gcs_autotune.design.laws import Settings
+from gcs_autotune.design.laws import SKID, Settings
 from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.result import Margins, ModelFunction
 from gcs_autotune.models import SingleDof
@@ -35,7 +35,8 @@ def at_speed(model: SingleDof, share: float) -> SingleDof:
 def on_other_speeds(problem: Problem, settings: Settings, wanted: ModelFunction) -> Iterator[str]:
     """Yield a sentence with the margins at half and twice the speed; nothing for a craft that does not steer by way."""
     speed = problem.spec.speed
-    if speed is None or settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0:
+    steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
+    if speed is None or steered_by_thrust:
         return
     told, thin = [], False
     for share in SPEEDS:

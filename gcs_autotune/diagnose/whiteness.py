@@ -8,7 +8,7 @@ the heading, the past of a command ...), each read off the sensitivity of the mo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +59,7 @@ def whiteness_of(tests: list[Test]) -> float:
 
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
     """Return all tests of what a fit leaves over."""
-    return [*_portmanteaus(fitted), *_scores(problem, fitted)]
+    return [*_portmanteaus(fitted, problem.scene.lags), *_scores(problem, fitted)]
 
 
 def correlation_of(fitted: Fitted) -> float:
@@ -85,12 +85,12 @@ def _series(fitted: Fitted, name: str) -> list[Array]:
     return [(r.judged[np.isfinite(r.judged)] / fitted.levels[name]) for r in fitted.rests if r.signal == name]
 
 
-def _portmanteaus(fitted: Fitted) -> Iterator[Test]:
+def _portmanteaus(fitted: Fitted, lags_aboard: Mapping[str, float]) -> Iterator[Test]:
     for name in fitted.levels:
         series = [s for s in _series(fitted, name) if len(s) > 2 * SHORT]
         if not series:
             continue
-        memory = _memory(fitted, name)
+        memory = _memory(fitted, name, lags_aboard.get(name, 0.0))
         for lags, words in ((SHORT, "short-term correlation"), (LONG, "correlation over many samples")):
             total, freedom, first = 0.0, 0, []
             for s in series:
@@ -107,9 +107,9 @@ def _portmanteaus(fitted: Fitted) -> Iterator[Test]:
         yield _line(series, name)
 
 
-def _memory(fitted: Fitted, name: str) -> int:
+def _memory(fitted: Fitted, name: str, known: float) -> int:
     """Return how many lags of a signal's noise are correlated by what makes the signal late: a filter does both."""
-    late = sum(e.values["delay"] for e in fitted.effects if e.slug == LATE and name in columns_of(e.place))
+    late = known + sum(e.values["delay"] for e in fitted.effects if e.slug == LATE and name in columns_of(e.place))
     steps = [float(np.median(np.diff(r.t))) for r in fitted.rests if r.signal == name and len(r.t) > 1]
     return min(int(RESPONSE * late / min(steps)), MOST_MEMORY) if late and steps else 0
 

@@ -170,6 +170,8 @@ class Scene:
     """Values of the base model's parameters."""
     runs: tuple[str, ...] = ()
     """Names of the runs."""
+    lags: Mapping[str, float] = field(default_factory=dict)
+    """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
 
     @property
     def full(self) -> Mapping[str, float]:

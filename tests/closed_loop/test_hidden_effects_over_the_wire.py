@@ -43,7 +43,7 @@ def test_a_bent_compass_on_a_boat_is_named_with_its_card(tmp_path, capsys):
     uri = "sitl:charlie?effect=compass-deviation.B=0.1,C=-0.05&seed=3"
     found = told(capsys, tmp_path / "run", "heading", uri)
     assert found["verdict"] == "effect-found"
-    assert set(found["causes"]) == {"compass-deviation", "input-bias", "measurement-delay"}
+    assert set(found["causes"]) == {"compass-deviation", "input-bias"}
     assert near(found, "compass-deviation", "B", 0.1) and near(found, "compass-deviation", "C", -0.05)
     assert numbers(found, "input-bias")["bias"][0] == pytest.approx(BOAT_BIAS, rel=0.02)
 

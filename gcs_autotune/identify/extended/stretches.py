@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 THRUSTERS = ("force_left", "force_right")
 """Channels of a boat steered by two fixed thrusters, as in the form ``twin-thruster``."""
 
+TURN_RATES = ("p", "q", "r")
+"""Signals that have passed the autopilot's gyro filter."""
+
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
 
 
@@ -38,12 +41,14 @@ class Stretch:
     """One uninterrupted stretch: its signals, and how a simulation passes over it.
 
     ``dating`` [s]: how far the stamps of its inputs may be off, all by the same (decision 3); 0 when they are exact.
+    ``lags`` [s]: signal -> how late a filter aboard made it, where its stamps have been dated back by that.
     """
 
     record: CoupledRecord
     passage: Passage
     form: Form
     dating: float = 0.0
+    lags: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def run(self) -> str:
@@ -57,14 +62,14 @@ class Stretch:
     def pieces(self, count: int) -> list[Stretch]:
         """Cut into *count* stretches of about as many stamps each; commands stay whole."""
         return [
-            _stretch(piece, self.passage.run, self.passage.measured, self.form, self.dating)
+            _stretch(piece, self.passage.run, self.passage.measured, self.form, self.dating, self.lags)
             for piece in pieces_of(self.record, count)
         ]
 
     def within(self, horizon: float) -> list[Stretch]:
         """Cut into stretches no longer than *horizon* [s], none shorter than can be fitted; commands stay whole."""
         return [
-            _stretch(piece, self.passage.run, self.passage.measured, self.form, self.dating)
+            _stretch(piece, self.passage.run, self.passage.measured, self.form, self.dating, self.lags)
             for piece in within_horizon(self.record, horizon)
         ]
 
@@ -170,7 +175,7 @@ def stretches_of(
         measured = {n: c for n, c in ready.channels.items() if len(c)}
         dating = max((dating_of(ready, ready[n]) for n in form.inputs), default=0.0)
         for record in records:
-            found.append(_stretch(record, run.name, measured, form, dating))
+            found.append(_stretch(record, run.name, measured, form, dating, _lags_of(ready)))
             doubts += record.notes
     if not found:
         raise failures[0][1]
@@ -201,7 +206,7 @@ def without(stretches: Sequence[Stretch], name: str) -> list[Stretch]:
         others = {n: signal for n, signal in s.record.signals.items() if n != name}
         if others:
             record = replace(s.record, signals=others)
-            found.append(_stretch(record, s.run, s.passage.measured, s.form, s.dating))
+            found.append(_stretch(record, s.run, s.passage.measured, s.form, s.dating, s.lags))
     return found
 
 
@@ -249,10 +254,22 @@ def _unwrapped(values: Array, turn: float) -> Array:
     return unwrapped
 
 
-def _stretch(record: CoupledRecord, run: str, measured: Mapping[str, Channel], form: Form, dating: float) -> Stretch:
+def _lags_of(trial: Trial) -> dict[str, float]:
+    lag = float(trial.meta.get("rate_lag", 0.0) or 0.0)
+    return dict.fromkeys(TURN_RATES, lag) if lag > 0.0 else {}
+
+
+def _stretch(
+    record: CoupledRecord,
+    run: str,
+    measured: Mapping[str, Channel],
+    form: Form,
+    dating: float,
+    lags: Mapping[str, float],
+) -> Stretch:
     commands = {n: np.ascontiguousarray(record.inputs[:, i]) for i, n in enumerate(form.inputs)}
     passage = passage_of(run, record.t_in, commands, {n: s.t for n, s in record.signals.items()}, measured)
-    return Stretch(record, passage, form, dating)
+    return Stretch(record, passage, form, dating, lags)
 
 
 def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float] | None = None) -> Scene:
@@ -287,4 +304,5 @@ def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float]
         rms={n: float(np.sqrt(np.mean(v**2))) for n, v in joined.items()},
         base=dict(base or {}),
         runs=tuple(dict.fromkeys(s.run for s in stretches)),
+        lags={n: max(s.lags.get(n, 0.0) for s in stretches) for n in signals},
     )
