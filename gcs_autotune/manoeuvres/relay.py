@@ -223,12 +223,11 @@ class Relay:
         elif t - self._last_switch > s.patience:
             self._grow(t, self._no_oscillation())
         elif self._improper_periods >= 2 and self._outruns_the_ticks():
-            self._widen(t, s.growth) if self._may_widen() else self._give_up(self._too_fast())
+            self._settle(t) if self._may_widen() else self._give_up(self._too_fast())
         elif self._improper_periods >= 2:
             self._grow(t, self._improper())
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
-            self._widenings += 1
-            self._widen(t, s.growth)
+            self._settle(t)
         elif state.switchings >= 2 * s.most_periods:
             self.outcome = Outcome("aborted", self._never_settled())
 
@@ -255,6 +254,11 @@ class Relay:
 
     def _may_widen(self) -> bool:
         return self._settings.hysteresis is None and self._widenings < self._settings.most_widenings
+
+    def _settle(self, t: float) -> None:
+        """Widen an oscillation that does not settle, or that is over within a few ticks."""
+        self._widenings += 1
+        self._widen(t, self._settings.growth)
 
     def _slow_down(self, t: float, period: float) -> None:
         """The link cannot carry an oscillation of this *period* [s]: make it wider and so slower, or give up."""

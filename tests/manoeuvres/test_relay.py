@@ -175,10 +175,9 @@ def test_a_link_too_slow_for_the_craft_is_refused_with_the_numbers():
 def test_a_craft_that_outruns_the_control_ticks_is_given_a_wider_swing_and_not_a_stronger_one():
     """Without inertia it is back inside the hysteresis at the next tick: more output only makes that worse."""
     lively = PondCraft(gain=400.0, drag=80.0, bias=10.0)
-    settings = replace(YAW, most_widenings=2)
-    flown, record = fly(lively, settings, replace(WIDE, depth_excursion=math.inf))
+    flown, record = fly(lively, YAW, replace(WIDE, depth_excursion=math.inf))
     assert flown.outcome.ending == "aborted"
     assert "control ticks of 0.10 s" in flown.outcome.reason
     assert "--control-rate" in flown.outcome.reason
-    assert [m.kind for m in record.marks].count("widen") == settings.most_widenings
-    assert record.meta["C"] < settings.most_output
+    assert [m.kind for m in record.marks].count("widen") == YAW.most_widenings
+    assert record.meta["C"] < YAW.most_output
