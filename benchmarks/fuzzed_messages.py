@@ -34,7 +34,8 @@ from sitl import Server, open_vehicle
 
 __all__ = ["FuzzedVehicle", "aboard", "fuzz_files", "fuzz_messages"]
 
-HARMLESS = ("HEARTBEAT", "TIMESYNC", "PARAM_REQUEST_READ")
+HARMLESS = ("HEARTBEAT", "TIMESYNC", "PARAM_REQUEST_READ", "MAV_CMD_SET_MESSAGE_INTERVAL")
+"""What may be sent: questions, signs of life, and a stream that has gone thin asked for again."""
 WATCHED = ("ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_FF")
 _HEARD = (
     *("HEARTBEAT", "PARAM_VALUE", "PARAM_ERROR", "ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "STATUSTEXT"),
@@ -65,7 +66,7 @@ class FuzzedVehicle:
             self.server.receive(data)
             return
         for frame in split_frames(data):
-            self.sent[self._ear.decode(bytearray(frame)).get_type()] += 1
+            self.sent[_name_of(self._ear.decode(bytearray(frame)))] += 1
 
     def advance_to(self, t: float) -> bytes:
         """Speak."""
@@ -121,6 +122,13 @@ class FuzzedVehicle:
             return draw.choice(_ODD_BYTES) * size
         numbers = b"".join(struct.pack("<f", draw.choice(_ODD_FLOATS)) for _ in range(size // 4 + 1))
         return numbers[:size] if kind < 0.8 else (draw.randbytes(size // 2) + numbers)[:size]
+
+
+def _name_of(message: Any) -> str:
+    """Return a message's type; of a command, which."""
+    if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
+        return str(message.get_type())
+    return str(mavlink.enums["MAV_CMD"][message.command].name)
 
 
 def aboard(vehicle: FuzzedVehicle) -> MavlinkCraft:
