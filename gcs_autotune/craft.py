@@ -106,6 +106,11 @@ class Craft(Protocol):
         """The link's clock (not the vehicle's)."""
         ...
 
+    @property
+    def armed(self) -> bool:
+        """Whether it is armed, as last heard."""
+        ...
+
     def observe(self) -> Observation:
         """Wait for the next control tick and return it.
 

@@ -138,7 +138,13 @@ def visit(craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: 
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()
-        watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+        if found.armed and not craft.armed:
+            watcher.say(
+                f"left in mode {found.mode} and disarmed, although it was found armed: it has disarmed itself "
+                "(a reboot, a failsafe), and is not armed again without you"
+            )
+        else:
+            watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
 
 
 def _not_as_found(differences: dict[str, str], trouble: BaseException | None) -> NotAsFound:

@@ -123,6 +123,16 @@ def test_a_craft_found_armed_stays_armed():
     assert craft.armed
 
 
+def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is_said():
+    craft, ear = PondCraft(), Ear()
+    craft.armed = True
+    with visit(craft, ear):
+        craft.armed = False
+    assert not craft.armed
+    assert any("it has disarmed itself" in text for text in ear.heard)
+    assert not any("left as found" in text for text in ear.heard)
+
+
 def test_the_operators_stop_does_not_stop_the_clean_up():
     craft = PondCraft()
     with pytest.raises(OperatorStopped), visit(craft, SilentWatcher()):
