@@ -24,6 +24,8 @@ _STALE = 0.15
 """Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
 _SYNC_PERIOD = 1.0
 """Seconds between two TIMESYNCs."""
+_CROWD = 3
+"""An override and a target together take less than three overrides (30 and at most 53 bytes, unsigned)."""
 _REPEATS = 5
 """Releases sent at once: losing five in a row is rare even where every second one is lost."""
 FOLLOW_TIMEOUT = 3.0
@@ -63,6 +65,7 @@ class Driver:
         self._rate_stick = rate_stick
         self._ids = (session.vehicle.system, session.vehicle.component)
         self._nudging = False
+        self._copies = 1
         self._sent_t = -math.inf
         self.clock = session.clock
         self.active: Command | None = None
@@ -75,6 +78,14 @@ class Driver:
     def spare_the_link(self) -> None:
         """Send ten overrides a second instead of twenty-five: there is no room for more."""
         self._duty.period = _NARROW_REFRESH
+
+    def crowd(self) -> None:
+        """From now on send every override as often as to fill what overrides and targets together will take."""
+        self._copies = _CROWD
+
+    def thin_out(self) -> None:
+        """End that."""
+        self._copies = 1
 
     def command(self, command: Command) -> None:
         """Put *command* on the wire and keep it in force."""
@@ -172,7 +183,8 @@ class Driver:
         self._sent_t = self._telemetry.t
         values, trip = self._values(command), self._latency.round_trip
         self._sticks.sent(values, 2.0 * trip if math.isfinite(trip) else 0.0)
-        self._session.send(self._overrides.message(values, *self._ids))
+        for _ in range(self._copies):
+            self._session.send(self._overrides.message(values, *self._ids))
         if isinstance(command, HeadingTarget):
             encode = ATTITUDE_TARGETS[self._firmware.kind]
             self._session.send(encode(self._ids, command, self._full_speed))

@@ -83,6 +83,7 @@ class Session:
     listened : seconds of link time spent pumping.
     foreign : (system, component) -> messages heard from others.
     traffic : message name -> bytes received, of everybody's.
+    sent : bytes sent.
     notes : things worth telling the operator, in order.
     """
 
@@ -105,6 +106,7 @@ class Session:
         self.heartbeats = 0
         self.foreign: Counter[tuple[int, int]] = Counter()
         self.traffic: Counter[str] = Counter()
+        self.sent = 0
         self.texts = TextLog()
         self.notes: list[str] = []
         self._framer = Framer()
@@ -166,6 +168,7 @@ class Session:
         frame = self._packer.pack(message)
         if message.get_type() not in _SECRET:
             self._log(frame)
+        self.sent += len(frame)
         self.transport.write(frame)
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:

@@ -68,7 +68,7 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
     record = RunDirectory(settings.directory)
     tale = Tale(settings, when, watcher)
     try:
-        with come_aboard(settings.connection, operator, tale, record, settings.control_rate) as craft:
+        with come_aboard(settings.connection, operator, tale, record, settings.control_rate, settings.axis) as craft:
             _Tuner(settings, operator, tale, record, craft).run()
     except BaseException as error:
         tale.abort(error)
