@@ -66,7 +66,8 @@ class Driver:
         self._ids = (session.vehicle.system, session.vehicle.component)
         self._nudging = False
         self._copies = 1
-        self._sent_t = -math.inf
+        self._sparing = False
+        self._sent = self._sent_t = -math.inf
         self.clock = session.clock
         self.active: Command | None = None
         self.beat = Beat(session.clock)
@@ -77,7 +78,7 @@ class Driver:
 
     def spare_the_link(self) -> None:
         """Send ten overrides a second instead of twenty-five: there is no room for more."""
-        self._duty.period = _NARROW_REFRESH
+        self._duty.period, self._sparing = _NARROW_REFRESH, True
 
     def crowd(self) -> None:
         """From now on send every override as often as to fill what overrides and targets together will take."""
@@ -88,7 +89,9 @@ class Driver:
         self._copies = 1
 
     def command(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force."""
+        """Put *command* on the wire and keep it in force; on a link to be spared not again when it has just been sent."""
+        if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
+            return
         self.active = command
         wanted = command if isinstance(command, Actuate) else Actuate()
         forces = {force: getattr(wanted, force) for force in self._overrides.channels}
@@ -180,7 +183,7 @@ class Driver:
         """Send the command; targets go with neutral overrides, which tell the failsafes that we are there."""
         self._duty.postpone()
         self.beat.strike()
-        self._sent_t = self._telemetry.t
+        self._sent, self._sent_t = self.clock.now(), self._telemetry.t
         values, trip = self._values(command), self._latency.round_trip
         self._sticks.sent(values, 2.0 * trip if math.isfinite(trip) else 0.0)
         for _ in range(self._copies):
