@@ -89,7 +89,7 @@ class Driver:
         self._copies = 1
 
     def command(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force; on a link to be spared not again when it has just been sent."""
+        """Put *command* on the wire and keep it in force; on a link to be spared not again when just sent."""
         if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
             return
         self.active = command

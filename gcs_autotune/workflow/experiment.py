@@ -150,7 +150,7 @@ def _announce(
     for text in (
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
-        f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}{down}two {_kind(settings, craft)} "
+        f"move: {ANNOUNCED.get(EXPERIMENTS[settings.axis], '')}{down}two {_kind(settings, craft)} "
         f"experiments in {settings.axis}",
         "write no parameter",
     ):

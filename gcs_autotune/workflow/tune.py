@@ -382,7 +382,7 @@ class _Tuner:
         gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
         dive = dive_for(axis.dof, firmware.kind, now)
         down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
-        signs = ANNOUNCED if axis.dof in CHECKED else ""
+        signs = ANNOUNCED.get(axis.dof, "")
         kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {DOF_NAMES[axis.dof]}"
         swings = f" and {kind}" if self._given is None else ""
         self._tale.announce(
