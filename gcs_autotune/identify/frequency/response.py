@@ -57,7 +57,8 @@ class FrequencyResponse:
         Of the residual spectrum with ``2 averages - 2`` degrees of freedom (Bendat and Piersol, Random Data).
         """
         quantile = scipy_stats().f.ppf(level, 2.0, np.maximum(2.0 * self.averages - 2.0, 1.0))
-        return self.std * np.sqrt(2.0 * quantile)
+        found: Array = self.std * np.sqrt(2.0 * quantile)
+        return found
 
     def measured(self, coherence: float = COHERENT) -> FrequencyResponse:
         """Return the points that are *coherence* or better."""
