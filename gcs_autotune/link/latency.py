@@ -98,7 +98,7 @@ class Latency:
         self._session = session
         self._open: dict[int, float] = {}
         self._trips: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
-        self._quickest = math.nan
+        self._quickest = self._middle = math.nan
         self._pending: dict[str, _Pending] = {}
         self._wanted: dict[str, float] = {}
         self._up: deque[float] = deque(maxlen=_KEPT)
@@ -125,6 +125,7 @@ class Latency:
             trip = self._session.clock.now() - sent
             self._quickest = trip if math.isnan(self._quickest) else min(trip, self._quickest)
             self._trips.append((sent, trip, float(m.tc1) * 1e-9))
+            self._middle = math.nan
 
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
@@ -203,7 +204,9 @@ class Latency:
     @property
     def round_trip(self) -> float:
         """Median round trip [s of link time]; NaN when not measured."""
-        return _quantile([trip for _, trip, _ in self._trips], 0.5)
+        if math.isnan(self._middle):
+            self._middle = _quantile([trip for _, trip, _ in self._trips], 0.5)
+        return self._middle
 
     def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
         """Return everything measured so far."""

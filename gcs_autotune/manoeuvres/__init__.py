@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
-from gcs_autotune.manoeuvres.sequencer import Flown, Sequencer, visit
+from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, visit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_words import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings
@@ -27,6 +27,7 @@ from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSetting
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 
 __all__ = [
+    "DISARMED_ITSELF",
     "GUARDS",
     "LEVELS",
     "MANOEUVRES",
