@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.pieces import holds_over, horizon_for
 from gcs_autotune.diagnose.result import Diagnosis
@@ -31,6 +32,9 @@ __all__ = ["METRIC", "diagnose"]
 Array = NDArray[np.float64]
 
 Progress = Callable[[str, int, int], None]
+
+FAR = 1.5
+"""Error of a run kept apart, over the noise of those fitted, beyond which a model does not hold for it."""
 
 
 def diagnose(
@@ -106,8 +110,31 @@ def diagnose(
             doubts.append(_short_sighted(shorter))
         else:
             shorter = None
+    if held and model is None and shorter is None and _contradicted(search):
+        # What the runs to fit do not show the runs to predict do: all are looked at together, parts left out in turn.
+        both, other = _search(base_form, [*stretches, *held], [], model, slugs, progress, jobs)
+        both.run()
+        if both.fitted.effects:
+            search, words = both, other
+            doubts.append(_needed_all())
     doubts = [*early, *doubts, *parameters_off(search)]
     return told_of(search, words, doubts, together, others, time.perf_counter() - begun, sure=shorter is None)
+
+
+def _contradicted(search: Search) -> bool:
+    """Whether nothing was found nor is left, and yet the runs kept apart are predicted far worse than those fitted."""
+    if search.fitted.effects or _lost(search) or not search.base_unseen.complete:
+        return False
+    errors = rms_of(search.base_unseen.rests)
+    return any(errors[n] > FAR * level for n, level in search.fitted.levels.items() if n in errors)
+
+
+def _needed_all() -> Doubt:
+    return Doubt(
+        "validation-was-needed",
+        "the runs to fit show nothing, yet do not predict the runs kept apart; the causes were found in all together",
+        "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
+    )
 
 
 def _lost(search: Search) -> bool:
