@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
@@ -100,7 +100,7 @@ def is_material(judged: Judged) -> bool:
 def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:
     """Whether so much of twice the log-likelihood is more than so many numbers gain by chance, all tries counted."""
     more = max(1, fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present))
-    return likelihood > float(chi2.isf(SIGNIFICANCE / max(tried, 1), more))
+    return likelihood > chi_square.threshold(SIGNIFICANCE / max(tried, 1), more)
 
 
 def ordered(judged: Sequence[Judged]) -> list[Judged]:

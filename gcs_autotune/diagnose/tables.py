@@ -15,10 +15,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from gcs_autotune.diagnose.table_reading import reading_of_level, reading_of_order, reading_of_sign, reading_of_trend
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["ParameterTable", "TableFinding", "diagnose_table"]
 
@@ -147,8 +147,8 @@ def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iter
         if len(levels) < LEAST:
             return
         means = np.array([np.log(values)[size == s].mean() for s in levels])
-        fit = stats.linregress(np.log2(levels), means)
-        half = float(stats.t.isf(0.025, len(levels) - 2)) * float(fit.stderr)
+        fit = scipy_stats().linregress(np.log2(levels), means)
+        half = float(scipy_stats().t.isf(0.025, len(levels) - 2)) * float(fit.stderr)
         found[name] = (float(fit.slope), half, float(fit.pvalue), _answer(float(fit.slope), half, float(fit.pvalue)))
     reading = reading_of_trend({n: f[0] for n, f in found.items()}, {n: f[3] for n, f in found.items()})
     for name, (off, half, p, answer) in found.items():
@@ -170,7 +170,7 @@ def _apart(y: Array, size: Array, level: float) -> tuple[float, float, float]:
         within = sum(float(np.sum((g - g.mean()) ** 2)) for g in groups) / freedom
         expected = within * float(np.mean([1.0 / len(g) for g in others]))
         ratio = between / expected if expected > 0.0 else math.inf
-        differ = len(others) > 1 and float(stats.f.sf(ratio, len(others) - 1, freedom)) < POOLED
+        differ = len(others) > 1 and float(scipy_stats().f.sf(ratio, len(others) - 1, freedom)) < POOLED
         between = between - expected if differ else 0.0
         weights = np.array([1.0 / (between + within / len(g)) if between + within > 0.0 else 1.0 for g in others])
         variance = between + within / len(own) + 1.0 / float(weights.sum())
@@ -187,7 +187,7 @@ def _t(off: float, variance: float, freedom: int) -> tuple[float, float]:
     if freedom < 1 or variance <= 0.0:
         return math.inf, 1.0
     s = math.sqrt(variance)
-    return float(stats.t.isf(0.025, freedom)) * s, float(2.0 * stats.t.sf(abs(off) / s, freedom))
+    return float(scipy_stats().t.isf(0.025, freedom)) * s, float(2.0 * scipy_stats().t.sf(abs(off) / s, freedom))
 
 
 def _answer(off: float, half: float, p: float) -> Answer:
@@ -245,9 +245,9 @@ def _order(table: ParameterTable) -> Iterator[TableFinding]:
     """Yield the power of rate that the drag force goes with: 1 plus that of the equivalent linear drag."""
     if table.rate is None or table.linear_drag is None or np.ptp(np.log(table.rate)) < math.log(1.3):
         return
-    fit = stats.linregress(np.log(table.rate), np.log(table.linear_drag))
+    fit = scipy_stats().linregress(np.log(table.rate), np.log(table.linear_drag))
     groups = len(np.unique(np.abs(table.level)))
-    half = float(stats.t.isf(0.025, max(groups - 2, 1))) * float(fit.stderr)
+    half = float(scipy_stats().t.isf(0.025, max(groups - 2, 1))) * float(fit.stderr)
     order = 1.0 + float(fit.slope)
     either = [law for law in (1.0, 2.0) if abs(order - law) <= half]
     answer: Answer = "cannot tell" if len(either) == 2 else ("no" if either == [2.0] else "yes")

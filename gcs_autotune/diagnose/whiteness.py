@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, kurtosis, kurtosistest
 
+from gcs_autotune import chi_square
 from gcs_autotune.diagnose.history import memories
 from gcs_autotune.diagnose.ringing import rings
 from gcs_autotune.effects.effect import Leftover, columns_of
@@ -25,6 +25,7 @@ from gcs_autotune.identify.colour import autocorrelation
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import term_of
+from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
 __all__ = ["Test", "correlation_of", "tests_of", "whiteness_of"]
@@ -74,7 +75,7 @@ def correlation_of(fitted: Fitted) -> float:
             if len(series) < 3 * SHORT:
                 continue
             rho = autocorrelation(series, len(series) // 4)
-            if len(series) * float(np.sum(rho[:SHORT] ** 2)) < chi2.isf(0.01, SHORT):
+            if len(series) * float(np.sum(rho[:SHORT] ** 2)) < chi_square.threshold(0.01, SHORT):
                 times.append(1.0)
                 continue
             below = np.flatnonzero(rho < 0.05)
@@ -104,7 +105,7 @@ def _portmanteaus(fitted: Fitted, lags_aboard: Mapping[str, float]) -> Iterator[
                 total += n * (n + 2) * float(np.sum(rho[memory:] ** 2 / (n - lag[memory:]))) / wider
                 freedom += own - memory
                 first.append(float(rho[memory]))
-            yield Test(words, name, float(chi2.sf(total, freedom)), float(np.mean(first)))
+            yield Test(words, name, float(chi_square.exceeded_by_chance(total, freedom)), float(np.mean(first)))
         yield _drift(series, name, memory)
         yield _tails(series, name)
         yield _line(series, name)
@@ -125,16 +126,16 @@ def _drift(series: list[Array], name: str, memory: int) -> Test:
         wider = 1.0 + 2.0 * max(float(np.sum(autocorrelation(s, SHORT)[:memory])), 0.0)
         total += sum(len(p) * float(p.mean()) ** 2 for p in parts) / float(np.mean(s**2) or 1.0) / wider
         freedom += count
-    return Test("slow drift", name, float(chi2.sf(total, freedom)), total / freedom)
+    return Test("slow drift", name, float(chi_square.exceeded_by_chance(total, freedom)), total / freedom)
 
 
 def _tails(series: list[Array], name: str) -> Test:
     """Return the test of kurtosis (D'Agostino 1970), one-sided: tails heavier than noise has."""
     joined = np.concatenate(series)
-    if len(joined) < FEWEST_FOR_TAILS or kurtosis(joined) <= 0.0:
+    if len(joined) < FEWEST_FOR_TAILS or scipy_stats().kurtosis(joined) <= 0.0:
         return Test("heavy tails", name, 1.0)
-    found = kurtosistest(joined, alternative="greater")
-    return Test("heavy tails", name, float(found.pvalue), float(kurtosis(joined)))
+    found = scipy_stats().kurtosistest(joined, alternative="greater")
+    return Test("heavy tails", name, float(found.pvalue), float(scipy_stats().kurtosis(joined)))
 
 
 def _line(series: list[Array], name: str) -> Test:
@@ -208,7 +209,7 @@ def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
         statistic, power = float(score @ score), float(residual @ residual)
         side = float(group[:, 0] @ basis[:, 0]) * float(score[0]) if basis.shape[1] == 1 else 1.0
         size = math.copysign(math.sqrt(statistic / power), side)
-        yield Test(words, "", float(chi2.sf(statistic / variance, basis.shape[1])), size)
+        yield Test(words, "", float(chi_square.exceeded_by_chance(statistic / variance, basis.shape[1])), size)
 
 
 def _directions(group: Array, Q: Array) -> Array:

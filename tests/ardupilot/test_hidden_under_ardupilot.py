@@ -22,9 +22,11 @@ from benchmarks.rivals.sea import Sea
 from sitl import load_vehicle
 from sitl.effects import parse_effect
 
-pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(2000)]
 
 HIDDEN, DELAY = "input-delay", 0.8
+PATIENCE = 900.0
+"""Wall seconds for a diagnosis, which takes one minute of a processor that has nothing else to do."""
 WARM_UP = 120.0
 """Seconds before anybody does anything: the estimator's heading wanders until it knows its gyros."""
 
@@ -70,7 +72,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
 
 
 def answer(*arguments: str | Path) -> Any:
-    done = command_line(*map(str, arguments), "--json")
+    done = command_line(*map(str, arguments), "--json", timeout=PATIENCE)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
 
