@@ -66,7 +66,8 @@ DIGITS = 4
 class Problem:
     """Everything matching needs except the wish itself.
 
-    ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains.
+    ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains;
+    ``late`` are gains that matching leaves alone and polishing may take up.
     """
 
     law: Law
@@ -78,6 +79,7 @@ class Problem:
     delay: float
     present_overshoot: float = 0.0
     actuator: Actuator = PERFECT
+    late: Sequence[Gain] = ()
 
     @property
     def model(self) -> SingleDof:

@@ -41,6 +41,7 @@ class AboutRest:
     controls_velocity = False
     free_overshoot = 0.0
     measured: Sequence[str] = ()
+    late: Sequence[str] = ()
 
     def demand(
         self, model: SingleDof, wanted: ModelFunction, step: float, settings: Settings, speed: float | None

@@ -43,6 +43,7 @@ class AboutSpeed:
     controls_velocity = True
     free_overshoot = 0.0
     measured: Sequence[str] = ()
+    late: Sequence[str] = ()
 
     def base(self, step: float, speed: float | None) -> float:
         """Return the velocity that steps of size *step* start from and come back to."""

@@ -136,6 +136,7 @@ class RoverHeading(AboutRest):
     tuned: Sequence[str] = (FF, P, I, ANG)
     integral = I
     fixed: Settings = FIXED
+    late: Sequence[str] = (D,)
     usual_step = math.radians(30.0)
     defaults: Settings = DEFAULTS
 
