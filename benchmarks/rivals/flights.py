@@ -23,6 +23,8 @@ _UNSEEN = {"heading": math.radians(0.1), "depth": 0.01}
 would otherwise be made of them."""
 _AT_REST = 0.02
 """Of the step."""
+_PATIENCE = 8.0
+"""Settling times that a vessel is waited for."""
 _COLUMN = {"heading": (1, 4), "depth": (2, 5)}
 """Axis -> columns of position and output in the record."""
 
@@ -69,7 +71,7 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> Ste
     sea.repeated = lambda: ask(base)
     position, output = _COLUMN[job.axis]
     sea.run(job.settle)
-    _await_rest(sea, position, _AT_REST * job.step, 8.0 * job.settle)
+    _await_rest(sea, position, base, job)
     sea.set(dict(gains))
     sea.run(1.0)
     found, value = [], base
@@ -92,13 +94,15 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> Ste
     return combine(found)
 
 
-def _await_rest(sea: Sea, position: int, band: float, most: float) -> None:
-    """Let time pass until the position stays within *band* [rad or m] for five seconds, at *most* that long [s]."""
-    end = sea.t + most
+def _await_rest(sea: Sea, position: int, base: float, job: Job) -> None:
+    """Let time pass until the position has stayed where it is, and near enough to *base* [rad or m], for 5 s."""
+    end = sea.t + _PATIENCE * job.settle
     while sea.t < end:
         since = sea.t
         sea.run(5.0)
-        if np.ptp(sea.record(since)[:, position]) < band:
+        x = sea.record(since)[:, position]
+        off = x - base if job.axis == "depth" else np.remainder(x - base + math.pi, math.tau) - math.pi
+        if np.ptp(x) < _AT_REST * job.step and np.abs(off).max() < job.near * job.step:
             return
 
 

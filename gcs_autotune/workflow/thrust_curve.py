@@ -2,6 +2,10 @@
 
 A propeller's thrust goes with n|n|, and ArduSub sends its demands to the thrusters as they are, so that an ROV's gain
 grows with the size of the command. Without it the smaller oscillation is that of another craft than the larger.
+
+Most speed controllers do nothing at all near neutral besides. Two sizes of square wave cannot tell such a dead band from
+a curve: each tells one point of the characteristic. A step under the autopilot's own loop, whose output runs through all
+sizes down to the bias it holds against, can; it has been flown anyway.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Fit, fit
+from gcs_autotune.identify.result import Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = ["design_with_curve", "fit_thrust_curve", "told"]
@@ -26,27 +31,62 @@ _STDS = 5.0
 """...and be this many standard errors from a straight line. Both chosen: a curve that matters passes both by far."""
 _SHARES = (0.1, 1.5)
 """What the share of n|n| can be."""
+_DEAD = "dead-zone"
 
 
-def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
+def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit, step: Trial | None = None) -> Fit | None:
     """Return a model with a thrust curve when the *runs* clearly call for one, else None.
 
-    plain : the model without, of the same runs.
+    plain : the model without, of the same runs. step : flown under the autopilot's own loop; with it the curve may
+    turn out to be a dead band, or to have one.
     """
-    channel = plain.model.axis.force
+    curve = _fitted(runs, plain, _EFFECT)
+    if curve is None:
+        return None
+    share = _number(curve, _EFFECT)
+    clear = _left(curve) < _UNEXPLAINED * (100.0 - plain.fit_percent) and share.value > _STDS * share.std
+    if not (clear and _SHARES[0] < share.value < _SHARES[1]):
+        return None
+    return curve if step is None else _with_dead_band([*runs, step], plain, curve)
+
+
+def _with_dead_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit) -> Fit:
+    """Return a model with dead band and curve when the step clearly calls for it, else *curve*."""
+    both, bent = _fitted(runs, plain, _DEAD, _EFFECT), _fitted(runs, plain, _EFFECT)
+    if both is None or bent is None:
+        return curve
+    width = _number(both, _DEAD)
+    return both if _left(both) < _UNEXPLAINED * _left(bent) and width.value > _STDS * width.std else curve
+
+
+def _fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str) -> Fit | None:
+    """Return the model with these effects of the actuator, or None when there is none."""
+    effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
-        found = fit(list(runs), "affine", dof=plain.model.dof, effects=(f"{_EFFECT}@{channel}",))
+        return fit(list(runs), "affine", dof=plain.model.dof, effects=effects)
     except AutotuneError:
         return None
-    share = found.parameters[f"{_EFFECT}@{channel}.share"]
-    left, was = 100.0 - found.fit_percent, 100.0 - plain.fit_percent
-    clear = left < _UNEXPLAINED * was and share.value > _STDS * share.std
-    return found if clear and _SHARES[0] < share.value < _SHARES[1] else None
+
+
+def _number(found: Fit, slug: str) -> Parameter:
+    """Return the one number of the effect *slug*."""
+    return next(p for name, p in found.parameters.items() if name.startswith(slug))
+
+
+def _left(found: Fit) -> float:
+    """Return what is left unexplained [percent]."""
+    return 100.0 - found.fit_percent
 
 
 def told(found: Fit, plain: AxisFit) -> str:
     """Return the finding in a sentence."""
-    share = next(p for name, p in found.parameters.items() if name.startswith(_EFFECT))
+    share = _number(found, _EFFECT)
+    if any(name.startswith(_DEAD) for name in found.parameters):
+        width = _number(found, _DEAD)
+        return (
+            f"oscillations and step together speak of thrusters that do nothing below {width.value:.1%} of full, beyond "
+            f"which {share.value:.0%} of the thrust goes with the square of the command"
+        )
     return (
         "the two oscillations speak of thrusters that are weak for small commands "
         f"({share.value:.0%} of the thrust goes with the square of the command): with that the model explains "

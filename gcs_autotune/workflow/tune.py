@@ -103,6 +103,7 @@ class _Tuner:
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
         self._curved: Fit | None = None
+        self._first_step: Trial | None = None
 
     def run(self) -> None:
         """Everything between coming aboard and leaving."""
@@ -151,6 +152,7 @@ class _Tuner:
         else:
             proof = proof_about_rest(self._settings, self._axis, speed)
         before = self._fly(proof.step("step-before"), "step with present gains")
+        self._first_step = before.trial
         grain = resolution(before.trial)
         tale.metrics_before = measure(before.trial, resolution=grain)
         if self._given is None:
@@ -231,7 +233,8 @@ class _Tuner:
         )
         plain = tale.fit
         if kind == "rov" and s.structure is None:
-            self._curved = think(self._craft, lambda: fit_thrust_curve([first, second], plain))
+            step = self._first_step
+            self._curved = think(self._craft, lambda: fit_thrust_curve([first, second], plain, step))
         if self._curved is not None:
             tale.say(told(self._curved, plain))
             save_model(self._curved, self._record.path / "model_with_thrust_curve.json")
