@@ -3,9 +3,9 @@
 A propeller's thrust goes with n|n|, and ArduSub sends its demands to the thrusters as they are, so that an ROV's gain
 grows with the size of the command. Without it the smaller oscillation is that of another craft than the larger.
 
-Most speed controllers do nothing at all near neutral besides. Two sizes of square wave cannot tell such a dead band from
-a curve: each tells one point of the characteristic. A step under the autopilot's own loop, whose output runs through all
-sizes down to the bias it holds against, can; it has been flown anyway.
+Most speed controllers do nothing at all near neutral besides. Two sizes of square wave cannot tell such a dead band
+from a curve: each tells one point of the characteristic. A step under the autopilot's own loop, whose output runs
+through all sizes down to the bias it holds against, can; it has been flown anyway.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def told(found: Fit, plain: AxisFit) -> str:
     if any(name.startswith(_DEAD) for name in found.parameters):
         width = _number(found, _DEAD)
         return (
-            f"oscillations and step together speak of thrusters that do nothing below {width.value:.1%} of full, beyond "
-            f"which {share.value:.0%} of the thrust goes with the square of the command"
+            f"oscillations and step together speak of thrusters that do nothing below {width.value:.1%} of full, "
+            f"beyond which {share.value:.0%} of the thrust goes with the square of the command"
         )
     return (
         "the two oscillations speak of thrusters that are weak for small commands "
