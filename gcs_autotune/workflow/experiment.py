@@ -1,4 +1,4 @@
-"""``experiment``: fly the two relay experiments of one degree of freedom, identify it, and change nothing."""
+"""``experiment``: fly the relay experiments of one degree of freedom, identify it, and change nothing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import NotAchieved, OperatorStopped, WrongVehicle
+from gcs_autotune.errors import NotAchieved, NotInformative, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.identify.surge import extended, fit_surge
 from gcs_autotune.link import MavlinkCraft
@@ -23,6 +23,7 @@ from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
+from gcs_autotune.workflow.third_level import ThirdLevel, third_level
 from gcs_autotune.workflow.waiting import ask, think
 
 __all__ = ["experiment"]
@@ -95,24 +96,54 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
         if flown.outcome.ending == "aborted":
             raise NotAchieved(f"diving: {flown.outcome.reason}")
     for name in ("relay-1", "relay-2"):
-        turn = turn_for(craft.firmware.kind, cruise.throttle)
-        if trials and turn is not None:
-            sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
-        least = craft.least_period
-        relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name, least_period=least)
-        flown = sequencer.fly(relay, name)
-        if flown.outcome.ending == "aborted":
-            raise NotAchieved(f"{name}: {flown.outcome.reason}")
-        trials.append(flown.trial)
-        output = second_output(flown.trial, room)
+        _turn_about(bool(trials), sequencer, settings, craft, cruise)
+        trials.append(_relay(name, output, sequencer, settings, dof, craft, cruise))
+        output = second_output(trials[-1], room)
+    if dof in CHECKED and settings.most_relays > len(trials):
+        third = think(craft, lambda: _third(trials, dof, settings))
+        if third is not None:
+            watcher.say(third.why)
+            _turn_about(True, sequencer, settings, craft, cruise)
+            trials.append(_relay("relay-3", third.output, sequencer, settings, dof, craft, cruise))
     return trials
+
+
+def _third(trials: list[Trial], dof: str, settings: TuneSettings) -> ThirdLevel | None:
+    delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
+    try:
+        return third_level(trials, fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+    except NotInformative:
+        return None
+
+
+def _relay(
+    name: str,
+    output: float | None,
+    sequencer: Sequencer,
+    settings: TuneSettings,
+    dof: str,
+    craft: MavlinkCraft,
+    cruise: _Cruise,
+) -> Trial:
+    least = craft.least_period
+    relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name, least_period=least)
+    flown = sequencer.fly(relay, name)
+    if flown.outcome.ending == "aborted":
+        raise NotAchieved(f"{name}: {flown.outcome.reason}")
+    return flown.trial
+
+
+def _turn_about(
+    wanted: bool, sequencer: Sequencer, settings: TuneSettings, craft: MavlinkCraft, cruise: _Cruise
+) -> None:
+    turn = turn_for(craft.firmware.kind, cruise.throttle)
+    if wanted and turn is not None:
+        sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
 
 
 def _swing(sequencer: Sequencer, settings: TuneSettings, craft: MavlinkCraft, cruise: _Cruise, number: int) -> Trial:
     """Fly one of a boat's surge experiments, the second on the way back."""
-    turn = turn_for(craft.firmware.kind, cruise.throttle)
-    if number and turn is not None:
-        sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
+    _turn_about(number > 0, sequencer, settings, craft, cruise)
     name = f"throttle-{number + 1}"
     flown = sequencer.fly(throttle_steps_for(cruise.throttle, number, name), name)
     if flown.outcome.ending == "aborted":
@@ -138,6 +169,12 @@ def _kind(settings: TuneSettings, craft: MavlinkCraft) -> str:
     return "throttle-step" if settings.axis == "surge" and craft.firmware.kind == "boat" else "self-oscillation"
 
 
+def _maybe_more(settings: TuneSettings) -> str:
+    if EXPERIMENTS[settings.axis] not in CHECKED or settings.most_relays < 3:
+        return ""
+    return ", and a third, as long again, if these cannot tell a dead band from a thrust curve"
+
+
 def _announce(
     settings: TuneSettings, craft: MavlinkCraft, operator: Operator, watcher: Watcher, now: Observation
 ) -> None:
@@ -151,7 +188,7 @@ def _announce(
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
         f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}{down}two {_kind(settings, craft)} "
-        f"experiments in {settings.axis}",
+        f"experiments in {settings.axis}{_maybe_more(settings)}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")

@@ -50,6 +50,7 @@ from gcs_autotune.workflow.resting import resting_noise
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.surge_curve import reduction_of
 from gcs_autotune.workflow.tale import Tale
+from gcs_autotune.workflow.third_level import third_level
 from gcs_autotune.workflow.thrust_curve import design_with_curve, fit_thrust_curve, told
 from gcs_autotune.workflow.waiting import ask, think
 
@@ -225,20 +226,30 @@ class _Tuner:
         first = self._fly(relay, "first self-oscillation").trial
         relay = relay_for(s, self._axis.dof, kind, throttle, second_output(first), "relay-2", least_period=least)
         self._come_about(throttle)
-        second = self._fly(relay, "second self-oscillation").trial
+        trials = [first, self._fly(relay, "second self-oscillation").trial]
         tale.say("identifying")
-        delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
-        tale.fit = think(
-            self._craft, lambda: fit_axis([first, second], dof=self._axis.dof, structure=s.structure, delay=delay)
-        )
-        plain = tale.fit
-        if kind == "rov" and s.structure is None:
-            step = self._first_step
-            self._curved = think(self._craft, lambda: fit_thrust_curve([first, second], plain, step))
+        tale.fit = plain = self._fitted(trials)
+        if s.structure is not None:
+            return plain
+        step = self._first_step
+        if step is None and s.most_relays > len(trials):
+            third = think(self._craft, lambda: third_level(trials, plain))
+            if third is not None:
+                tale.say(third.why)
+                relay = relay_for(s, self._axis.dof, kind, throttle, third.output, "relay-3", least_period=least)
+                self._come_about(throttle)
+                trials.append(self._fly(relay, "third self-oscillation").trial)
+                tale.fit = plain = self._fitted(trials)
+        self._curved = think(self._craft, lambda: fit_thrust_curve(trials, plain, step))
         if self._curved is not None:
             tale.say(told(self._curved, plain))
             save_model(self._curved, self._record.path / "model_with_thrust_curve.json")
         return tale.fit
+
+    def _fitted(self, trials: list[Trial]) -> AxisFit:
+        s = self._settings
+        delay: float | Literal["auto"] = "auto" if s.delay is None else s.delay
+        return think(self._craft, lambda: fit_axis(trials, dof=self._axis.dof, structure=s.structure, delay=delay))
 
     def _identify_surge(self, throttle: float) -> AxisFit:
         s, tale, trials = self._settings, self._tale, list[Trial]()
