@@ -56,6 +56,8 @@ DESCENTS = 2
 """The first descents begin at the best so many of all starts."""
 WORTH = 0.95
 """A gain that matching does without must bring the cost below this share: it makes the actuator busier."""
+CALM = 0.02
+"""Chosen: with such a gain measurement noise may move the actuator by 2 % of full (rms) only, not to wear it out."""
 
 
 def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
@@ -65,19 +67,25 @@ def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
     not have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*. Then once
     more with the gains that the law lets it take up (``Law.late``), if that pays.
     """
-    best = _polished(problem, chosen, [chosen.settings, problem.settings], duration, NOTICEABLE)
+    best = _polished(problem, chosen, [chosen.settings, problem.settings], duration)
     if not problem.late:
         return best
     wider = replace(problem, gains=(*problem.gains, *problem.late))
     full = {**best.settings, **{g.parameter: g.high for g in problem.late}}
-    return _polished(wider, best, [best.settings, full], duration, WORTH)
+    return _polished(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM)
 
 
 def _polished(
-    problem: Problem, chosen: Candidate, starts: Sequence[Settings], duration: float, worth: float
+    problem: Problem,
+    chosen: Candidate,
+    starts: Sequence[Settings],
+    duration: float,
+    *,
+    worth: float = NOTICEABLE,
+    noise: float = NOISE_LIMIT,
 ) -> Candidate:
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
-    cost = _Cost(problem, chosen.wanted, duration, chosen.settings)
+    cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise)
     best, least = chosen, worth * cost.of(chosen.settings)
     scatter = qmc.Sobol(len(problem.gains), scramble=False).random_base2(SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
@@ -87,7 +95,7 @@ def _polished(
         found = judge(problem, chosen.wanted, settings, duration)
         if _is_acceptable(found, chosen) and cost.of(settings) < least:
             best, least = found, cost.of(settings)
-        cost = _Cost(problem, chosen.wanted, duration, settings)
+        cost = _Cost(problem, chosen.wanted, duration, settings, noise)
         x = _descend(cost, x)
     return best
 
@@ -103,8 +111,9 @@ def _rounded(problem: Problem, settings: Settings) -> dict[str, float]:
 class _Cost:
     """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks."""
 
-    def __init__(self, problem: Problem, wanted: ModelFunction, duration: float, near: Settings) -> None:
+    def __init__(self, problem: Problem, wanted: ModelFunction, duration: float, near: Settings, noise: float) -> None:
         self._problem = problem
+        self._noise = noise
         self._wanted = wanted
         self._duration = duration
         least = 2.0 * noise_floor(problem.spec.noise_std, problem.spec.quantum)
@@ -138,7 +147,7 @@ class _Cost:
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
         missed += max(0.0, step.overshoot - most_overshoot(problem))
-        missed += max(0.0, RESERVE * output_noise(problem, settings) / NOISE_LIMIT - 1.0)
+        missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
         for m in problem.margins(settings, self._wanted, self._watched):
             missed += max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))
             missed += max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin))

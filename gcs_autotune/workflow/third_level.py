@@ -1,8 +1,8 @@
 """A third size of self-oscillation, when two cannot tell a dead band from a thrust curve.
 
 A square wave of one size tells one point of the actuator's characteristic. Two points fit a dead band and a curve
-alike, whatever the noise; a third parts them. It is flown only where the first two call for either, at the size at which the
-two explanations differ most for the time it takes on the water.
+alike, whatever the noise; a third parts them. It is flown only where the first two call for either, at the size at
+which the two explanations differ most for the time it takes on the water.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ Array = NDArray[np.float64]
 
 _ALIKE = 0.9
 """Chosen: explanations that leave so much alike (ratio of what is left) have not been told apart."""
-_WEAKEST = 0.25
-"""Chosen: a smaller relay must leave so much of the force of the smallest flown, or it takes too long."""
+_WEAKEST = 0.5
+"""Chosen: a smaller relay must leave so much of the force of the smallest flown, or it takes too long, and a constant
+force outweighs it."""
 _APART = 1.25
 """Chosen: a third size differs at least so much (ratio) from those flown."""
 

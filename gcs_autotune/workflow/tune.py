@@ -22,7 +22,7 @@ from gcs_autotune.identify import AxisFit, Fit, fit_axis
 from gcs_autotune.identify.model_file import save_model
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterLoan
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Sequencer, visit
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Relay, Sequencer, visit
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, write_story
 from gcs_autotune.trial import Trial
@@ -238,13 +238,21 @@ class _Tuner:
                 tale.say(third.why)
                 relay = relay_for(s, self._axis.dof, kind, throttle, third.output, "relay-3", least_period=least)
                 self._come_about(throttle)
-                trials.append(self._fly(relay, "third self-oscillation").trial)
+                trials += self._third(relay)
                 tale.fit = plain = self._fitted(trials)
         self._curved = think(self._craft, lambda: fit_thrust_curve(trials, plain, step))
         if self._curved is not None:
             tale.say(told(self._curved, plain))
             save_model(self._curved, self._record.path / "model_with_thrust_curve.json")
         return tale.fit
+
+    def _third(self, relay: Relay) -> list[Trial]:
+        """Return the third oscillation; none when the craft would not: the two others are enough to go on."""
+        try:
+            return [self._fly(relay, "third self-oscillation").trial]
+        except NotAchieved as error:
+            self._tale.say(f"{error}; going on with the two that were flown")
+            return []
 
     def _fitted(self, trials: list[Trial]) -> AxisFit:
         s = self._settings
