@@ -56,8 +56,8 @@ DESCENTS = 2
 """The first descents begin at the best so many of all starts."""
 WORTH = 0.95
 """A gain that matching does without must bring the cost below this share: it makes the actuator busier."""
-CALM = 0.02
-"""Chosen: with such a gain measurement noise may move the actuator by 2 % of full (rms) only, not to wear it out."""
+CALM = 0.01
+"""Chosen: with such a gain measurement noise may move the actuator by 1 % of full (rms) only, not to wear it out."""
 
 
 def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
