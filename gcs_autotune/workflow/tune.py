@@ -46,7 +46,7 @@ from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, STAGE, remarks_o
 from gcs_autotune.workflow.proof import Known, Proof, proof_about_rest, proof_of_speed, proof_of_turn_rate
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.resting import resting_noise
+from gcs_autotune.workflow.resting import jitter_in, resting_noise
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.surge_curve import reduction_of
 from gcs_autotune.workflow.tale import Tale
@@ -103,6 +103,7 @@ class _Tuner:
         self._envelope = settings.envelope
         self._given = None if settings.given is None else given_for(settings.given, self._axis, settings.full_scale)
         self._noise = 0.0
+        self._jitter: float | None = None
         self._curved: Fit | None = None
         self._first_step: Trial | None = None
 
@@ -161,6 +162,7 @@ class _Tuner:
             self._noise = self._noise_of(fit, before.trial)
             if not self._law.controls_velocity:
                 self._noise = min(self._noise, resting_noise(before.trial, grain))
+                self._jitter = min(self._noise, jitter_in(before.trial, grain))
             proposal = self._design(fit, present, grain, proof)
         else:
             self._noise = self._given.noise_std or self._noise_of(None, before.trial)
@@ -306,6 +308,7 @@ class _Tuner:
             speed=speed if self._axis.needs_speed and speed > 0.0 else None,
             step_duration=flown.duration,
             noise_std=self._noise,
+            jitter_std=self._jitter,
             quantum=grain,
             noise_bandwidth=0.5 * self._craft.rates.granted["ATTITUDE"].granted,
             measured=proof.measured,
