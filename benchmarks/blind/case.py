@@ -134,7 +134,10 @@ def _single(rng: Rng, slug: str) -> Case | None:
 def _foreign(rng: Rng, slug: str) -> Case | None:
     craft = draw_craft(str(rng.choice(("yaw", "surge", "heave"))), rng)
     hidden = Hidden(slug, craft.input, FOREIGN[slug].drawn(rng, craft), craft)
-    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=False)
+    voyage = _voyage(rng, [hidden])
+    if not any(FOREIGN[slug].differs(told[craft.input]) for told in voyage.commands[:-1]):
+        return None
+    return _weighed(rng, voyage, [hidden], coarse=False)
 
 
 def _clean(rng: Rng, slug: str) -> Case | None:

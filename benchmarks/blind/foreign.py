@@ -11,6 +11,7 @@ from collections.abc import Mapping, MutableMapping
 from random import Random
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
 from sitl.body import Loads
@@ -44,6 +45,11 @@ class Foreign(Effect):
     def speed(self) -> float:
         """Of the degree of freedom [m/s or rad/s]."""
         return float(getattr(self.motion, _SPEED[self.dof]))
+
+    @classmethod
+    def differs(cls, told: NDArray[np.float64]) -> bool:
+        """Whether on these commands (n,) it is anything but an effect of the book."""
+        return True
 
     @classmethod
     def drawn(cls, rng: Rng, craft: Craft) -> Mapping[str, float]:
@@ -214,6 +220,11 @@ class GainHysteresis(Foreign):
             self._side = 1.0 if math.isnan(self._last) or told > self._last else -1.0
             self._last = told
         inputs[self.channel] = told * (1.0 + 0.5 * self["difference"] * self._side)
+
+    @classmethod
+    def differs(cls, told: NDArray[np.float64]) -> bool:
+        """Between two levels the way the command came is its sign, and this is a thrust that differs with the sign."""
+        return len(np.unique(told)) > 3
 
     @classmethod
     def drawn(cls, rng: Rng, craft: Craft) -> Mapping[str, float]:

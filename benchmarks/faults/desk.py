@@ -12,20 +12,20 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 from unittest import mock
 
-import gcs_autotune.workflow  # noqa: F401 - its module tune is patched by name
+import gcs_autotune.workflow  # noqa: F401 - two of its modules are patched by name
 
 __all__ = ["cheap_desk"]
 
 _PROPOSALS: dict[Any, Any] = {}
 _REPORTS = 10
-_MODULE = "gcs_autotune.workflow.tune"
+_DESIGN, _REPORT = "gcs_autotune.workflow.designing", "gcs_autotune.workflow.tune"
 
 
 @contextmanager
 def cheap_desk(subject: str, index: int) -> Iterator[None]:
     """While inside, design from what was designed before."""
-    module = sys.modules[_MODULE]
-    really = module.design_from
+    room = sys.modules[_DESIGN]
+    really = room.design_from
 
     def design_from(model: Any, axis: Any, present: Mapping[str, float], spec: Any, **options: Any) -> Any:
         key = (subject, axis.name, tuple(sorted(present.items())))
@@ -34,7 +34,7 @@ def cheap_desk(subject: str, index: int) -> Iterator[None]:
         return _PROPOSALS[key]
 
     with ExitStack() as stack:
-        stack.enter_context(mock.patch.object(module, "design_from", design_from))
+        stack.enter_context(mock.patch.object(room, "design_from", design_from))
         if index % _REPORTS:
-            stack.enter_context(mock.patch.object(module, "write_story", lambda story, path: None))
+            stack.enter_context(mock.patch.object(sys.modules[_REPORT], "write_story", lambda story, path: None))
         yield

@@ -7,7 +7,7 @@ of it would do to the motion is a difference of two simulations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from gcs_autotune.effects.effect import Leftover
 from gcs_autotune.effects.extended import ExtendedSimulator, Passage
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
-__all__ = ["memories"]
+__all__ = ["Bend", "bent_by", "memories"]
 
 Array = NDArray[np.float64]
 Bend = Callable[[Array, Array], Array]
@@ -35,37 +35,44 @@ def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
     for channel, pairs in fitted.form.inputs.items():
         if not pairs:
             continue
-        past = [_column(problem, fitted, channel, _ago(lag * sample)) for lag in LAGS]
-        if all(c is not None for c in past):
-            yield f"the past of {channel}", np.column_stack([c for c in past if c is not None])
-        came = _column(problem, fitted, channel, lambda t, told: told * _direction(told))
-        if came is not None:
-            yield f"which way {channel} came", came[:, None]
+        ways: list[Bend] = [*(_ago(lag * sample) for lag in LAGS), lambda t, told: told * _direction(told)]
+        columns = bent_by(problem, fitted, channel, ways)
+        if columns is not None:
+            yield f"the past of {channel}", columns[:, :-1]
+            yield f"which way {channel} came", columns[:, -1:]
 
 
-def _column(problem: Problem, fitted: Fitted, channel: str, bend: Bend) -> Array | None:
-    """Return (n,) what a trace of the bent command does to the residual, over the noise levels; None if it cannot."""
+def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend]) -> Array | None:
+    """Return (n, k) what a trace of each bend of the command does to the residual, over the noise levels.
+
+    None when the motion runs away.
+    """
     simulator = ExtendedSimulator(fitted.form, fitted.effects)
-    parts, at = [], 0
+    rows, at = [], 0
     for i, stretch in enumerate(problem.stretches):
-        passage = stretch.late(fitted.shift)
-        moved = simulator.run(fitted.theta, fitted.effects, fitted.initial[i], _bent(passage, channel, bend))
-        plain = simulator.run(fitted.theta, fitted.effects, fitted.initial[i], passage)
-        if moved is None or plain is None:
+        passage = _dense(stretch.late(fitted.shift))
+        told = passage.commands[channel]
+        ways = [told, *(told + STEP * bend(passage.t_in, told) for bend in bends)]
+        flown = [replace(passage, commands={**passage.commands, channel: way}) for way in ways]
+        found = [simulator.run(fitted.theta, fitted.effects, fitted.initial[i], way) for way in flown]
+        moved = [f for f in found if f is not None]
+        if len(moved) < len(found):
             return None
         for name in stretch.record.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
             left = Leftover(stretch.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
-            change = (moved[name][0] - plain[name][0])[:, None] / STEP
+            change = np.column_stack([f[name][0] - moved[0][name][0] for f in moved[1:]]) / STEP
             _, columns, _ = judged_by(fitted.effects, left, change)
-            parts.append(columns[np.isfinite(rest.judged), 0] / level)
-    return np.concatenate(parts)
+            rows.append(columns[np.isfinite(rest.judged)] / level)
+    return np.vstack(rows)
 
 
-def _bent(passage: Passage, channel: str, bend: Bend) -> Passage:
-    told = passage.commands[channel]
-    return replace(passage, commands={**passage.commands, channel: told + STEP * bend(passage.t_in, told)})
+def _dense(passage: Passage) -> Passage:
+    """Return the passage with its inputs told at every sample, not only where they change: a bend changes all along."""
+    t = np.union1d(passage.t_in, passage.stamps)
+    at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)
+    return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
 
 
 def _ago(seconds: float) -> Bend:

@@ -174,14 +174,18 @@ class Search:
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def _begun(self, candidate: Candidate) -> Fitted | None:
-        """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere."""
+        """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere, and
+        from other values of the effect when that is still no better than without it.
+        """
         begin, fit = candidate.begin, self.problem.fit
         theta, effects, initial = self.problem.moved(begin, candidate.adapted)
         found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH, shift=begin.shift)
         if found is None or found.cost > begin.cost:
-            own = (*begin.effects, candidate.own)
-            again = fit(begin.theta, own, begin.initial, trials=ROUGH, shift=begin.shift)
-            found = again if found is None or (again is not None and again.cost < found.cost) else found
+            for own in (candidate.own, *candidate.also):
+                again = fit(begin.theta, (*begin.effects, own), begin.initial, trials=ROUGH, shift=begin.shift)
+                found = again if found is None or (again is not None and again.cost < found.cost) else found
+                if found is not None and found.cost <= begin.cost:
+                    break
         return found
 
     def _finished(self, candidate: Candidate, rough: Fitted) -> Fitted:

@@ -40,6 +40,8 @@ def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test
 
 
 def _words(test: Test) -> str:
+    if not test.signal and math.isnan(test.size):
+        return f"what swings goes with {test.what}: it is something aboard, or in the hull, and no wave"
     if not test.signal:
         return f"what is left over goes with {test.what} (correlation {test.size:+.2f})"
     if test.what == "one frequency":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.judging import ALIKE, LUCK, Judged
+from gcs_autotune.diagnose.nameless import outdone_by
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
@@ -37,7 +38,7 @@ VERDICTS: Mapping[tuple[bool, bool], Verdict] = {
     (False, False): "unexplained",
     (False, True): "no-effect",
 }
-"""(Some cause was accepted, what is left is white) -> verdict."""
+"""(Some cause was accepted, what is left is white and no law without a name does better) -> verdict."""
 
 
 def told_of(
@@ -55,7 +56,9 @@ def told_of(
     gave_away, _ = signature_of(problem, base)
     left, _ = signature_of(problem, final)
     order = [own for own in _found_order(search) if own in final.effects]
-    white = left.whiteness_p > WHITE
+    outdone = outdone_by(problem, final)
+    left = replace(left, findings=(*left.findings, *outdone))
+    white = left.whiteness_p > WHITE and not outdone
     verdict = VERDICTS[bool(order), white and sure]
     numbers = _numbers(problem, final)
     gains = _gains(search.base_unseen, search.present_unseen, words) if order else ()

@@ -1,8 +1,9 @@
 """Is anything left? Tests of residuals that have no particular cause in mind.
 
 Pooled per signal: Ljung and Box (1978) over short and long lags; the variance of block means (slow drifts); the
-largest line of the periodogram (Fisher 1929); score tests for forces no base model has (cubes, moduli, sines of twice
-the heading, the past of a command ...), each read off the sensitivity of the motion to it. Bonferroni over all.
+largest line of the periodogram (Fisher 1929); a wave against ringing (:mod:`.ringing`); score tests for forces no base
+model has (cubes, moduli, sines of twice the heading, the past of a command ...), each read off the sensitivity of the
+motion to it. Bonferroni over all.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, kurtosis, kurtosistest
 
 from gcs_autotune.diagnose.history import memories
+from gcs_autotune.diagnose.ringing import rings
 from gcs_autotune.effects.effect import Leftover, columns_of
 from gcs_autotune.effects.extended import ExtendedSimulator
 from gcs_autotune.errors import BadFile
@@ -59,7 +61,8 @@ def whiteness_of(tests: list[Test]) -> float:
 
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
     """Return all tests of what a fit leaves over."""
-    return [*_portmanteaus(fitted, problem.scene.lags), *_scores(problem, fitted)]
+    ringing = [Test(words, "", p) for words, p in rings(problem, fitted)]
+    return [*_portmanteaus(fitted, problem.scene.lags), *_scores(problem, fitted), *ringing]
 
 
 def correlation_of(fitted: Fitted) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Oscillator", "Record", "cost", "driven", "whitened"]
+__all__ = ["Oscillator", "Record", "cost", "driven", "rung", "whitened"]
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,12 @@ def driven(law: Oscillator, t: Array, push: Array) -> tuple[Array, Array]:
     It begins where the first push holds it, and is damped by :data:`DEAF` at least: what rings for ever
     explains any tone.
     """
-    found = _driven(np.ascontiguousarray(t), np.ascontiguousarray(push), law.omega, max(law.zeta, DEAF))
+    return rung(law.omega, max(law.zeta, DEAF), t, push)
+
+
+def rung(omega: float, zeta: float, t: Array, push: Array) -> tuple[Array, Array]:
+    """Return position and velocity over *omega*, (n,) each, of a spring and mass held at *push* (n,) at first."""
+    found = _driven(np.ascontiguousarray(t), np.ascontiguousarray(push), omega, zeta)
     return found[:, 0], found[:, 1]
 
 

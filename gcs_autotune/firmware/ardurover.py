@@ -6,7 +6,7 @@ Channels: RCMAP defaults, steering on 1, throttle on 3.
 
 from __future__ import annotations
 
-from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain, pid_context
 
 __all__ = ["FIRMWARE"]
 
@@ -22,10 +22,7 @@ _HEADING = Axis(
         Gain("ATC_STR_ANG_P", 1.0, 10.0, "wanted turn rate per heading error"),
     ),
     context=(
-        "ATC_STR_RAT_IMAX",
-        "ATC_STR_RAT_FLTT",
-        "ATC_STR_RAT_FLTE",
-        "ATC_STR_RAT_FLTD",
+        *pid_context("ATC_STR_RAT"),
         "ATC_STR_RAT_MAX",
         "ATC_STR_ACC_MAX",
         "ATC_STR_DEC_MAX",
@@ -63,10 +60,7 @@ _SPEED = Axis(
         Gain("CRUISE_THROTTLE", 0.0, 100.0, "throttle of the cruise pair"),
     ),
     context=(
-        "ATC_SPEED_IMAX",
-        "ATC_SPEED_FLTT",
-        "ATC_SPEED_FLTE",
-        "ATC_SPEED_FLTD",
+        *pid_context("ATC_SPEED"),
         "ATC_ACCEL_MAX",
         "ATC_DECEL_MAX",
         "ATC_BRAKE",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain, pid_context
 
 __all__ = ["FIRMWARE"]
 
@@ -25,10 +25,7 @@ _HEADING = Axis(
         Gain("ATC_ANG_YAW_P", 0.0, 6.0, "wanted yaw rate per heading error"),
     ),
     context=(
-        "ATC_RAT_YAW_IMAX",
-        "ATC_RAT_YAW_FLTT",
-        "ATC_RAT_YAW_FLTE",
-        "ATC_RAT_YAW_FLTD",
+        *pid_context("ATC_RAT_YAW"),
         "ATC_ACCEL_Y_MAX",
         "ATC_RATE_Y_MAX",
         "ATC_SLEW_YAW",

@@ -9,7 +9,12 @@ from typing import Self
 from gcs_autotune.firmware.aliases import ALIASES
 from gcs_autotune.firmware.names import Names
 
-__all__ = ["Axis", "Firmware", "Gain"]
+__all__ = ["Axis", "Firmware", "Gain", "pid_context"]
+
+
+def pid_context(prefix: str) -> tuple[str, ...]:
+    """Return what every AC_PID called *prefix* has besides its gains: its integral's limit and its filters."""
+    return tuple(f"{prefix}_{suffix}" for suffix in ("IMAX", "FLTT", "FLTE", "FLTD"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,14 @@ from gcs_autotune.errors import AutotuneError, ParameterMissing, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for, read_servo_map
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.identity import VehicleIdentity, type_name
-from gcs_autotune.link.mavlink_craft import MavlinkCraft, Wiring
+from gcs_autotune.link.mavlink_craft import MavlinkCraft
 from gcs_autotune.link.overrides import read_override_map
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_stick import read_rate_stick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.stamps import gyro_lag
+from gcs_autotune.link.wiring import Wiring
 
 __all__ = ["NEEDED_RATES", "WANTED_RATES", "open_craft"]
 

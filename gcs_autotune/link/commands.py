@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from gcs_autotune.clock import Deadline
 from gcs_autotune.errors import ArmingRefused, CommandDenied, ModeRefused, NoReply
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.link.session import Session
@@ -135,6 +136,24 @@ class Commands:
             raise self._arming_refused(count, begun) from error
         if not self._session.wait_for(lambda: self._session.armed or None, _HEARTBEAT_PATIENCE):
             raise self._arming_refused(count, begun)
+
+    def arm_patiently(self, patience: float, pause: float) -> None:
+        """Arm, trying for *patience* [s] and waiting *pause* [s] between, while the pre-arm checks settle.
+
+        Raises
+        ------
+        ArmingRefused
+            With the vehicle's own reasons of the last time.
+        """
+        deadline = Deadline.after(self._session.clock, patience)
+        while True:
+            try:
+                self.arm()
+                return
+            except ArmingRefused:
+                if deadline.expired:
+                    raise
+                self._session.pause(pause)
 
     def disarm(self) -> None:
         """Disarm and wait until a HEARTBEAT shows it.

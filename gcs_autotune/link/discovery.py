@@ -8,9 +8,10 @@ from typing import Self
 
 from gcs_autotune.errors import NoVehicle, UsageError
 from gcs_autotune.link.identity import VehicleIdentity, type_name
+from gcs_autotune.link.signing import is_signed
 from gcs_autotune.link.wire import Frame, Message, mavlink
 
-__all__ = ["Candidate", "choose", "is_autopilot", "nobody_found"]
+__all__ = ["Candidate", "Sightings", "choose", "is_autopilot", "nobody_found"]
 
 
 def is_autopilot(heartbeat: Message) -> bool:
@@ -42,6 +43,31 @@ class Candidate:
 
     def __str__(self) -> str:
         return f"system {self.system} ({type_name(self.vehicle_type)})"
+
+
+class Sightings:
+    """The autopilots heard while none has been chosen yet; ``candidates`` by (system, component)."""
+
+    def __init__(self) -> None:
+        self.candidates: dict[tuple[int, int], Candidate] = {}
+        self._signing: set[tuple[int, int]] = set()
+
+    def take(self, frame: Frame) -> bool:
+        """Note the sender when *frame* is an autopilot's heartbeat; return whether it is."""
+        if not (frame.name == "HEARTBEAT" and is_autopilot(frame.message)):
+            return False
+        if is_signed(frame):
+            self._signing.add((frame.system, frame.component))
+        self.candidates[frame.system, frame.component] = Candidate.of(frame)
+        return True
+
+    def found(self, system_id: int | None) -> Candidate | None:
+        """Return the first one with *system_id* (None: with any), None when there is none."""
+        return next((c for c in self.candidates.values() if system_id in (None, c.system)), None)
+
+    def signs(self, candidate: Candidate) -> bool:
+        """Whether it was heard to sign its messages."""
+        return (candidate.system, candidate.component) in self._signing
 
 
 def choose(candidates: Sequence[Candidate]) -> Candidate:

@@ -18,7 +18,7 @@ import numpy as np
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.wire import Message, mavlink
 
-__all__ = ["Latency", "LinkTimes"]
+__all__ = ["Latency", "LinkTimes", "least_period"]
 
 _KEPT = 200
 _TRUSTED = 5
@@ -31,6 +31,11 @@ _NEVER = 2.0
 """Chosen [s]: a command that has shown no effect for so long was lost or limited, and is not timed."""
 _REAL_TIME = 0.02
 """A vehicle's clock this close to ours runs at our pace; a simulator on double speed does not."""
+_LAG_SHARE = 8.0
+"""Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
+swings in four: there half of every quarter is the craft's own)."""
+_SAMPLES = 8.0
+"""Chosen: attitudes per oscillation below which its amplitude is guesswork."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +207,16 @@ class Latency:
             override_rate,
             override_gap,
         )
+
+
+def least_period(loop: float, rate: float) -> float:
+    """Return the shortest oscillation [s] that can be flown and still tell about the craft; 0 if nothing is known.
+
+    loop : its delay [s], NaN when not measured. rate : of the attitudes it is controlled at [Hz].
+    """
+    interval = 1.0 / rate if rate > 0.0 else 0.0
+    lag = loop + 0.5 * interval if math.isfinite(loop) else 0.0
+    return max(_LAG_SHARE * lag, _SAMPLES * interval)
 
 
 def _quantile(values: deque[float] | list[float], share: float) -> float:

@@ -4,67 +4,35 @@ from __future__ import annotations
 
 import math
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 
-from gcs_autotune.clock import Clock, Deadline
+from gcs_autotune.clock import Clock
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.errors import ArmingRefused, AutotuneError, LinkLost, NotAsFound, TelemetryFault
+from gcs_autotune.errors import AutotuneError, LinkLost, NotAsFound
 from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.company import Company
 from gcs_autotune.link.driver import Driver
 from gcs_autotune.link.hands import Hands
-from gcs_autotune.link.latency import Latency, LinkTimes
+from gcs_autotune.link.latency import Latency, LinkTimes, least_period
+from gcs_autotune.link.lookout import await_tick, observation
+from gcs_autotune.link.neutral import await_neutral
 from gcs_autotune.link.obedience import see_outputs_follow, see_overrides_taken
-from gcs_autotune.link.overrides import OverrideMap
 from gcs_autotune.link.parameters import Parameters
 from gcs_autotune.link.rate_keeper import RateKeeper
-from gcs_autotune.link.rate_stick import RateStick
-from gcs_autotune.link.rates import Rates, message_number
+from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.recorder import Recorder
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.sticks import Sticks
 from gcs_autotune.link.telemetry import Telemetry
+from gcs_autotune.link.wiring import Wiring
 from gcs_autotune.trial import Mark, Trial
 
 __all__ = ["MavlinkCraft", "Wiring"]
 
-_TICK_TIMEOUT = 3.0
-_UNHEARD = 2.0
-"""Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
-_NEUTRAL = 0.03
-"""Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
-_NEUTRAL_TIMEOUT = 5.0
-_STALE_OUTPUTS = 0.5
-"""Chosen: seconds without any outputs after which they are asked for one by one."""
-_SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
 _PATIENCE = 30.0
 """Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
 _WARM_UP = 1.0
 """Seconds of neutral overrides before arming: without an RC receiver Rover arms only when they flow."""
-_LAG_SHARE = 8.0
-"""Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
-swings in four: there half of every quarter is the craft's own)."""
-_SAMPLES = 8.0
-"""Chosen: attitudes per oscillation below which its amplitude is guesswork."""
-
-
-@dataclass(frozen=True, slots=True)
-class Wiring:
-    """How this vehicle's inputs and outputs are connected, as read from its parameters.
-
-    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none;
-    ``loop_period`` [s] that of the autopilot's main loop, 0 when unknown; ``rate_lag`` [s] how late its gyro filter
-    makes turn rates; ``rate_stick`` what turn rate the yaw stick asks for in the stabilised modes, None where targets
-    do that (boats).
-    """
-
-    overrides: OverrideMap
-    servos: ServoMap
-    full_speed: float = 0.0
-    loop_period: float = 0.0
-    rate_lag: float = 0.0
-    rate_stick: RateStick | None = None
 
 
 class MavlinkCraft:
@@ -87,7 +55,6 @@ class MavlinkCraft:
         rates: Rates,
         arm_patience: float = 10.0,
     ) -> None:
-        assert session.vehicle is not None
         self.session = session
         self.parameters = parameters
         self.commands = commands
@@ -95,7 +62,6 @@ class MavlinkCraft:
         self.arm_patience = arm_patience
         self._firmware = firmware
         self._wiring = wiring
-        self._ids = (session.vehicle.system, session.vehicle.component)
         self._recorder = Recorder()
         self.telemetry = Telemetry(
             session, wiring.servos, self._recorder, loop_period=wiring.loop_period, rate_lag=wiring.rate_lag
@@ -166,44 +132,10 @@ class MavlinkCraft:
         GuardTripped
             While a command is in force: mode, arming or a borrowed parameter was changed, not by us.
         """
-        seen, begun = self.telemetry.ticks, self.session.listened
-        while self.telemetry.ticks == seen:
-            self.telemetry.watchdog.check()
-            if self.session.listened - begun > _TICK_TIMEOUT:
-                self.session.check_heard(_UNHEARD)
-                raise TelemetryFault(
-                    f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
-                    "ground station changing the stream rates?"
-                )
-            self.session.pump()
-        self.telemetry.watchdog.check()
+        await_tick(self.session, self.telemetry)
         if self._driver.active is not None:
             self._hands.check()
-        return self._observation()
-
-    def _observation(self) -> Observation:
-        telemetry, value = self.telemetry, self.telemetry.value
-        return Observation(
-            t=telemetry.t,
-            psi=value("psi"),
-            r=value("r"),
-            phi=value("phi"),
-            theta=value("theta"),
-            x=value("x"),
-            y=value("y"),
-            z=value("z"),
-            u=value("u"),
-            v=value("v"),
-            w=value("w"),
-            speed=value("U"),
-            output=telemetry.outputs,
-            output_t=telemetry.output_t,
-            armed=self.armed,
-            mode=self.mode,
-            battery_voltage=value("battery"),
-            battery_remaining=value("battery_remaining"),
-            age=self.session.silence,
-        )
+        return observation(self.session, self.telemetry, self.mode)
 
     @property
     def link_times(self) -> LinkTimes:
@@ -213,11 +145,7 @@ class MavlinkCraft:
     @property
     def least_period(self) -> float:
         """Shortest oscillation [s] that can be flown through this link and still tell about the craft; 0 if unknown."""
-        rate = self.rates.measured.get("ATTITUDE", 0.0)
-        interval = 1.0 / rate if rate > 0.0 else 0.0
-        loop = self.latency.loop
-        lag = loop + 0.5 * interval if math.isfinite(loop) else 0.0
-        return max(_LAG_SHARE * lag, _SAMPLES * interval)
+        return least_period(self.latency.loop, self.rates.measured.get("ATTITUDE", 0.0))
 
     # --- commanding ---------------------------------------------------------------------------------------
 
@@ -251,24 +179,13 @@ class MavlinkCraft:
             self.send(Actuate())
             see_overrides_taken(self.session, self._driver, self._sticks, self.parameters, self._firmware)
             self.session.pause(_WARM_UP)
-            self._arm_patiently()
+            self.commands.arm_patiently(self.arm_patience, _WARM_UP)
             self._hands.armed = True
             self.set_mode(self._firmware.manual_mode)
             see_outputs_follow(self._driver, self.telemetry, self.observe, self.mode)
         except AutotuneError:
             self._let_go()
             raise
-
-    def _arm_patiently(self) -> None:
-        deadline = Deadline.after(self.clock, self.arm_patience)
-        while True:
-            try:
-                self.commands.arm()
-                return
-            except ArmingRefused:
-                if deadline.expired:
-                    raise
-                self.session.pause(_WARM_UP)
 
     def disarm(self) -> None:
         """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
@@ -311,32 +228,7 @@ class MavlinkCraft:
         self._driver.rest()
         if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
             self.commands.set_mode(self._firmware.rest_mode)
-        self._await_neutral()
-
-    def _await_neutral(self) -> None:
-        """Wait for neutral outputs; an autopilot that has restarted must be asked for them again."""
-        begun, deadline = self.telemetry.output_ticks, Deadline.after(self.clock, _NEUTRAL_TIMEOUT)
-        while not deadline.expired:
-            seen = self.telemetry.output_ticks
-            if self.session.wait_for(lambda: self._is_neutral(begun), min(_STALE_OUTPUTS, deadline.remaining)):
-                return
-            if self.telemetry.output_ticks == seen:
-                self.session.request_message(_SERVO_OUTPUT_RAW)
-        outputs = self.telemetry.outputs
-        stuck = {n: f"{f:+.2f} of full output" for n, f in outputs.items() if not abs(f) <= _NEUTRAL}
-        if not stuck:
-            stuck = {"outputs": "not heard any more"}
-        raise NotAsFound(
-            f"the actuators are not neutral after {_NEUTRAL_TIMEOUT:g} s: "
-            + ", ".join(f"{name} {what}" for name, what in stuck.items())
-            + "; take over by hand",
-            differences=stuck,
-        )
-
-    def _is_neutral(self, begun: int) -> bool | None:
-        fresh = self.telemetry.output_ticks > begun + 1
-        still = all(abs(force) <= _NEUTRAL for force in self.telemetry.outputs.values())
-        return True if fresh and still else None
+        await_neutral(self.session, self.telemetry)
 
     def release(self) -> None:
         """Hand the sticks back to the RC receiver, and see by RC_CHANNELS that they are its own again.

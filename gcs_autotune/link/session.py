@@ -2,67 +2,40 @@
 
 Everything happens inside :meth:`Session.pump`, on the caller's thread: read what has come, hand each message
 to those who listen for it, send what is due. Whoever waits, waits by pumping, with a deadline on the link's
-clock; nothing sleeps and nothing runs beside it.
+clock; nothing sleeps and nothing runs beside it. Made of ``port`` (frames, signing, log), ``routing``, ``duties``,
+``hearing`` and ``operator_stop``.
 """
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TypeVar
 
 from gcs_autotune.clock import Clock, Deadline
-from gcs_autotune.errors import BadFile, LinkLost, OperatorStopped
-from gcs_autotune.link.discovery import Candidate, choose, is_autopilot, nobody_found
-from gcs_autotune.link.identity import VehicleIdentity, firmware_version, unique_id
-from gcs_autotune.link.signing import LINK_ID, Signer, SigningKey, is_signed
-from gcs_autotune.link.signing_errors import cannot_be_commanded, not_believed, refusals
-from gcs_autotune.link.stamp_store import StampStore
+from gcs_autotune.errors import LinkLost
+from gcs_autotune.link.discovery import Sightings
+from gcs_autotune.link.duties import Duties, Duty
+from gcs_autotune.link.hearing import Hearing
+from gcs_autotune.link.identity import VehicleIdentity
+from gcs_autotune.link.operator_stop import OperatorStop
+from gcs_autotune.link.port import FramePort
+from gcs_autotune.link.routing import Listener, Routing
+from gcs_autotune.link.search import find, introduce
+from gcs_autotune.link.signing import SigningKey
 from gcs_autotune.link.texts import TextLog
-from gcs_autotune.link.tlog import TlogWriter, time_base
 from gcs_autotune.link.transport import Transport
-from gcs_autotune.link.wire import Frame, Framer, Message, Packer, mavlink
+from gcs_autotune.link.wire import Frame, Message, Packer, mavlink, message_request, our_heartbeat
 
 __all__ = ["Duty", "Listener", "Session"]
 
 T = TypeVar("T")
-Listener = Callable[[Message], None]
 
 _SLICE = 0.1
 """Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
 _HEARTBEAT_PERIOD = 1.0
-_LONGEST_PUMP = 0.5
-"""Chosen: of a longer time from pump to pump [s] this much counts as listened: then it was we who were away (a machine
-that is busy or was suspended), and what has come meanwhile is still to be read."""
-_STALE_PARTIAL = 0.5
-"""Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
-_VERSION_TRIES = 3
-_SECRET = ("SETUP_SIGNING",)
-"""Messages that hold a signing key: never logged, whoever sent them."""
-_ROUNDING = 1e-6
-"""Seconds: what sums of decimal fractions may be off."""
-
-
-def _never() -> bool:
-    return False
-
-
-@dataclass(slots=True, eq=False)
-class Duty:
-    """Something done every ``period`` [s of link time] while pumping."""
-
-    clock: Clock
-    period: float
-    action: Callable[[], None]
-    due: float
-
-    def postpone(self) -> None:
-        """It has just been done: next time a whole period from now."""
-        self.due = self.clock.now() + self.period
 
 
 class Session:
@@ -80,7 +53,6 @@ class Session:
     ----------
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
-    listened : seconds of link time spent pumping.
     foreign : (system, component) -> messages heard from others.
     traffic : message name -> bytes received, of everybody's.
     notes : things worth telling the operator, in order.
@@ -93,7 +65,7 @@ class Session:
         source_system: int = 255,
         source_component: int = 190,
         tlog: Path | None = None,
-        interrupt: Callable[[], bool] = _never,
+        interrupt: Callable[[], bool] = lambda: False,
         heartbeat_timeout: float = 5.0,
         signing: SigningKey | None = None,
     ) -> None:
@@ -103,29 +75,18 @@ class Session:
         self.armed = False
         self.custom_mode = -1
         self.heartbeats = 0
-        self.foreign: Counter[tuple[int, int]] = Counter()
-        self.traffic: Counter[str] = Counter()
         self.texts = TextLog()
         self.notes: list[str] = []
-        self._framer = Framer()
-        self._packer = Packer(source_system, source_component)
-        self._signer = self._begin_signing(signing) if signing else None
-        self._signs: set[tuple[int, int]] = set()
-        self._tlog = TlogWriter(tlog, time_base(transport)) if tlog else None
-        self._interrupt = interrupt
+        self._port = FramePort(transport, Packer(source_system, source_component), tlog, signing, self.notes)
+        self._routing = Routing(self.notes)
+        self.foreign: Counter[tuple[int, int]] = self._routing.foreign
+        self.traffic: Counter[str] = self._routing.traffic
+        self._sightings = Sightings()
         self._timeout = heartbeat_timeout
-        self._listeners: dict[str, list[Listener]] = defaultdict(list)
-        self._twins: set[tuple[int, int]] = set()
-        self._overhearing: list[Callable[[Frame], None]] = []
-        self._duties: list[Duty] = []
-        self._candidates: dict[tuple[int, int], Candidate] = {}
-        self.listened = 0.0
-        self._last_heard = 0.0
-        self._last_pump = self.clock.now()
-        self._last_bytes = self.clock.now()
-        self._shields = 0
+        self._hearing = Hearing(self.clock.now())
         self._given_up_at = -1
-        self.stop_asked = False
+        self._operator = OperatorStop(interrupt)
+        self._duties = Duties(self.clock)
         self.every(_HEARTBEAT_PERIOD, self._send_heartbeat)
         self.listen("HEARTBEAT", self._on_heartbeat)
         self.listen("STATUSTEXT", self._on_text)
@@ -133,58 +94,65 @@ class Session:
     @property
     def bad_data(self) -> int:
         """Stretches of received bytes that were no MAVLink frame."""
-        return self._framer.bad_data
+        return self._port.bad_data
 
     @property
     def refused(self) -> int:
         """Frames refused because they were not signed with our key, or too long ago; 0 without a key."""
-        return self._signer.refused.total() if self._signer else 0
+        return self._port.refused
 
     @property
     def refusals(self) -> str:
         """How many frames were refused and why, for the operator; empty when none were."""
-        return refusals(self._signer)
+        return self._port.refusals
 
     @property
     def source_system(self) -> int:
         """The system id we send as."""
-        return self._packer.system
+        return self._port.packer.system
 
     @source_system.setter
     def source_system(self, value: int) -> None:
-        self._packer.system = value
+        self._port.packer.system = value
+
+    @property
+    def listened(self) -> float:
+        """Seconds of link time spent pumping."""
+        return self._hearing.listened
 
     @property
     def silence(self) -> float:
         """Seconds of link time spent listening since the vehicle was last heard; see :attr:`listened`."""
-        return self.listened - self._last_heard
+        return self._hearing.silence
 
-    # --- talking ------------------------------------------------------------------------------------------
+    @property
+    def stop_asked(self) -> bool:
+        """Whether the operator has wanted to stop."""
+        return self._operator.asked
 
     def send(self, message: Message) -> None:
         """Send one message, and log it."""
-        frame = self._packer.pack(message)
-        if message.get_type() not in _SECRET:
-            self._log(frame)
-        self.transport.write(frame)
+        self._port.send(message)
+
+    def request_message(self, number: int) -> None:
+        """Ask the vehicle to send the message of that number once; do not wait for it."""
+        assert self.vehicle is not None
+        self.send(message_request(self.vehicle.system, self.vehicle.component, number))
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
         """Call *listener* with every message called *name* from the vehicle; return what ends that.
 
         A listener must not pump; it may send.
         """
-        self._listeners[name].append(listener)
-        return lambda: self._listeners[name].remove(listener)
+        return self._routing.listen(name, listener)
 
     def overhear(self, listener: Callable[[Frame], None]) -> None:
         """Call *listener* with every frame from anybody but the vehicle. What they say is hearsay, never obeyed."""
-        self._overhearing.append(listener)
+        self._routing.overhear(listener)
 
     def every(self, period: float, action: Callable[[], None]) -> Duty:
         """Call *action* every *period* [s of link time] while pumping, first at the next pump."""
-        duty = Duty(self.clock, period, action, self.clock.now())
-        self._duties.append(duty)
-        return duty
+        return self._duties.add(period, action)
 
     def pump(self, timeout: float = _SLICE) -> None:
         """Do everything that is due, then wait at most *timeout* (never above 0.1 s) for bytes and route them.
@@ -196,26 +164,32 @@ class Session:
         LinkLost
             The vehicle has been silent for too long, or the connection broke.
         """
-        self._ask_operator()
-        self._do_duties()
-        next_duty = min(duty.due for duty in self._duties) - self.clock.now()
+        self._operator.check()
+        self._duties.do(self.clock.now())
+        next_duty = self._duties.next_due() - self.clock.now()
         data = self.transport.read(max(0.0, min(timeout, _SLICE, next_duty)))
-        self._count_listening()
-        for frame in self._frames(data):
+        self._hearing.count(self.clock.now())
+        for frame in self._port.frames(data):
             self._route(frame)
         self.check_heard(self._timeout)
 
-    def _count_listening(self) -> None:
-        now = self.clock.now()
-        self.listened += min(now - self._last_pump, _LONGEST_PUMP)
-        self._last_pump = now
+    def _route(self, frame: Frame) -> None:
+        self.traffic[frame.name] += len(frame.raw)
+        if self.vehicle is None:
+            if not self._sightings.take(frame):
+                self.foreign[frame.system, frame.component] += 1
+        elif (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
+            self._routing.note_foreign(frame, self.source_system)
+        else:
+            self._hearing.heard()
+            self._routing.tell(frame)
 
     def check_heard(self, patience: float) -> None:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
         if self.vehicle is not None and self.silence > patience:
             raise LinkLost(
                 f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
-                f"check power, cable and radio range{self._trouble()}"
+                f"check power, cable and radio range{self._port.trouble}"
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
@@ -233,7 +207,8 @@ class Session:
 
     def await_return(self, timeout: float) -> bool:
         """After ``LinkLost``: wait until the vehicle is heard again; return whether it was."""
-        self._last_heard, before = self.listened + timeout, self.heartbeats
+        self._hearing.bear(timeout)
+        before = self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
     def outlast(self, patience: float) -> bool:
@@ -243,39 +218,19 @@ class Session:
         """
         if self.heartbeats == self._given_up_at:
             return False
-        last_heard = self._last_heard
-        with self.shielded():
-            try:
-                is_back = self.await_return(patience)
-            except LinkLost:
-                is_back = False
-        if not is_back:
-            self._given_up_at, self._last_heard = self.heartbeats, last_heard
-        return is_back
+        last_heard = self._hearing.last_heard
+        with self.shielded(), suppress(LinkLost):
+            if self.await_return(patience):
+                return True
+        self._given_up_at, self._hearing.last_heard = self.heartbeats, last_heard
+        return False
 
-    # --- the operator -------------------------------------------------------------------------------------
-
-    @contextmanager
-    def shielded(self, *, raise_after: bool = False) -> Iterator[None]:
+    def shielded(self, *, raise_after: bool = False) -> AbstractContextManager[None]:
         """Keep the operator's stop from interrupting what is inside; it is remembered in ``stop_asked``.
 
         With *raise_after* it is raised on leaving; otherwise the next pump outside the shield raises it.
         """
-        self._shields += 1
-        try:
-            yield
-        finally:
-            self._shields -= 1
-        if raise_after:
-            self._ask_operator()
-
-    def _ask_operator(self) -> None:
-        if self._interrupt():
-            self.stop_asked = True
-        if self.stop_asked and not self._shields:
-            raise OperatorStopped("stopped by the operator")
-
-    # --- finding the vehicle ------------------------------------------------------------------------------
+        return self._operator.shielded(raise_after=raise_after)
 
     def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
         """Wait for an autopilot's HEARTBEAT; from then on only that system and component is listened to.
@@ -291,126 +246,12 @@ class Session:
         UsageError
             There are several and *system_id* does not say which.
         """
-        wanted = self.wait_for(lambda: self._found(system_id), timeout)
-        if wanted is None:
-            if self._signer and self._signer.refused:
-                raise not_believed(self._signer, self.transport.description)
-            where, heard = f"{self.transport.description}{self._trouble()}", self._candidates
-            raise nobody_found(where, timeout, system_id, heard, self.foreign, self._framer.bad_bytes)
-        if system_id is None:
-            self.pause(2 * _HEARTBEAT_PERIOD)
-            wanted = choose(list(self._candidates.values()))
+        wanted = find(self, self._port, self._sightings, timeout, system_id)
         self.vehicle = wanted.identity()
-        self._last_heard = self.listened
+        self._hearing.heard()
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
-        version, uid = self._ask_version()
-        if self._signer is None and (wanted.system, wanted.component) in self._signs:
-            if not version:
-                raise cannot_be_commanded(wanted, self.transport.description)
-            self.notes.append("the vehicle signs its messages; on this link it obeys unsigned ones too")
-        self.vehicle = wanted.identity(version=version, uid=uid)
+        self.vehicle = introduce(self, self._port, self._sightings, wanted)
         return self.vehicle
-
-    def _trouble(self) -> str:
-        said = "; ".join(filter(None, (self.transport.trouble, self.refusals)))
-        return f" ({said})" if said else ""
-
-    def _begin_signing(self, key: SigningKey) -> Signer:
-        store = None if self.transport.is_simulated else StampStore()
-        signer = Signer(key, time_base(self.transport), store)
-        self._packer.sign_with(key.secret, LINK_ID, signer.next_stamp)
-        if store and store.trouble:
-            self.notes.append(store.trouble)
-        return signer
-
-    def _found(self, system_id: int | None) -> Candidate | None:
-        return next((c for c in self._candidates.values() if system_id in (None, c.system)), None)
-
-    def _ask_version(self) -> tuple[str, str]:
-        """Return (firmware version, unique id), each empty when it is not told."""
-        answers: list[Message] = []
-        stop = self.listen("AUTOPILOT_VERSION", answers.append)
-        try:
-            for _ in range(_VERSION_TRIES):
-                self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-                if self.wait_for(lambda: True if answers else None, 1.0):
-                    return firmware_version(answers[0]), unique_id(answers[0])
-        finally:
-            stop()
-        self.notes.append("the vehicle did not tell its firmware version")
-        return "", ""
-
-    def request_message(self, number: int) -> None:
-        """Ask the vehicle to send the message of that number once; do not wait for it."""
-        assert self.vehicle is not None
-        self.send(
-            mavlink.MAVLink_command_long_message(
-                self.vehicle.system,
-                self.vehicle.component,
-                mavlink.MAV_CMD_REQUEST_MESSAGE,
-                0,
-                *(float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            )
-        )
-
-    # --- inside -------------------------------------------------------------------------------------------
-
-    def _frames(self, data: bytes) -> list[Frame]:
-        now = self.clock.now()
-        if data:
-            self._last_bytes = now
-            return self._framer.feed(data)
-        if self._framer.pending and now - self._last_bytes > _STALE_PARTIAL:
-            return self._framer.flush()
-        return []
-
-    def _route(self, frame: Frame) -> None:
-        if self._signer is not None and not self._signer.believes(frame):
-            return
-        if frame.name not in _SECRET:
-            self._log(frame.raw)
-        self.traffic[frame.name] += len(frame.raw)
-        if self.vehicle is None:
-            self._consider(frame)
-            return
-        if (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
-            self._note_foreign(frame)
-            return
-        self._last_heard = self.listened
-        for listener in tuple(self._listeners.get(frame.name, ())):
-            listener(frame.message)
-
-    def _log(self, frame: bytes) -> None:
-        """Log *frame*, or flush when it is empty. A full disk ends the log, never the clean-up of a vehicle."""
-        if self._tlog is None:
-            return
-        try:
-            self._tlog.write(frame) if frame else self._tlog.flush()
-        except BadFile as error:
-            self.notes.append(f"{error}; from here on nothing is logged")
-            with suppress(BadFile):
-                self._tlog.close()
-            self._tlog = None
-
-    def _note_foreign(self, frame: Frame) -> None:
-        self.foreign[frame.system, frame.component] += 1
-        for hear in self._overhearing:
-            hear(frame)
-        is_twin = frame.name == "HEARTBEAT" and frame.system == self.source_system
-        if is_twin and (frame.system, frame.component) not in self._twins:
-            self._twins.add((frame.system, frame.component))
-            self.notes.append(
-                f"another station on this link also is system {frame.system}: the vehicle cannot tell us apart "
-                "and obeys both; close it"
-            )
-
-    def _consider(self, frame: Frame) -> None:
-        if frame.name == "HEARTBEAT" and is_autopilot(frame.message):
-            if is_signed(frame):
-                self._signs.add((frame.system, frame.component))
-            self._candidates[frame.system, frame.component] = Candidate.of(frame)
-        else:
-            self.foreign[frame.system, frame.component] += 1
 
     def _on_heartbeat(self, message: Message) -> None:
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -420,35 +261,16 @@ class Session:
     def _on_text(self, message: Message) -> None:
         self.texts.take(message, self.clock.now())
 
-    def _do_duties(self) -> None:
-        now = self.clock.now() + _ROUNDING
-        for duty in self._duties:
-            if duty.due <= now:
-                duty.postpone()
-                duty.action()
-
     def _send_heartbeat(self) -> None:
-        self.send(
-            mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-            )
-        )
-        self._log(b"")
+        self.send(our_heartbeat())
+        self._port.flush_log()
 
     def close(self) -> None:
         """Close the log and the transport."""
-        try:
-            if self._tlog:
-                self._tlog.close()
-        except BadFile as error:
-            self.notes.append(str(error))
-        finally:
-            self.transport.close()
+        self._port.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

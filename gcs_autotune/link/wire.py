@@ -12,7 +12,17 @@ from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-__all__ = ["Frame", "Framer", "Message", "Packer", "decode_frame", "mavlink", "split_frames"]
+__all__ = [
+    "Frame",
+    "Framer",
+    "Message",
+    "Packer",
+    "decode_frame",
+    "mavlink",
+    "message_request",
+    "our_heartbeat",
+    "split_frames",
+]
 
 Message: TypeAlias = Any
 """A pymavlink message object: fields as attributes, names verbatim from the MAVLink XML."""
@@ -162,3 +172,17 @@ class Packer:
         frame = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame
+
+
+def our_heartbeat() -> Message:
+    """Return the HEARTBEAT of a ground station."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+    )
+
+
+def message_request(system: int, component: int, number: int) -> Message:
+    """Return the MAV_CMD_REQUEST_MESSAGE that has the message of that *number* sent once."""
+    return mavlink.MAVLink_command_long_message(
+        system, component, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, *(float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    )

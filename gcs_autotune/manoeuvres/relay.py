@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.identify import LimitCycleMonitor
+from gcs_autotune.manoeuvres import relay_words as words
 from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
 from gcs_autotune.manoeuvres.lead_in import LeadIn
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Mark
 from gcs_autotune.watch import Progress
@@ -37,45 +39,6 @@ LEAST_MOMENTUM = 5.0
 
 LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
-
-
-@dataclass(frozen=True, slots=True)
-class RelaySettings:
-    """What to fly. Outputs are fractions of full actuator output; angles rad, lengths m, times s.
-
-    Attributes
-    ----------
-    signal, force : what is watched (``psi``, ``z`` or ``x`` for integrated surge speed) and what is driven.
-    output : relay output C; None lets it start at ``first_output`` and grow by ``growth`` up to ``most_output``.
-    hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
-    throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
-    reference_speed : speed [m/s] around which a surge relay swings.
-    keep_still : hold an ROV's other axes (heading, depth) by hand meanwhile.
-    periods, tolerance : the stop rule.
-    unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
-        given is widened by ``growth``, so many times at most.
-    patience : longest time without a switching [s].
-    least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
-    """
-
-    signal: str
-    force: str
-    output: float | None = None
-    hysteresis: float | None = None
-    throttle: float = 0.0
-    reference_speed: float = 0.0
-    keep_still: bool = False
-    first_output: float = 0.3
-    growth: float = 1.5
-    most_output: float = 0.9
-    least_hysteresis: float = math.radians(10.0)
-    periods: int = 5
-    tolerance: float = 0.10
-    most_periods: int = 30
-    unsettled_periods: int = 10
-    most_widenings: int = 2
-    patience: float = 30.0
-    least_period: float = 0.0
 
 
 class Relay:
@@ -219,23 +182,24 @@ class Relay:
             self._judged = state.switchings
             self._improper_periods = 0 if state.proper else self._improper_periods + 1
         if self._went_astray(t, x):
-            self._grow(t, self._overwhelmed() if self._switched_once else self._wrong_way())
+            self._grow(t, (words.overwhelmed if self._switched_once else words.wrong_way)(s, self._output))
         elif t - self._last_switch > s.patience:
-            self._grow(t, self._no_oscillation())
+            self._grow(t, words.no_oscillation(s, self._output))
         elif self._improper_periods >= 2 and self._outruns_the_ticks():
-            self._settle(t) if self._may_widen() else self._give_up(self._too_fast())
+            too_fast = words.too_fast(self._output, LEAST_TICKS, self._tick)
+            self._settle(t) if self._may_widen() else self._give_up(too_fast)
         elif self._improper_periods >= 2:
-            self._grow(t, self._improper())
+            self._grow(t, words.improper(self._output))
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
             self._settle(t)
         elif state.switchings >= 2 * s.most_periods:
-            self.outcome = Outcome("aborted", self._never_settled())
+            self._give_up(words.never_settled(s, state.cycle.scatter if state.cycle is not None else math.nan))
 
     def _grow(self, t: float, otherwise: str) -> None:
         """Make the relay larger; when it may not grow, give up with the reason *otherwise*."""
         s = self._settings
         if s.output is not None or self._output >= s.most_output:
-            self.outcome = Outcome("aborted", otherwise)
+            self._give_up(otherwise)
             return
         self._output = min(self._output * s.growth, s.most_output)
         self._last_switch, self._improper_periods = t, 0
@@ -266,7 +230,7 @@ class Relay:
             self._slowings += 1
             self._widen(t, min(max(self._settings.least_period / period, self._settings.growth), WIDEST_STEP))
         else:
-            self.outcome = Outcome("aborted", self._link_too_slow(period))
+            self._give_up(words.link_too_slow(self._settings, period))
 
     def _widen(self, t: float, factor: float) -> None:
         """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
@@ -293,56 +257,6 @@ class Relay:
         if away:
             self._extreme = x
         return away and t - self._last_switch > max(3.0 * self._first_half, LEAST_MOMENTUM)
-
-    def _never_settled(self) -> str:
-        s, cycle = self._settings, self._monitor.state.cycle
-        scatter = cycle.scatter if cycle is not None else math.nan
-        return (
-            f"the limit cycle never settled: {s.most_periods} periods, the last scatter {100 * scatter:.0f} % "
-            f"(needed {100 * s.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or use "
-            "a larger --relay-output or --relay-hysteresis"
-        )
-
-    def _link_too_slow(self, period: float) -> str:
-        return (
-            f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
-            f"quicker than {self._settings.least_period:.2f} s tells about the craft rather than about the link's "
-            "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
-        )
-
-    def _wrong_way(self) -> str:
-        return (
-            f"{self._output:.2f} of full {self._settings.force} output moved {self._settings.signal} the wrong way: "
-            "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is "
-            "stronger than it"
-        )
-
-    def _overwhelmed(self) -> str:
-        return (
-            f"a constant disturbance is stronger than {self._output:.2f} of full {self._settings.force} output: "
-            f"{self._settings.signal} drifts on against it. Trim the craft, wait for less wind or current, or give a "
-            "larger --relay-output"
-        )
-
-    def _no_oscillation(self) -> str:
-        return (
-            f"no self-oscillation at relay output {self._output:.2f}: the craft did not cross the hysteresis within "
-            f"{self._settings.patience:.0f} s. Check that the actuator moves it, or give a larger --relay-output or a "
-            "smaller --relay-hysteresis"
-        )
-
-    def _too_fast(self) -> str:
-        return (
-            f"the craft swings through the hysteresis within {LEAST_TICKS:g} control ticks of {self._tick:.2f} s at "
-            f"relay output {self._output:.2f}: the relay cannot follow it. Give a higher --control-rate, a larger "
-            "--relay-hysteresis or a smaller --relay-output"
-        )
-
-    def _improper(self) -> str:
-        return (
-            f"the oscillation stayed improper (condition (7.12), x_a* + |x_0| < X_m) up to relay output "
-            f"{self._output:.2f}; give a larger --relay-output or a smaller --relay-hysteresis"
-        )
 
     def _command(self, output: float, observation: Observation) -> Command:
         s = self._settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ from rich.console import Group, RenderableType
 
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.effects.effect import INPUT, SIGNAL, Effect, Family
+from gcs_autotune.effects.usual import CRAFT, usual_bounds
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
 from gcs_autotune.report.diagnosis_names import effect_words
 from gcs_autotune.report.numbers import pretty_unit
@@ -66,14 +68,26 @@ def effects_list(book: Mapping[str, Effect]) -> Group:
         rows: list[tuple[str, str]] = []
         for effect in (e for e in book.values() if e.family == family):
             rows.append((effect.slug, sentence(effect.meaning)))
-            rows.extend(("", f"{q.name} [{_unit(q.unit)}]: {q.meaning}") for q in effect.parameters)
+            bounds = usual_bounds(effect)
+            rows.extend(
+                ("", f"{q.name} [{_unit(q.unit)}]: {q.meaning}{_between(bounds[q.name])}") for q in effect.parameters
+            )
             rows.append(("", f"shows in {effect.shown_by}"))
             if effect.mistaken_for:
                 others = ", ".join(effect_words(s) for s in effect.mistaken_for)
                 rows.append(("", f"mistaken for {others}; told apart by {effect.separated_by}"))
         if rows:
             parts += [title(heading), grid(Table(("effect", "what; parameters"), "ll", tuple(rows)))]
-    return Group(*parts)
+    return Group(*parts, paragraph(f"Bounds are those of a craft to scale from: {CRAFT}; a fit takes its runs' own."))
+
+
+def _between(bounds: tuple[float, float]) -> str:
+    low, high = bounds
+    if math.isfinite(low) and math.isfinite(high):
+        return f", {low:.3g} to {high:.3g}"
+    if math.isfinite(low):
+        return f", at least {low:.3g}"
+    return f", at most {high:.3g}" if math.isfinite(high) else ""
 
 
 def _unit(unit: str) -> str:
@@ -84,12 +98,13 @@ def effects_to_dict(book: Mapping[str, Effect]) -> dict[str, Any]:
     """Return the JSON form of the book, in its own order; units with the words the entries use."""
     return {
         "schema": 1,
+        "bounds_of": CRAFT,
         "effects": [
             {
                 "slug": e.slug,
                 "family": e.family,
                 "meaning": e.meaning,
-                "parameters": [{"name": q.name, "unit": q.unit, "meaning": q.meaning} for q in e.parameters],
+                "parameters": _parameters(e),
                 "shown_by": e.shown_by,
                 "mistaken_for": list(e.mistaken_for),
                 "separated_by": e.separated_by,
@@ -97,3 +112,16 @@ def effects_to_dict(book: Mapping[str, Effect]) -> dict[str, Any]:
             for e in book.values()
         ],
     }
+
+
+def _parameters(effect: Effect) -> list[dict[str, Any]]:
+    bounds = usual_bounds(effect)
+    return [
+        {
+            "name": q.name,
+            "unit": q.unit,
+            "meaning": q.meaning,
+            "bounds": [b if math.isfinite(b) else None for b in bounds[q.name]],
+        }
+        for q in effect.parameters
+    ]

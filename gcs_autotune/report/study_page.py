@@ -16,7 +16,7 @@ from gcs_autotune.report.figures import Picture
 from gcs_autotune.report.numbers import format_moment, format_percent
 from gcs_autotune.report.page import render_page
 from gcs_autotune.report.study import Study
-from gcs_autotune.report.study_wording import answer_sentences, structure_title, verdict
+from gcs_autotune.report.study_wording import structure_title, verdict_headline
 from gcs_autotune.report.wording import decision_sentence, doubt_sentence
 
 if TYPE_CHECKING:
@@ -37,18 +37,15 @@ def render_study(study: Study) -> str:
 
 def _context(study: Study) -> dict[str, Any]:
     fit, answer = study.fit, study.answer
-    text, tone = verdict(study)
     axis = fit if isinstance(fit, AxisFit) else None
     pictures = list(_pictures(study))
     return {
         "study": study,
-        "verdict": text,
-        "tone": tone,
+        "headline": verdict_headline(study),
         "when": format_moment(study.when),
         "tiles": _tiles(study),
         "doubts": tuple(doubt_sentence(d) for d in fit.doubts),
         "model_title": structure_title(fit),
-        "sentences": answer_sentences(study),
         "parameters": study_tables.parameter_table(fit),
         "runs": study_tables.run_table(study),
         "unseen": study_tables.unseen_table(answer),

@@ -6,10 +6,10 @@ from gcs_autotune.identify import AxisFit, Fit
 from gcs_autotune.models.coupled import FORMS
 from gcs_autotune.report.numbers import format_percent, format_quantity
 from gcs_autotune.report.study import Study
-from gcs_autotune.report.wording import model_sentences, structure_words
+from gcs_autotune.report.wording import Headline, Tone, model_sentences, structure_words
 from gcs_autotune.sname import SIGNALS
 
-__all__ = ["answer_sentences", "structure_title", "verdict"]
+__all__ = ["answer_sentences", "structure_title", "verdict_headline"]
 
 
 def structure_title(fit: Fit) -> str:
@@ -34,13 +34,14 @@ def _fits(fit: Fit) -> str:
     return said + (f" Noise found: {noise}." if noise else "")
 
 
-def verdict(study: Study) -> tuple[str, str]:
-    """Return the one sentence everybody reads first, and its tone (good, neutral, bad)."""
+def verdict_headline(study: Study) -> Headline:
+    """Return the one sentence everybody reads first, its tone, and what follows from it."""
     fit, unseen = study.fit, study.answer.unseen
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
     where = "of the motion" if unseen is None else "of motion it has not seen"
     said = f"The model explains {format_percent(percent)} {where}."
     grave = [d for d in fit.doubts if d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart")]
     if percent < 40.0 or grave:
-        return said + " Read what to doubt before you use it.", "bad"
-    return said, "good" if percent >= 70.0 and not fit.doubts else "neutral"
+        return Headline(said + " Read what to doubt before you use it.", "bad", answer_sentences(study))
+    tone: Tone = "good" if percent >= 70.0 and not fit.doubts else "neutral"
+    return Headline(said, tone, answer_sentences(study))

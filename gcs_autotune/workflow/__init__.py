@@ -1,4 +1,10 @@
-"""Whole jobs, from link to report: what the command line's verbs do."""
+"""Whole jobs, from link to report: what the command line's verbs do.
+
+* ``tune``: its legs ``announcement``, ``axis_parameters``, ``preflight``, ``identification``, ``proof``, ``designing``,
+  ``decision`` share a ``voyage``; ``experiment`` is the first half of it. Both steer by the ``helm``, come ``aboard``,
+  keep a ``ledger`` and fill a ``record`` directory; ``experiments`` says what is flown on an axis.
+* ``restore``, ``parameter_files``: putting a vehicle back. ``study``, ``diagnosis``, ``findings``: work at the desk.
+"""
 
 from __future__ import annotations
 

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import NotAchieved, NotInformative, OperatorStopped, WrongVehicle
+from gcs_autotune.errors import NotInformative, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.identify.surge import extended, fit_surge
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Sequencer, visit
+from gcs_autotune.manoeuvres import visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
-from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for, turn_for
+from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for
+from gcs_autotune.workflow.helm import Helm
+from gcs_autotune.workflow.identification import delay_of
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
-from gcs_autotune.workflow.third_level import ThirdLevel, third_level
-from gcs_autotune.workflow.waiting import ask, think
+from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
+from gcs_autotune.workflow.waiting import agreed, think
 
 __all__ = ["experiment"]
 
@@ -63,7 +63,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
                 craft.arm()
                 say_link_times(craft, watcher)
                 trials = _fly(settings, dof, craft, watcher, record)
-                delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
+                delay = delay_of(settings)
                 surge = dof == "surge" and craft.firmware.kind == "boat"
                 if surge:
                     fit = think(craft, lambda: fit_surge(trials, structure=settings.structure, delay=delay))
@@ -78,80 +78,49 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
 
 
 def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory) -> list[Trial]:
-    cruise = _cruise(settings, dof, craft)
+    cruise, kind = _cruise(settings, dof, craft), craft.firmware.kind
     settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
-    sequencer = Sequencer(craft, settings.envelope, watcher, record.keep)
-    if dof == "surge" and craft.firmware.kind == "boat":
-        return [_swing(sequencer, settings, craft, cruise, n) for n in range(2)]
+    helm = Helm(craft, settings.envelope, watcher, record.keep)
+    if dof == "surge" and kind == "boat":
+        return [_swing(helm, cruise, n) for n in range(2)]
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
     if dof in CHECKED:
         see_signs(
             sign_check_for(dof, craft.firmware, craft.servos, cruise.throttle, needs_speed=False, output=output),
-            sequencer.fly,
+            helm.fly,
         )
-    dive = dive_for(dof, craft.firmware.kind, craft.observe())
+    dive = dive_for(dof, kind, craft.observe())
     if dive is not None:
-        flown = sequencer.fly(dive, "diving")
-        if flown.outcome.ending == "aborted":
-            raise NotAchieved(f"diving: {flown.outcome.reason}")
+        helm.achieve(dive, "diving")
     for name in ("relay-1", "relay-2"):
-        _turn_about(bool(trials), sequencer, settings, craft, cruise)
-        trials.append(_relay(name, output, sequencer, settings, dof, craft, cruise))
+        if trials:
+            helm.come_about(cruise.throttle)
+        least = craft.least_period
+        relay = relay_for(settings, dof, kind, cruise.throttle, output, name, least_period=least)
+        trials.append(helm.achieve(relay, name).trial)
         output = second_output(trials[-1], room)
     if dof in CHECKED and settings.most_relays > len(trials):
         third = think(craft, lambda: _third(trials, dof, settings))
         if third is not None:
-            watcher.say(third.why)
-            _turn_about(True, sequencer, settings, craft, cruise)
-            try:
-                trials.append(_relay("relay-3", third.output, sequencer, settings, dof, craft, cruise))
-            except NotAchieved as error:
-                watcher.say(f"{error}; going on with the two that were flown")
+            helm.come_about(cruise.throttle)
+            trials += fly_third(third, settings, dof, craft, cruise.throttle, helm, watcher)
     return trials
 
 
 def _third(trials: list[Trial], dof: str, settings: TuneSettings) -> ThirdLevel | None:
-    delay: float | Literal["auto"] = "auto" if settings.delay is None else settings.delay
     try:
-        return third_level(trials, fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+        return third_level(trials, fit_axis(trials, dof=dof, structure=settings.structure, delay=delay_of(settings)))
     except NotInformative:
         return None
 
 
-def _relay(
-    name: str,
-    output: float | None,
-    sequencer: Sequencer,
-    settings: TuneSettings,
-    dof: str,
-    craft: MavlinkCraft,
-    cruise: _Cruise,
-) -> Trial:
-    least = craft.least_period
-    relay = relay_for(settings, dof, craft.firmware.kind, cruise.throttle, output, name, least_period=least)
-    flown = sequencer.fly(relay, name)
-    if flown.outcome.ending == "aborted":
-        raise NotAchieved(f"{name}: {flown.outcome.reason}")
-    return flown.trial
-
-
-def _turn_about(
-    wanted: bool, sequencer: Sequencer, settings: TuneSettings, craft: MavlinkCraft, cruise: _Cruise
-) -> None:
-    turn = turn_for(craft.firmware.kind, cruise.throttle)
-    if wanted and turn is not None:
-        sequencer.fly(turn, "turning about", replace(settings.envelope, heading_excursion=math.inf))
-
-
-def _swing(sequencer: Sequencer, settings: TuneSettings, craft: MavlinkCraft, cruise: _Cruise, number: int) -> Trial:
+def _swing(helm: Helm, cruise: _Cruise, number: int) -> Trial:
     """Fly one of a boat's surge experiments, the second on the way back."""
-    _turn_about(number > 0, sequencer, settings, craft, cruise)
+    if number:
+        helm.come_about(cruise.throttle)
     name = f"throttle-{number + 1}"
-    flown = sequencer.fly(throttle_steps_for(cruise.throttle, number, name), name)
-    if flown.outcome.ending == "aborted":
-        raise NotAchieved(f"{name}: {flown.outcome.reason}")
-    return flown.trial
+    return helm.achieve(throttle_steps_for(cruise.throttle, number, name), name).trial
 
 
 def _cruise(settings: TuneSettings, dof: str, craft: MavlinkCraft) -> _Cruise:
@@ -195,7 +164,5 @@ def _announce(
         "write no parameter",
     ):
         watcher.say(f"will {text}")
-    if craft.session.transport.is_simulated:
-        watcher.say("Go ahead? Simulated vehicle: not asking.")
-    elif not ask(craft, operator, "Go ahead?"):
+    if not agreed(craft, operator, watcher, "Go ahead?"):
         raise OperatorStopped("not started: the answer was no; nothing was armed or moved")

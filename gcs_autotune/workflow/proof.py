@@ -15,13 +15,25 @@ import numpy as np
 from gcs_autotune.design import Actuator
 from gcs_autotune.design.laws.about_speed import holding
 from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
+from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
+from gcs_autotune.identify import AxisFit
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow.given import Given
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+from gcs_autotune.workflow.surge_curve import reduction_of
 
-__all__ = ["Known", "Proof", "proof_about_rest", "proof_of_speed", "proof_of_turn_rate"]
+__all__ = [
+    "Known",
+    "Proof",
+    "known_of",
+    "proof_about_rest",
+    "proof_of_speed",
+    "proof_of_turn_rate",
+    "proof_of_velocity",
+]
 
 SHARE_OF_TOP = 0.4
 """The speed step goes from 60 % of the working speed up to it."""
@@ -53,6 +65,16 @@ class Known:
     noise_std: float
 
 
+def known_of(source: AxisFit | Given) -> Known:
+    """Return what a fit, or a model given by file, tells before the loop itself is flown."""
+    if isinstance(source, AxisFit):
+        reduction = reduction_of(source)
+        return Known(source.model, Actuator() if reduction is None else reduction.actuator, source.noise_std)
+    reduction, full = source.reduction, source.full_scale or 1.0
+    model, _ = in_fractions(reduction.model, reduction.covariance, full)
+    return Known(model, reduction.actuator.in_fractions(full), source.noise_std)
+
+
 @dataclass(frozen=True, slots=True)
 class Proof:
     """One step: ``settings`` as flown, ``design_speed`` [m/s] for the law (None: the measured one), and what was
@@ -77,6 +99,15 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
         speed=speed,
     )
     return Proof(step, None, {})
+
+
+def proof_of_velocity(
+    dof: str, settings: TuneSettings, throttle: float, speed: float, known: Known, present: Mapping[str, float]
+) -> Proof:
+    """Return the step of a loop on the velocity of *dof* (``surge``, ``yaw``); errors as those of its own."""
+    if dof == "surge":
+        return proof_of_speed(settings, throttle, known, present)
+    return proof_of_turn_rate(settings, speed, known)
 
 
 def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, present: Mapping[str, float]) -> Proof:

@@ -6,16 +6,29 @@ import math
 
 import numpy as np
 
+from gcs_autotune.identify import AxisFit
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 
-__all__ = ["jitter_in", "resting_noise"]
+__all__ = ["jitter_in", "noise_behind", "resting_noise"]
 
 _LOOK_BACK = 3.0
 """Seconds of the hold before a step: as long as it has to be steady before the step begins."""
 _LEAST_SAMPLES = 12
 _TREND = 2
 """Order of the polynomial that counts as motion."""
+
+
+def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:
+    """Return the standard deviation of the noise that a flown *step* is measured through (SI).
+
+    Of a velocity (*moving*) the fit's when it was fitted to that, else read off the step; of a position the lesser of
+    the fit's and what the craft did while it was held.
+    """
+    signal = str(step.meta["signal"])
+    if moving:
+        return fit.noise[signal] if signal in fit.noise else noise_in(step, signal)
+    return min(fit.noise.get(signal, fit.noise_std), resting_noise(step, resolution))
 
 
 def resting_noise(step: Trial, resolution: float = 0.0) -> float:

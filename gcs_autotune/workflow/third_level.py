@@ -16,11 +16,17 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.actuator import Characteristic
 from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.errors import NotAchieved
 from gcs_autotune.identify import AxisFit, Fit
+from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.experiments import relay_for
+from gcs_autotune.workflow.helm import Helm
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.thrust_curve import CURVE, DEAD, fitted, left, number, pays
 
-__all__ = ["ThirdLevel", "third_level"]
+__all__ = ["ThirdLevel", "fly_third", "third_level"]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +67,26 @@ def third_level(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
         f"well as one that is bent ({number(bent, CURVE).value:.0%} of its force with the square of the command); a "
         f"third, of {output:.2f} of full, tells them apart",
     )
+
+
+def fly_third(
+    third: ThirdLevel,
+    settings: TuneSettings,
+    dof: str,
+    craft: MavlinkCraft,
+    throttle: float,
+    helm: Helm,
+    watcher: Watcher,
+) -> list[Trial]:
+    """Say why, and fly the third size; nothing comes back when the craft would not swing: two are enough to go on."""
+    watcher.say(third.why)
+    least = craft.least_period
+    relay = relay_for(settings, dof, craft.firmware.kind, throttle, third.output, "relay-3", least_period=least)
+    try:
+        return [helm.achieve(relay, "third self-oscillation").trial]
+    except NotAchieved as error:
+        watcher.say(f"{error}; going on with the two that were flown")
+        return []
 
 
 def _force_of(found: Fit) -> ExtendedModel:

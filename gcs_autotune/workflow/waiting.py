@@ -13,9 +13,10 @@ from typing import TypeVar
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.operator import Operator
 
-__all__ = ["ask", "think"]
+__all__ = ["agreed", "ask", "think"]
 
 T = TypeVar("T")
 
@@ -43,6 +44,14 @@ def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
     if craft.armed:
         _keep_company(craft)
     return operator.ask(question, craft.observe)
+
+
+def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
+    """Whether the operator agrees; of a simulated vehicle it is said that nobody is asked."""
+    if craft.session.transport.is_simulated:
+        watcher.say(f"{question} Simulated vehicle: not asking.")
+        return True
+    return ask(craft, operator, question)
 
 
 def _keep_company(craft: MavlinkCraft) -> None:

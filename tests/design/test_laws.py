@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design.laws.rover_steering import scale
 from gcs_autotune.firmware import FIRMWARE
 
 from .crafts import (
@@ -115,7 +116,7 @@ def test_lateral_acceleration_limits_the_turn_of_a_fast_boat() -> None:
 def test_vectored_thrust_is_scaled_by_throttle_and_says_so() -> None:
     settings = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0, "CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
     assert any("atan(steering / throttle)" in note for note in ROVER.notes(CHARLIE, settings, 3.0))
-    assert ROVER.scale(settings, 1.0) == pytest.approx(1.0 / (0.25 * math.radians(30.0)))
+    assert scale(settings, 1.0) == pytest.approx(1.0 / (0.25 * math.radians(30.0)))
     once, again = (
         ROVER.simulate(boat(1.0, 0.4 * v, 0.0, 0.0), settings, Scenario(0.01, 10.0), v, 0.0).position for v in (1, 3)
     )

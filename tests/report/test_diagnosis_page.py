@@ -191,6 +191,10 @@ def test_the_list_of_effects_has_every_entry_under_its_family():
     listed = json.loads(json.dumps(effects_to_dict(BOOK)))["effects"]
     assert [e["slug"] for e in listed] == list(BOOK)
     assert all(e["separated_by"] and e["family"] for e in listed)
+    bounds = {(e["slug"], q["name"]): q["bounds"] for e in listed for q in e["parameters"]}
+    assert bounds["dead-zone", "width"] == [0.0, 0.95]
+    assert bounds["net-buoyancy", "force"] == [None, None]
+    assert "0 to 0.95" in text
 
 
 @pytest.mark.parametrize("name", STORIES)

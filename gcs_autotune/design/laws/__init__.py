@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from gcs_autotune.design.laws.law import SKID, Law, Motion, Scenario, Settings
-from gcs_autotune.design.laws.rover_heading import RoverHeading, most_feed_forward
+from gcs_autotune.design.laws.rover_heading import RoverHeading
 from gcs_autotune.design.laws.rover_speed import RoverSpeed
+from gcs_autotune.design.laws.rover_steering import most_feed_forward
 from gcs_autotune.design.laws.rover_yaw import RoverYaw
 from gcs_autotune.design.laws.sub_depth import SubDepth
 from gcs_autotune.design.laws.sub_heading import SubHeading

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.flown_law import FlownLaw
+from gcs_autotune.design.laws.kernel import plant_vector
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings
 from gcs_autotune.design.model_function import wanted_step
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
@@ -35,13 +36,10 @@ def linearisations(model: SingleDof, wanted: ModelFunction, step: float) -> tupl
     return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
 
 
-class AboutRest:
+class AboutRest(FlownLaw):
     """The position is controlled, the craft comes to rest at the end of every step."""
 
     controls_velocity = False
-    free_overshoot = 0.0
-    measured: Sequence[str] = ()
-    late: Sequence[str] = ()
 
     def demand(
         self, model: SingleDof, wanted: ModelFunction, step: float, settings: Settings, speed: float | None
@@ -53,8 +51,16 @@ class AboutRest:
         """Return :func:`linearisations`."""
         return linearisations(model, wanted, step)
 
-    def slopes(
-        self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
-    ) -> tuple[float, ...]:
-        """Return the actuator's gains around which small motions live."""
-        return actuator.slopes()
+    def simulate(
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        craft = plant_vector(model, scenario, dt, delay, actuator)
+        return self.fly(settings, speed, scenario.duration, craft, actuator.vector(dt))

@@ -6,13 +6,16 @@ on the water does. What is told as position is the velocity, less that at its st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import abstractmethod
 
 import numpy as np
 
-from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.flown_law import FlownLaw
+from gcs_autotune.design.laws.kernel import plant_vector
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings
 from gcs_autotune.design.model_function import wanted_step
+from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
@@ -37,17 +40,22 @@ def start_of(step: float, base: float) -> float:
     return base if step >= 0.0 else base - step
 
 
-class AboutSpeed:
-    """The velocity is controlled, about the one the craft keeps."""
+class AboutSpeed(FlownLaw):
+    """The velocity is controlled, about the one the craft keeps.
+
+    Attributes
+    ----------
+    both_ways : whether steps go from half of them one way to half the other way, not up from the craft's speed.
+    hold : a loop that has long settled is shown from so much [s] of holding its velocity.
+    """
 
     controls_velocity = True
-    free_overshoot = 0.0
-    measured: Sequence[str] = ()
-    late: Sequence[str] = ()
+    both_ways = False
+    hold: float
 
     def base(self, step: float, speed: float | None) -> float:
         """Return the velocity that steps of size *step* start from and come back to."""
-        return speed or 0.0
+        return -0.5 * abs(step) if self.both_ways else speed or 0.0
 
     def demand(
         self, model: SingleDof, wanted: ModelFunction, step: float, settings: Settings, speed: float | None
@@ -70,8 +78,31 @@ class AboutSpeed:
         base = self.base(step, speed)
         return tuple(sorted({local_drag(model, base), local_drag(model, base + step)}))
 
-    def slopes(
-        self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
-    ) -> tuple[float, ...]:
-        """Return the actuator's gains around which small motions live."""
-        return actuator.slopes()
+    def holding_output(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
+        """Return the controller's output [fraction] that keeps *velocity*, at most full."""
+        return min(max(holding(model, velocity), -1.0), 1.0)
+
+    def simulate(
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        velocity = start_of(scenario.step, self.base(scenario.step, speed))
+        before = round(self.hold / dt) if scenario.lead == 0.0 else 0
+        start = np.array([velocity, self.holding_output(model, actuator, settings, velocity), before])
+        craft = plant_vector(model, scenario, dt, delay)
+        return self.fly(settings, speed, scenario.duration, craft, actuator.vector(dt), start)
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured velocity to output: here the same as :meth:`controller`."""
+        return self.controller(settings, speed)
+
+    @abstractmethod
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured velocity to output."""

@@ -7,18 +7,18 @@ estimate, unfiltered. What is told as position is the speed, less that at the st
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.design.laws.about_speed import AboutSpeed, holding, local_drag, start_of
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, plant_vector, smoothing
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design.laws.about_speed import AboutSpeed, holding, local_drag
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, smoothing
+from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.paths import pid_path
 from gcs_autotune.design.laws.rover_throttle import pulse_of, shape, throttle_of, throttle_shape
-from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator
+from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
@@ -27,8 +27,6 @@ __all__ = ["CRUISE", "RoverSpeed"]
 
 P, I, D, FF = "ATC_SPEED_P", "ATC_SPEED_I", "ATC_SPEED_D", "ATC_SPEED_FF"  # noqa: E741 - the integral gain
 CRUISE = ("CRUISE_SPEED", "CRUISE_THROTTLE")
-BEFORE = 15.0
-"""A loop that has long settled is shown from so much [s] of holding its speed."""
 NEARLY_FULL = 0.98
 """A speed that needs more than this of full output is treated as needing this."""
 NUDGE = 0.01
@@ -85,8 +83,6 @@ def _fly(
         x, v = advance(x, v, applied + (push if k >= push_at else 0.0), plant)
 
 
-_kernel: Callable[..., Any] = compiled(_fly)
-
 FIXED: Settings = {D: 0.0, FF: 0.0}
 DEFAULTS: Settings = {
     "ATC_SPEED_IMAX": 1.0,
@@ -113,18 +109,11 @@ class RoverSpeed(AboutSpeed):
     fixed: Settings = FIXED
     measured: Sequence[str] = CRUISE
     usual_step = 0.5
+    hold = 15.0
     defaults: Settings = DEFAULTS
-
-    def _get(self, settings: Settings, name: str) -> float:
-        return setting(settings, self.defaults, name)
-
-    def loop_period(self, settings: Settings) -> float:
-        """Return the loop period [s]."""
-        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
-
-    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*: that from which the step goes up."""
-        return speed
+    kernel = staticmethod(compiled(_fly))
+    vector: Sequence[str] = (P, I, D, FF)
+    filters: Sequence[str] = ("ATC_SPEED_FLTT", "ATC_SPEED_FLTE", "ATC_SPEED_FLTD")
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return ATC_ACCEL_MAX [m/s^2]."""
@@ -170,60 +159,32 @@ class RoverSpeed(AboutSpeed):
             found.append({P: max(2.0 * model.alpha * rate - drag, 0.05 * drag), I: model.alpha * rate * rate})
         return found
 
-    def simulate(
-        self,
-        model: SingleDof,
-        settings: Settings,
-        scenario: Scenario,
-        speed: float | None,
-        delay: float,
-        actuator: Actuator = PERFECT,
-    ) -> Motion:
-        """Fly *scenario*."""
-        dt = self.loop_period(settings)
-        count = round(scenario.duration / dt) + 1
-        position, output = np.empty(count), np.empty(count)
-        v0 = start_of(scenario.step, self.base(scenario.step, speed))
-        before = round(BEFORE / dt) if scenario.lead == 0.0 else 0
-        least, expo = throttle_shape(settings)
-        limits = np.array(
-            [
-                self._get(settings, "ATC_SPEED_IMAX"),
-                self._get(settings, "ATC_ACCEL_MAX"),
-                self._get(settings, "ATC_DECEL_MAX"),
-                self._get(settings, "ATC_BRAKE"),
-                self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
-                self._get(settings, "MOT_THR_MAX") / 100.0,
-                least,
-                expo,
-                self.cruise(settings),
-                *(self._get(settings, f"ATC_SPEED_FLT{x}") for x in "TED"),
-            ]
+    def holding_output(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
+        """Return :meth:`throttle_for`: the loop's output is throttle, not force."""
+        return self.throttle_for(model, actuator, settings, velocity)
+
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+        """Return IMAX, both accelerations, whether it brakes, slew a loop, most and least throttle, bend, cruise."""
+        return (
+            self._get(settings, "ATC_SPEED_IMAX"),
+            self._get(settings, "ATC_ACCEL_MAX"),
+            self._get(settings, "ATC_DECEL_MAX"),
+            self._get(settings, "ATC_BRAKE"),
+            self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
+            self._get(settings, "MOT_THR_MAX") / 100.0,
+            *throttle_shape(settings),
+            self.cruise(settings),
         )
-        _kernel(
-            np.array([settings.get(n, 0.0) for n in (P, I, D, FF)]),
-            limits,
-            plant_vector(model, scenario, dt, delay),
-            actuator.vector(dt),
-            np.array([v0, self.throttle_for(model, actuator, settings, v0), before]),
-            position,
-            output,
-        )
-        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured speed to throttle."""
-        pid = constant(settings[P])
-        if settings[I] > 0.0:
-            pid = pid + integrator(settings[I])
-        if settings[D] > 0.0:
-            slope = Rational(np.array([settings[D], 0.0]), np.array([1.0]))
-            pid = pid + slope * first_order(self._get(settings, "ATC_SPEED_FLTD"))
-        return pid * first_order(self._get(settings, "ATC_SPEED_FLTE"))
-
-    def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured speed to throttle: here the same as :meth:`controller`."""
-        return self.controller(settings, speed)
+        return pid_path(
+            settings[P],
+            settings[I],
+            settings[D],
+            error_cutoff=self._get(settings, "ATC_SPEED_FLTE"),
+            slope_cutoff=self._get(settings, "ATC_SPEED_FLTD"),
+        )
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
         """Return ``I / (P + c)``, with the cruise pair's throttle per m/s ``c`` standing for the craft's own drag."""

@@ -6,25 +6,15 @@ the autopilot's 0.001 per cm/s^2, times 100 cm, times 2 because throttle 0..1 me
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.about_rest import AboutRest
-from gcs_autotune.design.laws.kernel import (
-    STANDING_MOST,
-    actuate,
-    advance,
-    clip,
-    compiled,
-    plant_vector,
-    smoothing,
-    sqrt_control,
-)
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.kernel import STANDING_MOST, actuate, advance, clip, compiled, smoothing, sqrt_control
+from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.paths import integral_over_proportional, pid_path
 from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
@@ -89,8 +79,6 @@ def _fly(
         a = (w - was) / dt
 
 
-_kernel: Callable[..., Any] = compiled(_fly)
-
 FIXED: Settings = {VEL_I: 0.0}
 DEFAULTS: Settings = {
     "PSC_VELZ_IMAX": 1000.0,
@@ -116,17 +104,9 @@ class SubDepth(AboutRest):
     fixed: Settings = FIXED
     usual_step = 1.0
     defaults: Settings = DEFAULTS
-
-    def _get(self, settings: Settings, name: str) -> float:
-        return setting(settings, self.defaults, name)
-
-    def loop_period(self, settings: Settings) -> float:
-        """Return the loop period [s]."""
-        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
-
-    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*: it plays no part here."""
-        return speed
+    kernel = staticmethod(compiled(_fly))
+    vector: Sequence[str] = (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF)
+    filters: Sequence[str] = ("PSC_VELZ_FLTE", "PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE")
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of the pilot's climb and descent speeds [m/s]."""
@@ -147,48 +127,22 @@ class SubDepth(AboutRest):
         gentle = {POS: 2.0 / wanted.a1, VEL: 8.0 / wanted.a1, ACC: 1.0, ACC_I: 1.0, ACC_FF: 0.0}
         return [*(f for f in found if f), gentle]
 
-    def simulate(
-        self,
-        model: SingleDof,
-        settings: Settings,
-        scenario: Scenario,
-        speed: float | None,
-        delay: float,
-        actuator: Actuator = PERFECT,
-    ) -> Motion:
-        """Fly *scenario*."""
-        dt = self.loop_period(settings)
-        count = round(scenario.duration / dt) + 1
-        position, output = np.empty(count), np.empty(count)
-        limits = np.array(
-            [
-                self.velocity_limit(settings, speed),
-                self._get(settings, "PILOT_ACCEL_Z") / 100.0,
-                self._get(settings, "PSC_VELZ_IMAX") / 100.0,
-                2e-3 * max(self._get(settings, "PSC_ACCZ_IMAX"), 1e3 * self._get(settings, "MOT_THST_HOVER")),
-                2.0 * (self._get(settings, "MOT_THST_HOVER") - 0.5),
-                self._get(settings, "PSC_VELZ_FLTE"),
-                self._get(settings, "PSC_ACCZ_FLTT"),
-                self._get(settings, "PSC_ACCZ_FLTE"),
-            ]
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+        """Return speed, acceleration, both integrals' most, and the throttle offset of the hover."""
+        hover = self._get(settings, "MOT_THST_HOVER")
+        return (
+            self.velocity_limit(settings, speed),
+            self._get(settings, "PILOT_ACCEL_Z") / 100.0,
+            self._get(settings, "PSC_VELZ_IMAX") / 100.0,
+            2e-3 * max(self._get(settings, "PSC_ACCZ_IMAX"), 1e3 * hover),
+            2.0 * (hover - 0.5),
         )
-        gains = np.array([settings[n] for n in (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF)])
-        _kernel(
-            gains, limits, plant_vector(model, scenario, dt, delay, actuator), actuator.vector(dt), position, output
-        )
-        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:
         """Acceleration to output (feedback; feed-forward), and climb rate to wanted acceleration."""
         throttle = first_order(THROTTLE_CUTOFF) * constant(OUTPUT)
-        pid = constant(settings[ACC])
-        if settings[ACC_I] > 0.0:
-            pid = pid + integrator(settings[ACC_I])
-        velocity = constant(settings[VEL])
-        if settings[VEL_I] > 0.0:
-            velocity = velocity + integrator(settings[VEL_I])
-        velocity = velocity * first_order(self._get(settings, "PSC_VELZ_FLTE"))
-        pid = pid * first_order(self._get(settings, "PSC_ACCZ_FLTE")) * throttle
+        pid = pid_path(settings[ACC], settings[ACC_I], error_cutoff=self._get(settings, "PSC_ACCZ_FLTE")) * throttle
+        velocity = pid_path(settings[VEL], settings[VEL_I], error_cutoff=self._get(settings, "PSC_VELZ_FLTE"))
         feed = constant(settings[ACC_FF]) * throttle
         return pid, feed, velocity * first_order(self._get(settings, "PSC_ACCZ_FLTT"))
 
@@ -206,8 +160,7 @@ class SubDepth(AboutRest):
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
         """Return ``Pz Ia / (Pz (Pa + FF) + Ia)``."""
-        proportional = settings[POS] * (settings[ACC] + settings[ACC_FF]) + settings[ACC_I]
-        return settings[POS] * settings[ACC_I] / max(proportional, 1e-12)
+        return integral_over_proportional(settings[POS], settings[ACC] + settings[ACC_FF], settings[ACC_I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""

@@ -6,13 +6,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
     STANDING_MOST,
@@ -20,13 +18,12 @@ from gcs_autotune.design.laws.kernel import (
     advance,
     clip,
     compiled,
-    gyro_coefficients,
-    plant_vector,
     smoothing,
     sqrt_control,
     wrap,
 )
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.paths import integral_over_proportional, pid_path
 from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
@@ -100,8 +97,7 @@ def _fly(
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 
-_kernel: Callable[..., Any] = compiled(_fly)
-
+FILTERS = ("ATC_RAT_YAW_FLTT", "ATC_RAT_YAW_FLTE", "ATC_RAT_YAW_FLTD")
 FIXED: Settings = {D: 0.0}
 DEFAULTS: Settings = {
     "ATC_RAT_YAW_IMAX": 0.222,
@@ -127,21 +123,14 @@ class SubHeading(AboutRest):
     fixed: Settings = FIXED
     usual_step = math.radians(30.0)
     defaults: Settings = DEFAULTS
-
-    def _get(self, settings: Settings, name: str) -> float:
-        return setting(settings, self.defaults, name)
-
-    def loop_period(self, settings: Settings) -> float:
-        """Return the loop period [s]."""
-        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
+    kernel = staticmethod(compiled(_fly))
+    vector: Sequence[str] = (P, I, D, ANG)
+    filters: Sequence[str] = FILTERS
+    gyro = "INS_GYRO_FILTER"
 
     def _rate_max(self, settings: Settings) -> float:
         rate = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
         return rate if rate > 0.0 else 1e6
-
-    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*: it plays no part here."""
-        return speed
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of ATC_RATE_Y_MAX and ATC_SLEW_YAW [rad/s]."""
@@ -166,61 +155,34 @@ class SubHeading(AboutRest):
             {P: two, I: 0.2 * two / wanted.a1, ANG: model.alpha / (wanted.a2 * two)},
         ]
 
-    def simulate(
-        self,
-        model: SingleDof,
-        settings: Settings,
-        scenario: Scenario,
-        speed: float | None,
-        delay: float,
-        actuator: Actuator = PERFECT,
-    ) -> Motion:
-        """Fly *scenario*."""
-        dt = self.loop_period(settings)
-        count = round(scenario.duration / dt) + 1
-        position, output = np.empty(count), np.empty(count)
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+        """Return IMAX, turn rate, shaping acceleration, slew, its time constant, whether it acts, deceleration."""
         shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
-        limits = np.array(
-            [
-                self._get(settings, "ATC_RAT_YAW_IMAX"),
-                self._rate_max(settings),
-                shape if shape > 0.0 else 1e6,
-                math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0),
-                max(self._get(settings, "ATC_INPUT_TC"), 0.01),
-                self._get(settings, "ATC_RATE_FF_ENAB"),
-                min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
-                *(self._get(settings, f"ATC_RAT_YAW_FLT{x}") for x in "TED"),
-            ]
+        return (
+            self._get(settings, "ATC_RAT_YAW_IMAX"),
+            self._rate_max(settings),
+            shape if shape > 0.0 else 1e6,
+            math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0),
+            max(self._get(settings, "ATC_INPUT_TC"), 0.01),
+            self._get(settings, "ATC_RATE_FF_ENAB"),
+            min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
         )
-        gains = np.array([settings[n] for n in (P, I, D, ANG)])
-        gyro = gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt)
-        _kernel(
-            gains,
-            limits,
-            gyro,
-            plant_vector(model, scenario, dt, delay, actuator),
-            actuator.vector(dt),
-            position,
-            output,
-        )
-        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational]:
         """PID (turn rate to output), and the angle loop (heading to turn rate)."""
-        pid = constant(settings[P])
-        if settings[I] > 0.0:
-            pid = pid + integrator(settings[I])
-        if settings[D] > 0.0:
-            slope = Rational(np.array([settings[D], 0.0]), np.array([1.0]))
-            pid = pid + slope * first_order(self._get(settings, "ATC_RAT_YAW_FLTD"))
-        pid = pid * first_order(self._get(settings, "ATC_RAT_YAW_FLTE"))
+        pid = pid_path(
+            settings[P],
+            settings[I],
+            settings[D],
+            error_cutoff=self._get(settings, "ATC_RAT_YAW_FLTE"),
+            slope_cutoff=self._get(settings, "ATC_RAT_YAW_FLTD"),
+        )
         return pid, first_order(self._get(settings, "ATC_RAT_YAW_FLTT")) * constant(settings[ANG])
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured turn rate to output, the angle controller in its linear range."""
         pid, angle = self._parts(settings)
-        gyro = second_order(self._get(settings, "INS_GYRO_FILTER"))
-        return pid * (angle * integrator() + gyro)
+        return pid * (angle * integrator() + second_order(self._get(settings, self.gyro)))
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured heading to output."""
@@ -229,8 +191,7 @@ class SubHeading(AboutRest):
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
         """Return ``A I / (A P + I)``."""
-        proportional = settings[ANG] * settings[P] + settings[I]
-        return settings[ANG] * settings[I] / max(proportional, 1e-12)
+        return integral_over_proportional(settings[ANG], settings[P], settings[I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""

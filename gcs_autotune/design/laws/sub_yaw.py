@@ -9,26 +9,15 @@ the turn rate.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.design.laws.about_speed import AboutSpeed, start_of
-from gcs_autotune.design.laws.kernel import (
-    actuate,
-    advance,
-    clip,
-    compiled,
-    gyro_coefficients,
-    plant_vector,
-    smoothing,
-    sqrt_control,
-)
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
-from gcs_autotune.design.laws.sub_heading import ACCELERATION, ERROR_MAX, SubHeading
+from gcs_autotune.design.laws.about_speed import AboutSpeed
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, smoothing, sqrt_control
+from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.sub_heading import ACCELERATION, ANG, ERROR_MAX, FILTERS, FIXED, D, I, P, SubHeading
 from gcs_autotune.design.laws.sub_heading import DEFAULTS as OF_HEADING
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
@@ -36,12 +25,8 @@ from gcs_autotune.models import SingleDof
 
 __all__ = ["SubYaw"]
 
-P, I, D, ANG = "ATC_RAT_YAW_P", "ATC_RAT_YAW_I", "ATC_RAT_YAW_D", "ATC_ANG_YAW_P"  # noqa: E741 - the integral gain
-BEFORE = 8.0
-"""A loop that has long settled is shown from so much [s] of holding its rate."""
 REPAID = 0.1
 """The craft falls behind the moving target at first and turns faster to catch up: no rate gains can help that."""
-FIXED: Settings = {D: 0.0}
 UNUSED = ("ATC_SLEW_YAW", "ATC_INPUT_TC")
 """They shape headings, not rates."""
 DEFAULTS: Settings = {n: v for n, v in OF_HEADING.items() if n not in UNUSED}
@@ -108,9 +93,6 @@ def _fly(
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 
-_kernel: Callable[..., Any] = compiled(_fly)
-
-
 class SubYaw(AboutSpeed):
     """``Axis.law == "sub-yaw"``."""
 
@@ -121,22 +103,13 @@ class SubYaw(AboutSpeed):
     usual_step = math.radians(30.0)
     free_overshoot = REPAID
     defaults: Settings = DEFAULTS
+    both_ways = True
+    hold = 8.0
+    kernel = staticmethod(compiled(_fly))
+    vector: Sequence[str] = (P, I, D, ANG)
+    filters: Sequence[str] = FILTERS
+    gyro = "INS_GYRO_FILTER"
     _heading = SubHeading()
-
-    def _get(self, settings: Settings, name: str) -> float:
-        return setting(settings, self.defaults, name)
-
-    def base(self, step: float, speed: float | None) -> float:
-        """Return half the step to the other side."""
-        return -0.5 * abs(step)
-
-    def loop_period(self, settings: Settings) -> float:
-        """Return the loop period [s]."""
-        return self._heading.loop_period(settings)
-
-    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*: it plays no part here."""
-        return speed
 
     def _shaping(self, settings: Settings) -> float:
         most = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
@@ -160,53 +133,22 @@ class SubYaw(AboutSpeed):
             for q in (2.0, 1.0)
         ]
 
-    def simulate(
-        self,
-        model: SingleDof,
-        settings: Settings,
-        scenario: Scenario,
-        speed: float | None,
-        delay: float,
-        actuator: Actuator = PERFECT,
-    ) -> Motion:
-        """Fly *scenario*."""
-        dt = self.loop_period(settings)
-        count = round(scenario.duration / dt) + 1
-        position, output = np.empty(count), np.empty(count)
-        v0 = start_of(scenario.step, self.base(scenario.step, speed))
-        force = (model.beta + model.beta_quadratic * abs(v0)) * v0 - model.delta
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+        """Return IMAX, turn rate, shaping acceleration, whether it acts, deceleration, most lead of the target."""
         shape, angle = self._shaping(settings), settings[ANG]
         rate_max = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
-        limits = np.array(
-            [
-                self._get(settings, "ATC_RAT_YAW_IMAX"),
-                rate_max if rate_max > 0.0 else 1e6,
-                shape,
-                self._get(settings, "ATC_RATE_FF_ENAB"),
-                min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
-                min(ACCELERATION[1] / angle, ERROR_MAX) if angle > 0.0 else ERROR_MAX,
-                *(self._get(settings, f"ATC_RAT_YAW_FLT{x}") for x in "TED"),
-            ]
+        return (
+            self._get(settings, "ATC_RAT_YAW_IMAX"),
+            rate_max if rate_max > 0.0 else 1e6,
+            shape,
+            self._get(settings, "ATC_RATE_FF_ENAB"),
+            min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
+            min(ACCELERATION[1] / angle, ERROR_MAX) if angle > 0.0 else ERROR_MAX,
         )
-        _kernel(
-            np.array([settings.get(P, 0.0), settings.get(I, 0.0), settings.get(D, 0.0), angle]),
-            limits,
-            gyro_coefficients(self._get(settings, "INS_GYRO_FILTER"), 1.0 / dt),
-            plant_vector(model, scenario, dt, delay),
-            actuator.vector(dt),
-            np.array([v0, min(max(force, -1.0), 1.0), round(BEFORE / dt) if scenario.lead == 0.0 else 0]),
-            position,
-            output,
-        )
-        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured turn rate to output, the angle loop closed through its integral."""
         return self._heading.controller(settings, speed)
-
-    def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured turn rate to output: here the same as :meth:`controller`."""
-        return self.controller(settings, speed)
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
         """Return that of the heading law: the angle loop is in place."""

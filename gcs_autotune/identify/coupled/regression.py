@@ -15,6 +15,7 @@ from scipy.optimize import lsq_linear
 
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.smoothing import Motion
+from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL
 from gcs_autotune.models.coupled.kernel import imbalances
@@ -23,9 +24,6 @@ from gcs_autotune.models.coupled.program import inertia_matrix, program_of
 __all__ = ["Regression", "known_theta", "regression_of"]
 
 Array = NDArray[np.float64]
-
-FIRST_LAG = 0.2
-"""Lag [s] a search begins with when the form has a free one and no start value."""
 
 RIDGE = 1e-6
 """Share of each regressor's power added to its own, so that what is not excited stays small."""
@@ -85,8 +83,8 @@ class Regression:
 
 
 def known_theta(form: Form) -> Array:
-    """Return all parameters (p,): known ones as they are, free ones from ``form.start`` or 0."""
-    values = {"lag": FIRST_LAG, **form.start, **form.known}
+    """Return all parameters (p,): known ones as they are, free ones from ``form.start``, ``SPECIAL_START`` or 0."""
+    values = {**{n: s.value for n, s in SPECIAL_START.items()}, **form.start, **form.known}
     return np.array([values.get(n, 0.0) for n in form.parameters])
 
 

@@ -34,6 +34,10 @@ FLOOR = 1e-3
 ANGLES, TURN = ("phi", "theta", "psi"), 2.0
 """A heading that goes round and round is not measured the worse for it: its spread counts up to this [rad]."""
 
+WAYS = {"x": ("u", "v"), "y": ("u", "v"), "z": ("w",)}
+STRIDE = 20
+"""Nor is a position for a long way gone: it counts up to what its velocities change it by in so many samples."""
+
 TOLERANCE = 1e-8
 """Relative decrease of the cost that ends a search; the cost is some ten times the number of samples."""
 
@@ -62,7 +66,7 @@ class Problem:
         self.scene = scene
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
-        self.floors = {n: FLOOR * min(s, TURN if n in ANGLES else np.inf) for n, s in scene.spread.items()}
+        self.floors = {n: FLOOR * min(s, _way(n, scene)) for n, s in scene.spread.items()}
         self.dating = max((s.dating for s in stretches), default=0.0)
 
     def on(self, stretches: Sequence[Stretch], free: Sequence[str] | None = None) -> Problem:
@@ -123,3 +127,11 @@ class Problem:
         """Fit the initial states (and the shift of input stamps) only: how a given model predicts these stretches."""
         alone = self.on(self.stretches, free=())
         return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
+
+
+def _way(signal: str, scene: Scene) -> float:
+    """Return up to where the spread of a signal counts."""
+    if signal in ANGLES:
+        return TURN
+    speed = float(np.hypot.reduce([scene.spread.get(v, 0.0) for v in WAYS.get(signal, ())]))
+    return STRIDE * scene.interval * speed if speed > 0.0 else np.inf

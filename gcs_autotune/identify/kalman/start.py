@@ -18,6 +18,7 @@ from gcs_autotune.identify.axis.record import Signal
 from gcs_autotune.identify.coupled.free_run import first_state
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
+from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
 from gcs_autotune.models.coupled.kernel import evaluate
@@ -30,14 +31,6 @@ Array = NDArray[np.float64]
 
 ROUNDS = 12
 """Rounds to fit the walk of the velocities; start values need no more."""
-
-SPECIAL_START: Mapping[str, tuple[float, float]] = {
-    "delay": (0.0, 0.2),
-    "lag": (0.2, 0.3),
-    "V_x": (0.0, 0.3),
-    "V_y": (0.0, 0.3),
-}
-"""Start value and standard deviation for what the regression cannot see [s, s, m/s, m/s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +151,7 @@ def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float
     """Return all parameters, the scales of the free ones, and the accelerations (k,) the equations do not explain."""
     names = form.parameters
     theta = np.array(
-        [{**{n: s[0] for n, s in SPECIAL_START.items()}, **given, **form.known}.get(n, 0.0) for n in names]
+        [{**{n: s.value for n, s in SPECIAL_START.items()}, **given, **form.known}.get(n, 0.0) for n in names]
     )
     sought = [n for n in form.free if n not in SPECIAL and n not in given]
     base, columns = _balance(form, theta, motions), []
@@ -190,7 +183,7 @@ def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float
     acceleration = np.sqrt(np.mean(np.vstack([m.nu_dot for m in motions]) ** 2, axis=0))
     force = np.maximum(force, inertia * acceleration)
     scale = np.array([
-        SPECIAL_START[n][1] if n in SPECIAL else _scale(force, size[:, i], theta[names.index(n)])
+        SPECIAL_START[n].spread if n in SPECIAL else _scale(force, size[:, i], theta[names.index(n)])
         for i, n in enumerate(form.free)
     ])  # fmt: skip
     unexplained = np.sqrt(np.mean(left**2, axis=0)) / np.maximum(inertia, 1e-12)

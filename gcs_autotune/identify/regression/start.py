@@ -13,6 +13,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.regression.barrier import feasible_start
 from gcs_autotune.identify.regression.physical import velocities_visited
 from gcs_autotune.identify.regression.recipe import recipe_of
+from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import FORCES, SPECIAL, STATES, inertia_of
 from gcs_autotune.models.coupled.program import program_of
@@ -20,9 +21,6 @@ from gcs_autotune.models.coupled.program import program_of
 __all__ = ["start_values"]
 
 Array = NDArray[np.float64]
-
-SPECIAL_START = {"delay": 0.0, "lag": 0.2, "V_x": 0.0, "V_y": 0.0}
-"""What the equations are not linear in starts here: no delay, no current, a lag a thruster may have [s]."""
 
 TIME_CONSTANT = 2.0
 """Time constant [s] of every degree of freedom when the runs tell nothing."""
@@ -34,7 +32,7 @@ def start_values(case: CoupledCase) -> dict[str, float]:
     Inertia comes out positive definite and drag damps; ``form.start`` wins over both. Never raises on poor data.
     """
     form = case.form
-    special = {n: SPECIAL_START[n] for n in form.free if n in SPECIAL}
+    special = {n: SPECIAL_START[n].value for n in form.free if n in SPECIAL}
     if case.delay is not None and "delay" in special:
         special["delay"] = case.delay
     plain = form.fixing({n: form.start.get(n, v) for n, v in special.items()})

@@ -7,7 +7,8 @@ name          meaning                                                     term
 ``Y_rdot``    the same off the diagonal; its mirror ``N_vdot`` is equal   ``-Y_rdot`` in M, twice
               unless it is named too
 ``X_u``       linear derivative (negative when it damps)                  ``X_u * u``
-``X_uu``      equal letters: with modulus                                 ``X_uu * |u| u``
+``X_uu``      two equal letters: with modulus                             ``X_uu * |u| u``
+``N_rrr``     three equal letters: the cube                               ``N_rrr * r^3``
 ``N_uv``      different letters: plain product                            ``N_uv * u v``
 ``Y_|v|r``    modulus where it stands                                     ``Y_|v|r * |v| r``
 ``X_0``       constant force                                              ``X_0``
@@ -163,9 +164,9 @@ def _factors(name: str, rest: str, inputs: Sequence[str]) -> list[int]:
     tokens = _tokens(name, rest, inputs)
     codes: list[int] = []
     for i, (word, modulus) in enumerate(tokens):
-        doubled = i + 1 < len(tokens) and tokens[i + 1] == (word, False)
-        odd = (i == 0 or tokens[i - 1][0] != word) and doubled
-        codes.append(_code(word, modulus or odd, inputs))
+        same = [j for j, (other, _) in enumerate(tokens) if other == word]
+        pair = len(same) == 2 and same[0] == i and tokens[same[1]] == (word, False) and same[1] == i + 1
+        codes.append(_code(word, modulus or pair, inputs))
     return codes
 
 

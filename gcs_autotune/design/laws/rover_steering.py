@@ -1,0 +1,173 @@
+"""ArduRover's steering controller, as its heading and turn-rate laws share it: scaling with speed, limits, PID.
+
+``servo = scale * (FF rT + P e + I int(e) + D de/dt)``; ``scale`` is ``MOT_SPD_SCA_BASE/V`` above that speed and 1
+below, where the integral cannot grow. A boat with two thrusters is never scaled, vectored thrust by its throttle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from gcs_autotune.design.laws.law import SKID, Settings, setting
+from gcs_autotune.design.laws.paths import pid_path
+from gcs_autotune.design.open_loop import Rational
+from gcs_autotune.models import SingleDof
+
+__all__ = [
+    "DEFAULTS",
+    "FILTERS",
+    "FIXED",
+    "GYRO",
+    "ideal_feed_forward",
+    "integral_grows",
+    "is_skid",
+    "matching_speed",
+    "most_feed_forward",
+    "scale",
+    "speed_notes",
+    "steering_pid",
+    "turn_limit",
+    "vectored_angle",
+]
+
+FF, P, I, D = "ATC_STR_RAT_FF", "ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_D"  # noqa: E741 - the integral gain
+FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTE", "ATC_STR_RAT_FLTD")
+GYRO = "INS_GYRO_FILTER"
+FIXED: Settings = {D: 0.0}
+DEFAULTS: Settings = {
+    "ATC_STR_RAT_IMAX": 1.0,
+    "ATC_STR_RAT_FLTT": 0.0,
+    "ATC_STR_RAT_FLTE": 10.0,
+    "ATC_STR_RAT_FLTD": 0.0,
+    "ATC_STR_RAT_MAX": 120.0,
+    "ATC_STR_ACC_MAX": 120.0,
+    "ATC_STR_DEC_MAX": 0.0,
+    "ATC_TURN_MAX_G": 0.6,
+    "MOT_SPD_SCA_BASE": 1.0,
+    "MOT_VEC_ANGLEMAX": 0.0,
+    "CRUISE_SPEED": 2.0,
+    "CRUISE_THROTTLE": 50.0,
+    "INS_GYRO_FILTER": 4.0,
+    "SCHED_LOOP_RATE": 50.0,
+}
+"""What the controller reads besides its gains."""
+GRAVITY = 9.80665
+JUST_ABOVE = 1.0 + 1e-9
+LEAST_THROTTLE = 0.05
+"""Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
+MOST_FEED = 1.3
+"""Chosen: feed-forward above this share of the model's own is not offered. On a craft that answers at once a larger one
+with a smaller ATC_STR_ANG_P steps as well in heading, but turns so much faster than it is told in every other mode."""
+
+
+def _get(settings: Settings, name: str) -> float:
+    return setting(settings, DEFAULTS, name)
+
+
+def is_skid(settings: Settings) -> bool:
+    """Whether the boat steers by the difference of two thrusters: never scaled with speed, never frozen."""
+    return settings.get(SKID, 0.0) > 0.0
+
+
+def scale(settings: Settings, speed: float | None) -> float:
+    """Return servo per controller output at *speed* [m/s].
+
+    With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
+    throttle that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot drives at that speed with.
+    """
+    if is_skid(settings):
+        return 1.0
+    widest = vectored_angle(settings)
+    if widest > 0.0:
+        return 1.0 / (_throttle(settings, speed) * widest)
+    base = _get(settings, "MOT_SPD_SCA_BASE")
+    return base / speed if speed is not None and speed > base > 0.0 else 1.0
+
+
+def vectored_angle(settings: Settings) -> float:
+    """Return the angle [rad] to which full steering turns the thrust; 0 with a rudder."""
+    return math.radians(min(max(_get(settings, "MOT_VEC_ANGLEMAX"), 0.0), 90.0))
+
+
+def _throttle(settings: Settings, speed: float | None) -> float:
+    cruise = _get(settings, "CRUISE_SPEED")
+    share = 1.0 if speed is None or cruise <= 0.0 else speed / cruise
+    return min(max(_get(settings, "CRUISE_THROTTLE") / 100.0 * share, LEAST_THROTTLE), 1.0)
+
+
+def integral_grows(settings: Settings, speed: float | None) -> bool:
+    """Whether the integral term can grow at *speed* [m/s]: not at or below MOT_SPD_SCA_BASE."""
+    if is_skid(settings) or vectored_angle(settings) > 0.0:
+        return True
+    return speed is None or speed > _get(settings, "MOT_SPD_SCA_BASE") > 0.0
+
+
+def matching_speed(settings: Settings, speed: float | None) -> float | None:
+    """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
+    if speed is None or is_skid(settings):
+        return speed
+    return max(speed, JUST_ABOVE * _get(settings, "MOT_SPD_SCA_BASE"))
+
+
+def turn_limit(settings: Settings, speed: float | None) -> float:
+    """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
+    rate = math.radians(_get(settings, "ATC_STR_RAT_MAX"))
+    lateral = _get(settings, "ATC_TURN_MAX_G") * GRAVITY / max(speed or 0.0, 1.0)
+    return min(rate if rate > 0.0 else math.inf, lateral if lateral > 0.0 else math.inf)
+
+
+def steering_pid(settings: Settings, speed: float | None) -> Rational:
+    """Return the transfer from turn rate, gyro aside, to servo."""
+    k = scale(settings, speed)
+    return pid_path(
+        settings[P] * k,
+        settings[I] * k if integral_grows(settings, speed) else 0.0,
+        settings[D] * k,
+        error_cutoff=_get(settings, "ATC_STR_RAT_FLTE"),
+        slope_cutoff=_get(settings, "ATC_STR_RAT_FLTD"),
+    )
+
+
+def ideal_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> float:
+    """Return the feed-forward that follows turn rates exactly at *speed* [m/s]."""
+    return model.equivalent_drag(model.steady_velocity(0.5)) / scale(settings, speed)
+
+
+def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> Mapping[str, float]:
+    """Return the largest feed-forward worth offering on *model* at *speed* [m/s], by its name."""
+    ideal = ideal_feed_forward(model, settings, speed)
+    return {FF: MOST_FEED * ideal} if ideal > 0.0 else {}
+
+
+def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
+    """Say at which speeds the gains hold."""
+    base = _get(settings, "MOT_SPD_SCA_BASE")
+    if is_skid(settings):
+        return [
+            f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
+            f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
+            "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
+        ]
+    if vectored_angle(settings) > 0.0:
+        return [
+            "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
+            "so the gains hold at the throttle of the experiment, taken to be "
+            f"{_throttle(settings, speed):.0%} of full (from CRUISE_THROTTLE and CRUISE_SPEED), and elsewhere "
+            "as long as thrust grows in proportion to throttle; without throttle there is no steering"
+        ]
+    turn = math.degrees(abs(model.steady_velocity(1.0)))
+    seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"
+    if not integral_grows(settings, speed):
+        return [
+            f"{seen}; that is not above MOT_SPD_SCA_BASE = {base:g} m/s: there the autopilot does not scale the "
+            "steering and its integral cannot grow, so wind or trim leaves an error; the margins are given for "
+            "just above that speed; prove the gains again when going faster"
+        ]
+    ideal = ideal_feed_forward(model, settings, speed)
+    return [
+        f"{seen}; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed, so the gains "
+        f"hold there as long as the turn rate per rudder grows in proportion to speed: {FF} = 1/(K base) = "
+        f"{ideal:.3g} then follows turn rates exactly, at every speed; at or below {base:g} m/s the integral term "
+        "is frozen"
+    ]

@@ -1,0 +1,57 @@
+"""Which received frame concerns whom: the vehicle's messages go to their listeners, everybody else's are hearsay."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable
+
+from gcs_autotune.link.wire import Frame, Message
+
+__all__ = ["Listener", "Routing"]
+
+Listener = Callable[[Message], None]
+
+
+class Routing:
+    """The listeners of a session, and the count of who talks on its link.
+
+    Attributes
+    ----------
+    foreign : (system, component) -> messages heard from others.
+    traffic : message name -> bytes received, of everybody's.
+    """
+
+    def __init__(self, notes: list[str]) -> None:
+        self._notes = notes
+        self._listeners: dict[str, list[Listener]] = defaultdict(list)
+        self._overhearing: list[Callable[[Frame], None]] = []
+        self._twins: set[tuple[int, int]] = set()
+        self.foreign: Counter[tuple[int, int]] = Counter()
+        self.traffic: Counter[str] = Counter()
+
+    def listen(self, name: str, listener: Listener) -> Callable[[], None]:
+        """Call *listener* with every message called *name* from the vehicle; return what ends that."""
+        self._listeners[name].append(listener)
+        return lambda: self._listeners[name].remove(listener)
+
+    def overhear(self, listener: Callable[[Frame], None]) -> None:
+        """Call *listener* with every frame from anybody but the vehicle."""
+        self._overhearing.append(listener)
+
+    def tell(self, frame: Frame) -> None:
+        """Hand a frame of the vehicle's to those who listen for it."""
+        for listener in tuple(self._listeners.get(frame.name, ())):
+            listener(frame.message)
+
+    def note_foreign(self, frame: Frame, our_system: int) -> None:
+        """Take a frame of somebody else's; a station with our own system id is told of, once."""
+        self.foreign[frame.system, frame.component] += 1
+        for hear in self._overhearing:
+            hear(frame)
+        is_twin = frame.name == "HEARTBEAT" and frame.system == our_system
+        if is_twin and (frame.system, frame.component) not in self._twins:
+            self._twins.add((frame.system, frame.component))
+            self._notes.append(
+                f"another station on this link also is system {frame.system}: the vehicle cannot tell us apart "
+                "and obeys both; close it"
+            )

@@ -1,0 +1,69 @@
+"""Why a relay experiment came to no good end, and what to try."""
+
+from __future__ import annotations
+
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
+
+__all__ = ["improper", "link_too_slow", "never_settled", "no_oscillation", "overwhelmed", "too_fast", "wrong_way"]
+
+
+def never_settled(settings: RelaySettings, scatter: float) -> str:
+    """The periods went on differing by *scatter* (a share)."""
+    return (
+        f"the limit cycle never settled: {settings.most_periods} periods, the last scatter {100 * scatter:.0f} % "
+        f"(needed {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or "
+        "use a larger --relay-output or --relay-hysteresis"
+    )
+
+
+def link_too_slow(settings: RelaySettings, period: float) -> str:
+    """It oscillates in *period* [s], quicker than the link can carry."""
+    return (
+        f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
+        f"quicker than {settings.least_period:.2f} s tells about the craft rather than about the link's "
+        "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
+    )
+
+
+def wrong_way(settings: RelaySettings, output: float) -> str:
+    """The first push moved it away from where it was pushed to."""
+    return (
+        f"{output:.2f} of full {settings.force} output moved {settings.signal} the wrong way: "
+        "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is "
+        "stronger than it"
+    )
+
+
+def overwhelmed(settings: RelaySettings, output: float) -> str:
+    """It did swing, and then drifted on against the relay."""
+    return (
+        f"a constant disturbance is stronger than {output:.2f} of full {settings.force} output: "
+        f"{settings.signal} drifts on against it. Trim the craft, wait for less wind or current, or give a "
+        "larger --relay-output"
+    )
+
+
+def no_oscillation(settings: RelaySettings, output: float) -> str:
+    """It did not reach the hysteresis in time."""
+    return (
+        f"no self-oscillation at relay output {output:.2f}: the craft did not cross the hysteresis within "
+        f"{settings.patience:.0f} s. Check that the actuator moves it, or give a larger --relay-output or a "
+        "smaller --relay-hysteresis"
+    )
+
+
+def too_fast(output: float, least_ticks: float, tick: float) -> str:
+    """Half a period is over within *least_ticks* control ticks of *tick* [s]."""
+    return (
+        f"the craft swings through the hysteresis within {least_ticks:g} control ticks of {tick:.2f} s at "
+        f"relay output {output:.2f}: the relay cannot follow it. Give a higher --control-rate, a larger "
+        "--relay-hysteresis or a smaller --relay-output"
+    )
+
+
+def improper(output: float) -> str:
+    """It swings, but condition (7.12) is not met."""
+    return (
+        f"the oscillation stayed improper (condition (7.12), x_a* + |x_0| < X_m) up to relay output "
+        f"{output:.2f}; give a larger --relay-output or a smaller --relay-hysteresis"
+    )

@@ -1,0 +1,76 @@
+"""What becomes of a proposal: left alone, only shown, or written, proved by the same step, and kept or given back."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_autotune.design import Proposal, StepMetrics, is_better
+from gcs_autotune.link import Journal, ParameterLoan
+from gcs_autotune.workflow.designing import Ruler
+from gcs_autotune.workflow.experiments import measure
+from gcs_autotune.workflow.voyage import Voyage
+
+__all__ = ["decide"]
+
+
+def decide(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
+    """End the tune with *proposal*, as it deserves and the operator wants; *before* is the step with present gains.
+
+    Raises
+    ------
+    ParameterNotAccepted, LinkError, NotAchieved, ...
+        Writing or flying the new gains failed; by then the old ones are back.
+    """
+    tale = voyage.tale
+    if proposal.changes:
+        tale.say(_promise(proposal))
+    if not proposal.changes:
+        tale.end("unchanged", "the present gains are already as good as any this tool can offer")
+    elif _is_hopeless(proposal, before):
+        tale.end(
+            "unchanged",
+            "the present gains do better than any that keep the wanted reserve promise to; nothing was written",
+        )
+    elif voyage.settings.dry_run:
+        tale.end("dry-run", "dry run: nothing was written")
+    elif not voyage.agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
+        tale.end("declined", "the new gains were not wanted; nothing was written")
+    else:
+        _prove(voyage, proposal, before, ruler, journal)
+
+
+def _prove(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
+    tale = voyage.tale
+    with ParameterLoan(voyage.craft.parameters, journal) as loan:
+        tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in proposal.new.items()))
+        loan.set(proposal.new)
+        tale.say("written and read back")
+        voyage.come_about()
+        after = voyage.fly(ruler.proof.step("step-after"), "step with new gains")
+        tale.metrics_after = measure(after.trial, ruler.noise, ruler.grain)
+        verdict = is_better(before, tale.metrics_after, voyage.law.free_overshoot)
+        tale.verdict = (verdict.better, verdict.reasons)
+        if verdict.better:
+            loan.keep()
+            tale.end("kept", "the new gains are better and stay")
+    if not verdict.better:
+        tale.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
+
+
+def _is_hopeless(proposal: Proposal, measured: StepMetrics) -> bool:
+    """Whether the new gains promise no better step than the present ones promise and were just seen to give."""
+    return proposal.after.metrics.itae >= max(proposal.before.metrics.itae, measured.itae)
+
+
+def _shown(proposal: Proposal) -> str:
+    return ", ".join(f"{c.parameter} {c.old:g} -> {c.new:g}" for c in proposal.changes)
+
+
+def _promise(proposal: Proposal) -> str:
+    """Say what the new gains promise on the identified model, before anybody is asked about them."""
+    old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
+    return (
+        f"predicted: error over time {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
+        f"{new.overshoot:.0%}; margins at worst {min(low.gain, 100.0):.1f} in gain, {math.degrees(low.phase):.0f} deg "
+        "in phase"
+    )

@@ -1,0 +1,55 @@
+"""What the legs of one tune have in common: the vehicle, the axis, the wish, and who is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.design.laws import Law
+from gcs_autotune.firmware import Axis
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import Flown, Manoeuvre
+from gcs_autotune.workflow.given import Given
+from gcs_autotune.workflow.helm import Helm
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.tale import Tale
+from gcs_autotune.workflow.waiting import agreed
+
+__all__ = ["Voyage"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Voyage:
+    """One tune aboard one vehicle.
+
+    ``axis`` has the vehicle's own parameter names; ``present`` are its values under the canonical ones. ``given`` is
+    the model to design from, None to identify aboard. ``throttle`` [fraction] and ``speed`` [m/s] are what is tuned at.
+    """
+
+    settings: TuneSettings
+    operator: Operator
+    tale: Tale
+    record: RunDirectory
+    craft: MavlinkCraft
+    helm: Helm
+    axis: Axis
+    law: Law
+    given: Given | None
+    present: Mapping[str, float]
+    throttle: float
+    speed: float
+
+    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
+        """Say which *stage* it is and fly it; ``NotAchieved`` when it comes to no good end."""
+        self.tale.say(stage)
+        return self.helm.achieve(manoeuvre, stage)
+
+    def come_about(self) -> None:
+        """Bring a boat back before the next run."""
+        self.helm.come_about(self.throttle)
+
+    def agrees(self, question: str) -> bool:
+        """Whether the operator agrees; of a simulated vehicle nobody is asked."""
+        return agreed(self.craft, self.operator, self.tale, question)
