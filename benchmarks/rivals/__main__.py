@@ -14,6 +14,9 @@ external physics; step and ruler are the same for all; gains come from
 Printed: error over time (ITAE per unit step, mean of step and step back; errors below 0.1 deg or 1 cm count as none),
 overshoot (the worse), settling to 5 %, actuator travel, vehicle time spent. Goal: ours best of all but the oracle, or
 within 10 % of it, on every vessel, never worse than the defaults. Exit status 1 when it is missed, 2 without ArduPilot.
+
+The steps begin with the integral that calm gains have worked off, so that gains without integral action look as good as
+any; ``--again FILE`` flies what ``--save FILE`` saved once more from an empty integral, as when a vehicle is sent off.
 """
 
 from __future__ import annotations
@@ -24,8 +27,9 @@ import math
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
-from benchmarks.rivals.contest import Entry, compete
+from benchmarks.rivals.contest import Entry, compete, fly_again
 from benchmarks.rivals.fleet import FLEET
 from benchmarks.rivals.sea import BINARIES, Sea
 
@@ -66,6 +70,11 @@ def _show(vessel: str, axis: str, entries: list[Entry]) -> bool:
     return good
 
 
+def _told(file: Path, vessel: str, axis: str) -> list[dict[str, Any]]:
+    lines = map(json.loads, file.read_text().splitlines())
+    return [line for line in lines if (line["vessel"], line["axis"]) == (vessel, axis)]
+
+
 def main() -> int:
     """Run the contest and return the exit status."""
     parser = argparse.ArgumentParser(prog="benchmarks.rivals", description=__doc__.splitlines()[0])
@@ -75,6 +84,7 @@ def main() -> int:
     parser.add_argument("--instance", type=int, default=20, help="ArduPilot's instance number; default 20")
     parser.add_argument("--port", type=int, default=14700, help="first of three UDP ports; default 14700")
     parser.add_argument("--save", type=Path, help="write everything as JSON lines")
+    parser.add_argument("--again", type=Path, help="fly the gains of this file once more, from an empty integral")
     args = parser.parse_args()
     wanted = [name for name in args.only.split(",") if name in FLEET]
     lacking = {BINARIES[FLEET[name].data.firmware] for name in wanted} - {n for n in os.environ if os.environ[n]}
@@ -87,10 +97,13 @@ def main() -> int:
     for name in wanted:
         vessel = FLEET[name]
         for job in vessel.jobs:
-            if args.axis in (None, job.axis):
+            if args.axis in (None, job.axis) and (not args.again or _told(args.again, name, job.axis)):
                 sea = Sea(vessel.data, instance=args.instance, ports=range(args.port, args.port + 3))
                 try:
-                    entries = compete(sea, vessel, job, budget=args.budget)
+                    if args.again:
+                        entries = fly_again(sea, job, _told(args.again, name, job.axis))
+                    else:
+                        entries = compete(sea, vessel, job, budget=args.budget)
                 finally:
                     sea.close()
                 if args.save:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from benchmarks.rivals.sea import Sea
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.firmware import FIRMWARE
 
-__all__ = ["HELD", "Entry", "compete"]
+__all__ = ["HELD", "Entry", "compete", "fly_again"]
 
 _FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTD")
 _WORKING_DEPTH = 3.0
@@ -71,6 +71,17 @@ def compete(sea: Sea, vessel: Vessel, job: Job, *, budget: int) -> list[Entry]:
     for entry in entries:
         entry.metrics = fly_step(sea, job, entry.gains, base)
     return [*entries, *_oracles(sea, vessel, job, entries, base, budget)]
+
+
+def fly_again(sea: Sea, job: Job, told: Sequence[Mapping[str, Any]]) -> list[Entry]:
+    """Return saved entries (``Entry.to_dict``) with their steps flown once more, from an empty integral."""
+    sea.run_while(lambda: sea.t < 50.0)
+    get_ready(sea, job)
+    base = sea.psi if job.axis == "heading" else _WORKING_DEPTH
+    entries = [Entry(one["rival"], one["gains"], one["seconds"], note=one["note"]) for one in told]
+    for entry in entries:
+        entry.metrics = fly_step(sea, job, entry.gains, base, fresh=True)
+    return entries
 
 
 def _tune(

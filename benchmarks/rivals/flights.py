@@ -15,7 +15,9 @@ from gcs_autotune.design import StepMetrics, combine, step_metrics
 
 __all__ = ["circle_ratio", "fly_step", "get_ready"]
 
-GUIDED, ALT_HOLD, MANUAL_ROVER = 15, 2, 0
+GUIDED, ALT_HOLD, MANUAL_ROVER, MANUAL_SUB = 15, 2, 0, 19
+_AWAY, _HOLD = 0.6, 20.0
+"""Seconds in the manual mode, long enough to forget (200 ms), and of holding before a fresh step."""
 _WORKING_DEPTH = 3.0
 _ONLY_Z = 0b110111111011
 _UNSEEN = {"heading": math.radians(0.1), "depth": 0.01}
@@ -61,10 +63,12 @@ def get_ready(sea: Sea, job: Job) -> None:
         sea.run_while(lambda: sea.physics.rig.body.z < _WORKING_DEPTH - 0.5, within=120.0)
 
 
-def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> StepMetrics:
+def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float, *, fresh: bool = False) -> StepMetrics:
     """Wait on the calm gains about *base*, put *gains* in, step and step back; return the mean of all steps.
 
-    Overshoot, steady error and swing are the worst of them.
+    Overshoot, steady error and swing are the worst of them. The integral is what the calm gains have worked off: a loop
+    that hardly has one keeps it. With *fresh* it is emptied by a change of mode and *gains* hold for a while first, as
+    when a vehicle is sent off with them.
     """
     ask = (lambda value: _heading(sea, value)) if job.axis == "heading" else _depth
     sea.set(dict(job.calm))
@@ -73,7 +77,9 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> Ste
     sea.run(job.settle)
     _await_rest(sea, position, base, job)
     sea.set(dict(gains))
-    sea.run(1.0)
+    if fresh:
+        _take_over(sea, job)
+    sea.run(_HOLD if fresh else 1.0)
     found, value = [], base
     for target in (base + job.step, base) * job.pairs:
         begun = sea.t
@@ -92,6 +98,16 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> Ste
         value = target
     sea.log.clear()
     return combine(found)
+
+
+def _take_over(sea: Sea, job: Job) -> None:
+    """Leave the mode that holds and come back to it: the firmware forgets its integrals."""
+    manual, holds = (MANUAL_ROVER, GUIDED) if sea.data.firmware == "rover" else (MANUAL_SUB, ALT_HOLD)
+    for mode in (manual, holds):
+        sea.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(mode))
+        sea.run(_AWAY)
+    for message in sea.repeated():
+        sea.send(message)
 
 
 def _await_rest(sea: Sea, position: int, base: float, job: Job) -> None:

@@ -129,8 +129,7 @@ def _on_the_ranges(problem: Problem, axis: Axis, shown: Candidate) -> Iterator[s
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
         yield (
             f"documented ranges hold back {' and '.join(held)}: a {shown.wanted.kind} step settling in {settled:.1f} s "
-            f"would take {', '.join(takes)}. ArduPilot takes more than it documents; this tool never "
-            "writes them"
+            f"would take {', '.join(takes)}. ArduPilot does take such values; this tool never writes them"
         )
 
 
