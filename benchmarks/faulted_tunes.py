@@ -8,8 +8,11 @@ experiments) with one or two faults of random kind, moment, length and size. A c
 after the tool ended, the vehicle is neutral, in the mode and armed state it was found in, with its parameters as found
 or all as proved (the journal has the proof); or else when the tool said so, naming ``gcs-autotune restore``, and that
 command brings it back (in four of ten cases things go wrong in its first try as well; the second must do). Besides:
-every write that arrived was in the journal before, on disk, with the value that was really found; no exception but
-the tool's own; no hang. A killed tool cannot say anything, so there only ``restore`` counts.
+every write that arrived was in the journal before, on disk, with the value that was really found; nobody overrides
+the sticks any more; no exception but the tool's own; no hang. A killed tool cannot say anything, so there only
+``restore`` counts. Of a craft found armed two things are not asked. One that has disarmed itself (a reboot, a failsafe)
+is not armed again by anybody but its operator, who must have been told. And in a mode in which its own loops steer they
+hold the outputs, sticks free: within a tenth of full.
 """
 
 from __future__ import annotations

@@ -18,27 +18,37 @@ from sitl import Server, open_vehicle
 __all__ = ["Berth", "Condition", "Moored"]
 
 _NEUTRAL = 1500
-_WIDTH = 5
-"""Microseconds that still count as neutral."""
+_WIDTH, _OWN_WIDTH = 5, 50
+"""Microseconds that still count as neutral; of a craft found armed in a mode in which its own loops steer, a tenth of
+full: what they hold against wind and drift is nobody's leftover."""
+_STEERS_ITSELF = {"rover": frozenset({1}), "sub": frozenset({0, 2})}
+"""Modes in which the autopilot's own loops drive the outputs, sticks at rest: ACRO; STABILIZE, ALT_HOLD."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What a vehicle holds: ``mode`` number, armed or not, outputs [us], every parameter."""
+    """What a vehicle holds: ``mode`` number, armed or not, outputs [us], every parameter, whether anybody overrides its
+    sticks, and whether its own loops steer.
+    """
 
     mode: int
     armed: bool
     outputs: tuple[int, ...]
     parameters: Mapping[str, float]
+    overridden: bool = False
+    steers_itself: bool = False
 
     @property
     def is_neutral(self) -> bool:
         """No output off neutral (0: no pulse at all)."""
-        return all(pwm == 0 or abs(pwm - _NEUTRAL) <= _WIDTH for pwm in self.outputs)
+        width = _OWN_WIDTH if self.steers_itself else _WIDTH
+        return all(pwm == 0 or abs(pwm - _NEUTRAL) <= width for pwm in self.outputs)
 
     def differs_from(self, found: Condition, proved: Mapping[str, float]) -> list[str]:
         """Return in words what is neither as *found* nor, for parameters, as *proved*."""
         differences = [] if self.is_neutral else [f"outputs {self.outputs}"]
+        if self.overridden:
+            differences.append("sticks overridden")
         if self.mode != found.mode:
             differences.append(f"mode {self.mode}, found {found.mode}")
         if self.armed != found.armed:
@@ -79,11 +89,14 @@ class Berth:
     def condition(self) -> Condition:
         """Ask the vehicle itself."""
         vehicle = self.server.vehicle
+        autopilot = vehicle.autopilot
         return Condition(
-            vehicle.autopilot.mode.number,
-            vehicle.autopilot.armed,
-            tuple(vehicle.autopilot.pwm),
+            autopilot.mode.number,
+            autopilot.armed,
+            tuple(autopilot.pwm),
             dict(vehicle.parameters.values),
+            autopilot.rc.is_overridden(autopilot.ms),
+            autopilot.armed and autopilot.mode.number in _STEERS_ITSELF[vehicle.data.firmware],
         )
 
     def wait(self, seconds: float) -> None:

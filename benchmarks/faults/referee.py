@@ -11,7 +11,7 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from benchmarks.faults.link import Killed
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError, exit_code
 from gcs_autotune.identify.model_file import as_extended, load_model
+from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.models import SingleDof
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import TuneSettings, Unattended, restore_run, tune
@@ -171,6 +172,7 @@ class _Play:
         outcome.proved = bool(proved)
         outcome.writes = len(self.berth.writes)
         now = self.berth.condition()
+        self._take_its_word(now, stage.ear.said)
         differences = self._differences(now, proved)
         outcome.as_found_at_once = not differences
         journal = self.berth.journal
@@ -190,6 +192,11 @@ class _Play:
         left = self._differences(self.berth.condition(), proved)
         if left:
             outcome.failures.append(f"after restoring: {'; '.join(left)}")
+
+    def _take_its_word(self, now: Condition, said: Sequence[str]) -> None:
+        """A craft found armed that disarmed itself stays so: arming is the operator's. But he must have been told."""
+        if self.found.armed and not now.armed and any(DISARMED_ITSELF in text for text in said):
+            self.found = replace(self.found, armed=False)
 
     def _differences(self, now: Condition, proved: Mapping[str, float]) -> list[str]:
         return now.differs_from(self.found, proved)
@@ -225,6 +232,7 @@ class _Play:
             if error is not None and not isinstance(error, (AutotuneError, Killed)):
                 self.outcome.failures.append(f"restore: {type(error).__name__}: {error}")
             self.berth.wait(_SETTLE)
+            self._take_its_word(self.berth.condition(), stage.ear.said)
         if error is not None:
             self.outcome.failures.append(f"restore failed: {error}")
         elif not is_settled(self.run_directory):

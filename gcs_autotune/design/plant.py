@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from gcs_autotune import chi_square
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.models import SingleDof
 
@@ -75,7 +75,7 @@ def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
     random = np.random.default_rng(SEED).standard_normal((RANDOM_SAMPLES, k))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
     directions = np.vstack([np.eye(k), -np.eye(k), random])
-    radius = math.sqrt(float(chi2.ppf(PROBABILITY, k)))
+    radius = math.sqrt(chi_square.quantile(PROBABILITY, k))
     points = np.array(_numbers(model)) + radius * directions @ axes.T
     return Region(model, covariance, tuple(_rebuild(model, _physical(model, p)) for p in points))
 

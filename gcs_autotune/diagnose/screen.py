@@ -65,20 +65,22 @@ def candidates(problem: Problem, present: Sequence[Applied], slugs: Sequence[str
 def screen(
     problem: Problem,
     fits: Sequence[Fitted],
+    others: Sequence[Fitted],
     choices: Sequence[Sequence[Applied]],
     progress: Callable[[int, int], None] | None = None,
     jobs: int = 1,
 ) -> list[Candidate]:
     """Return the most promising start of each choice, the best promise first.
 
-    fits : where fits may begin: the present model first, then others with the same effects for bookkeeping.
+    fits : where fits may begin: the present model first; others : where those of bookkeeping may begin as well.
     """
-    grounds = [_Ground(problem, fitted) for fitted in fits]
+    every = [*fits, *others]
+    grounds = [_Ground(problem, fitted) for fitted in every]
 
     def best_of(i: int) -> list[tuple[int, Applied, float, Array]]:
         entry = BOOK[choices[i][0].slug]
         found = []
-        for k, ground in enumerate(grounds if entry.family == "bookkeeping" else grounds[:1]):
+        for k, ground in enumerate(grounds if entry.family == "bookkeeping" else grounds[: len(fits)]):
             promises = (ground.promise(entry, own) for own in choices[i])
             found += [(k, p.own, p.promised, p.adapted) for p in promises if p is not None]
         return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
@@ -87,7 +89,7 @@ def screen(
     for best in in_parallel(best_of, len(choices), jobs, progress):
         if best:
             k, own, promised, adapted = best[0]
-            listed.append(Candidate(own, fits[k], promised, adapted, tuple(other[1] for other in best[1:])))
+            listed.append(Candidate(own, every[k], promised, adapted, tuple(other[1] for other in best[1:])))
     return sorted(listed, key=lambda c: c.promised)
 
 

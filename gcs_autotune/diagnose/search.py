@@ -76,6 +76,8 @@ class Search:
     steps: list[Found] = field(default_factory=list)
     renamed: list[tuple[str, str]] = field(default_factory=list)
     _alone: list[Fitted] | None = None
+    _former: Fitted | None = None
+    """The base that a better one took the place of: the better may be none of the craft's, so causes begin at both."""
 
     def __post_init__(self) -> None:
         self.base = self.fitted if self.given is None else self.given
@@ -145,12 +147,13 @@ class Search:
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
         others = self._others() if astray else []
         present = self.fitted if against is None else against
+        grounds = [present] if self._former is None or present.effects else [present, self._former]
         choices = candidates(self.problem, present.effects, self.slugs if slugs is None else slugs)
         choices = [c for c in choices if not _contradicts(present.effects, c[0])]
         self.tried = max(self.tried, len(choices))
         self._say(stage + ": screening", 0, len(choices))
         listed = screen(
-            self.problem, [present, *others], choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs
+            self.problem, grounds, others, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs
         )
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
@@ -277,7 +280,7 @@ class Search:
                 whole = self.problem.fit(again.theta, (), again.initial, shift=again.shift)
                 better = whole if whole is not None and whole.cost < better.cost - ALIKE else better
             if better is not self.base:
-                self.base = self.fitted = better
+                self._former, self.base, self.fitted = self.base, better, better
                 self.base_unseen = self.present_unseen = self.unseen(better)
         return self._alone
 

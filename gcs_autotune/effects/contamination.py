@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.stats import mannwhitneyu, poisson
+
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["Contamination", "contamination", "stray", "without_motion"]
 
@@ -96,9 +97,9 @@ def without_motion(flags: Sequence[Flags], motion: Sequence[Array]) -> bool:
         return bool(off.any()) and not bool(off.all())
     neighbours = sum(int(np.sum(f[1:] & f[:-1])) for f in flags)
     expected = sum(max(float(f.mean()) ** 2, float(off.mean()) ** 2) * len(f) for f in flags)
-    if float(poisson.sf(neighbours - 1, expected)) < DOUBT:
+    if float(scipy_stats().poisson.sf(neighbours - 1, expected)) < DOUBT:
         return False
-    return float(mannwhitneyu(change[off], change[~off], alternative="greater").pvalue) > DOUBT
+    return float(scipy_stats().mannwhitneyu(change[off], change[~off], alternative="greater").pvalue) > DOUBT
 
 
 def _rank(x: Array) -> Array:

@@ -119,15 +119,20 @@ def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
         return _by_frame(parameters, firmware, by_function)
     if firmware.skid_functions and all(number in by_function for number in firmware.skid_functions):
         return replace(_wired(parameters, firmware.skid_functions, by_function), skid=True)
-    return _by_function(parameters, firmware, by_function)
+    return _by_function(parameters, firmware, by_function, told=len(functions))
 
 
-def _by_function(parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
+def _by_function(
+    parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int], *, told: int
+) -> ServoMap:
     missing = [f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function]
     if missing:
+        thin = (
+            f" Only {told} of {_OUTPUTS} answered: or is the link too thin for the answers?" if told < _OUTPUTS else ""
+        )
         raise PreconditionFailed(
             f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "
-            "(A boat that steers by two thrusters has functions 73 and 74 instead.)"
+            f"(A boat that steers by two thrusters has functions 73 and 74 instead.){thin}"
         )
     return _wired(parameters, {n: {force: 1.0} for n, force in firmware.servo_functions.items()}, by_function)
 

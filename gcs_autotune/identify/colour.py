@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+
+from gcs_autotune import chi_square
 
 __all__ = ["all_white", "autocorrelation", "correlation_time", "scores_covariance", "whiteness"]
 
@@ -34,7 +35,7 @@ def whiteness(errors: Array) -> float:
     n, lags = len(errors), min(LAGS, len(errors) // 4)
     rho = autocorrelation(errors, lags)
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return float(chi2.sf(statistic, lags))
+    return chi_square.exceeded_by_chance(statistic, lags)
 
 
 def all_white(scores: Sequence[Array]) -> bool:

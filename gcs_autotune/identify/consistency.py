@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from gcs_autotune import chi_square
 from gcs_autotune.identify.result import Doubt
 
 __all__ = ["Apart", "Estimate", "apart_doubts", "belongs", "runs_apart"]
@@ -91,7 +91,7 @@ def _distance(one: Estimate | None, rest: Estimate | None, sigmas: float) -> tup
     d, scale = difference[known] / spread[known], spread[known]
     correlation = together[np.ix_(known, known)] / np.outer(scale, scale)
     square = float(d @ np.linalg.pinv(correlation, rcond=1e-9, hermitian=True) @ d)
-    limit = float(chi2.isf(chi2.sf(sigmas**2, 1), int(known.sum())))
+    limit = chi_square.threshold(chi_square.exceeded_by_chance(sigmas**2, 1), int(known.sum()))
     certain = np.abs(d) > 3.0
     size = np.maximum(np.abs(rest.values[known]), 1e-300)
     change = float(np.max(np.abs(difference[known]) / size, where=certain, initial=0.0))

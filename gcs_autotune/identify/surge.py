@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.along_track import along_track, doubt_of, through_water
 from gcs_autotune.identify.door import fit_axis
 from gcs_autotune.identify.model_file import as_extended
 from gcs_autotune.identify.result import AxisFit, Doubt, Structure
@@ -97,6 +98,14 @@ def fit_surge(
     MissingChannel, BadFile, NotInformative
         As :func:`gcs_autotune.identify.fit_axis`.
     """
+    along = along_track(trials)
+    if along is None or not along.matters:
+        return _fit(trials, structure, delay)
+    found = _fit([through_water(t, along) for t in trials], structure, delay)
+    return replace(found, doubts=(*found.doubts, doubt_of(along)))
+
+
+def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["auto"] | float) -> AxisFit:
     first = fit_axis(list(trials), dof="surge", structure=structure, delay=delay)
     lag = first.model.delay
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["CHATTER", "Demand", "plan"]
+__all__ = ["CHATTER", "Demand", "least", "plan"]
 
 _SHARE = 0.8
 """Chosen: of what a full link was seen to carry; the rest is for commands, parameters and its bad moments."""
@@ -86,6 +86,11 @@ class Demand:
         return min(self.rate, max(self.needed, _FLOORS.get(self.name, _FLOOR)))
 
 
+def least(demands: Sequence[Demand]) -> float:
+    """Return the bytes per second that the floors of *demands* take: with less room nothing can be flown."""
+    return sum(d.floor * d.size for d in demands)
+
+
 def plan(
     demands: Sequence[Demand], chatter: Mapping[str, float], capacity: float
 ) -> tuple[dict[str, float], tuple[str, ...]]:
@@ -97,7 +102,7 @@ def plan(
     """
     room = _SHARE * capacity - sum(chatter.values())
     hushed: list[str] = []
-    floors = sum(d.floor * d.size for d in demands)
+    floors = least(demands)
     for name in sorted(chatter, key=lambda n: -chatter[n]):
         if room >= floors:
             break

@@ -49,12 +49,14 @@ def open_craft(
     timeout: float = 10.0,
     wanted_rates: Mapping[str, float] = WANTED_RATES,
     needed_rates: Mapping[str, float] = NEEDED_RATES,
+    first_rates: Mapping[str, float] | None = None,
     arm_patience: float = 10.0,
 ) -> MavlinkCraft:
     """Discover the vehicle on *session* and return it, ready to be watched and commanded.
 
     Adopts the ground-station id that the vehicle obeys; reads its wiring; requests and measures telemetry.
-    Nothing is written to the vehicle but message rates; ``craft.rates.restore()`` puts those back.
+    Nothing is written to the vehicle but message rates; ``craft.rates.restore()`` puts those back. *first_rates*: what
+    is served first where a link has no room for all (message -> Hz).
 
     Raises
     ------
@@ -80,7 +82,7 @@ def open_craft(
         gyro_lag(told.get(_GYRO_FILTER, 0.0)),
         read_rate_stick(parameters, firmware),
     )
-    rates = Rates(session, commands)
+    rates = Rates(session, commands, first_rates)
     craft = MavlinkCraft(
         session,
         firmware,
@@ -92,7 +94,7 @@ def open_craft(
     )
     try:
         rates.request(wanted_rates)
-        rates.fit(needed_rates, wiring.loop_period)
+        rates.fit(needed_rates, wiring.loop_period, craft.latency)
         craft.keep_rates()
         _note_late_rates(session, wiring.rate_lag)
         if craft.company.radio:

@@ -24,6 +24,8 @@ _STALE = 0.15
 """Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
 _SYNC_PERIOD = 1.0
 """Seconds between two TIMESYNCs."""
+_CROWD = 3
+"""An override and a target together take less than three overrides (30 and at most 53 bytes, unsigned)."""
 _REPEATS = 5
 """Releases sent at once: losing five in a row is rare even where every second one is lost."""
 FOLLOW_TIMEOUT = 3.0
@@ -63,7 +65,9 @@ class Driver:
         self._rate_stick = rate_stick
         self._ids = (session.vehicle.system, session.vehicle.component)
         self._nudging = False
-        self._sent_t = -math.inf
+        self._copies = 1
+        self._sparing = False
+        self._sent = self._sent_t = -math.inf
         self.clock = session.clock
         self.active: Command | None = None
         self.beat = Beat(session.clock)
@@ -74,10 +78,20 @@ class Driver:
 
     def spare_the_link(self) -> None:
         """Send ten overrides a second instead of twenty-five: there is no room for more."""
-        self._duty.period = _NARROW_REFRESH
+        self._duty.period, self._sparing = _NARROW_REFRESH, True
+
+    def crowd(self) -> None:
+        """From now on send every override as often as to fill what overrides and targets together will take."""
+        self._copies = _CROWD
+
+    def thin_out(self) -> None:
+        """End that."""
+        self._copies = 1
 
     def command(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force."""
+        """Put *command* on the wire and keep it in force; on a link to be spared not again when just sent."""
+        if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
+            return
         self.active = command
         wanted = command if isinstance(command, Actuate) else Actuate()
         forces = {force: getattr(wanted, force) for force in self._overrides.channels}
@@ -169,10 +183,11 @@ class Driver:
         """Send the command; targets go with neutral overrides, which tell the failsafes that we are there."""
         self._duty.postpone()
         self.beat.strike()
-        self._sent_t = self._telemetry.t
+        self._sent, self._sent_t = self.clock.now(), self._telemetry.t
         values, trip = self._values(command), self._latency.round_trip
         self._sticks.sent(values, 2.0 * trip if math.isfinite(trip) else 0.0)
-        self._session.send(self._overrides.message(values, *self._ids))
+        for _ in range(self._copies):
+            self._session.send(self._overrides.message(values, *self._ids))
         if isinstance(command, HeadingTarget):
             encode = ATTITUDE_TARGETS[self._firmware.kind]
             self._session.send(encode(self._ids, command, self._full_speed))

@@ -98,6 +98,7 @@ class Latency:
         self._session = session
         self._open: dict[int, float] = {}
         self._trips: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
+        self._quickest = self._middle = math.nan
         self._pending: dict[str, _Pending] = {}
         self._wanted: dict[str, float] = {}
         self._up: deque[float] = deque(maxlen=_KEPT)
@@ -121,7 +122,10 @@ class Latency:
         sent = self._open.pop(int(m.ts1), None) if m.tc1 else None
         if sent is not None:
             self.answered += 1
-            self._trips.append((sent, self._session.clock.now() - sent, float(m.tc1) * 1e-9))
+            trip = self._session.clock.now() - sent
+            self._quickest = trip if math.isnan(self._quickest) else min(trip, self._quickest)
+            self._trips.append((sent, trip, float(m.tc1) * 1e-9))
+            self._middle = math.nan
 
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
@@ -188,10 +192,21 @@ class Latency:
         """Median time [s] from an attitude's stamp to the output that answers it; NaN when not measured."""
         return _quantile(self._round, 0.5)
 
+    def trips(self, since: float) -> tuple[tuple[float, float], ...]:
+        """Return (link time asked, round trip), both [s], of every answer to what was asked at or after *since* [s]."""
+        return tuple((sent, trip) for sent, trip, _ in self._trips if sent >= since)
+
+    @property
+    def quickest(self) -> float:
+        """Least round trip ever seen [s of link time]; NaN before any answer."""
+        return self._quickest
+
     @property
     def round_trip(self) -> float:
         """Median round trip [s of link time]; NaN when not measured."""
-        return _quantile([trip for _, trip, _ in self._trips], 0.5)
+        if math.isnan(self._middle):
+            self._middle = _quantile([trip for _, trip, _ in self._trips], 0.5)
+        return self._middle
 
     def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
         """Return everything measured so far."""

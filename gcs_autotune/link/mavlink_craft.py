@@ -13,6 +13,7 @@ from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.company import Company
 from gcs_autotune.link.driver import Driver
 from gcs_autotune.link.hands import Hands
+from gcs_autotune.link.headroom import see_headroom
 from gcs_autotune.link.latency import Latency, LinkTimes, least_period
 from gcs_autotune.link.lookout import await_tick, observation
 from gcs_autotune.link.neutral import await_neutral
@@ -32,7 +33,8 @@ __all__ = ["MavlinkCraft", "Wiring"]
 _PATIENCE = 30.0
 """Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
 _WARM_UP = 1.0
-"""Seconds of neutral overrides before arming: without an RC receiver Rover arms only when they flow."""
+"""Seconds between two attempts to arm. Neutral overrides have flowed before the first: without an RC receiver Rover
+arms only when they do."""
 
 
 class MavlinkCraft:
@@ -165,8 +167,9 @@ class MavlinkCraft:
     def arm(self) -> None:
         """Arm, with neutral overrides flowing, and make sure that the outputs do what we say.
 
-        Before: RC_CHANNELS must show our overrides. After: in manual mode the steering is twitched by 5 % each way,
-        without thrust, and SERVO_OUTPUT_RAW must follow; that also times the way from command to servo.
+        Before: RC_CHANNELS must show our overrides, and the link must have room for all that will be sent. After: in
+        manual mode the steering is twitched by 5 % each way, without thrust, and SERVO_OUTPUT_RAW must follow; that
+        also times the way from command to servo.
 
         Raises
         ------
@@ -174,11 +177,13 @@ class MavlinkCraft:
             Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
         PreconditionFailed
             It is deaf to our overrides, or its outputs are; with the likely cause.
+        TelemetryFault
+            The link does not carry what would have to be sent; it was not armed.
         """
         try:
             self.send(Actuate())
             see_overrides_taken(self.session, self._driver, self._sticks, self.parameters, self._firmware)
-            self.session.pause(_WARM_UP)
+            see_headroom(self.session, self._driver, self.latency)
             self.commands.arm_patiently(self.arm_patience, _WARM_UP)
             self._hands.armed = True
             self.set_mode(self._firmware.manual_mode)

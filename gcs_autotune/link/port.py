@@ -23,7 +23,7 @@ _SECRET = ("SETUP_SIGNING",)
 
 
 class FramePort:
-    """See the module's text. ``packer.system`` is the id we send as; ``signer`` is None without a key.
+    """See the module's text. ``packer.system`` is the id we send as; ``signer`` is None without a key; ``sent`` bytes.
 
     Parameters
     ----------
@@ -41,6 +41,7 @@ class FramePort:
         self.signer = self._begin_signing(signing) if signing else None
         self._tlog = TlogWriter(tlog, time_base(transport)) if tlog else None
         self._last_bytes = transport.clock.now()
+        self.sent = 0
 
     def _begin_signing(self, key: SigningKey) -> Signer:
         store = None if self._transport.is_simulated else StampStore()
@@ -81,6 +82,7 @@ class FramePort:
         frame = self.packer.pack(message)
         if message.get_type() not in _SECRET:
             self._log(frame)
+        self.sent += len(frame)
         self._transport.write(frame)
 
     def frames(self, data: bytes) -> Iterator[Frame]:

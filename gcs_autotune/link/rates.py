@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from gcs_autotune.errors import AutotuneError, CommandDenied, NoReply, TelemetryFault
-from gcs_autotune.link.bandwidth import CHATTER, Demand, plan
+from gcs_autotune.link.bandwidth import CHATTER, Demand, least, plan
 from gcs_autotune.link.commands import Commands
+from gcs_autotune.link.latency import Latency
+from gcs_autotune.link.queueing import await_empty, is_queueing
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.wire import Message, mavlink
 
@@ -31,6 +33,9 @@ _OFF = -1
 _USUAL_SIZE = 40.0
 """Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
 _ROUNDING = 1e-3
+_ASKED = 2
+"""Chosen: times that a message is asked for by name before it is held not to exist aboard."""
+_FASTER = "Use a faster link (a higher baud rate, a better radio), or close what else uses this one"
 
 
 def message_number(name: str) -> int:
@@ -50,6 +55,10 @@ class Granted:
 class Rates:
     """The message rates of a session's vehicle.
 
+    Parameters
+    ----------
+    first : message -> rate [Hz] that it gets, on a link without room for all, before others get more than their least.
+
     Attributes
     ----------
     granted : message name -> what came of the request.
@@ -58,8 +67,9 @@ class Rates:
         never was.
     """
 
-    def __init__(self, session: Session, commands: Commands) -> None:
+    def __init__(self, session: Session, commands: Commands, first: Mapping[str, float] | None = None) -> None:
         self._session = session
+        self._first = first or {}
         self._commands = commands
         self.granted: dict[str, Granted] = {}
         self.measured: dict[str, float] = {}
@@ -86,9 +96,10 @@ class Rates:
             except NoReply as error:
                 carried = self._session.traffic.total() - before_all
                 seconds = max(self._session.clock.now() - begun, 1e-3)
+                least_of_all = [Demand(n, hz, _USUAL_SIZE, self._first.get(n, 0.0)) for n, hz in wanted.items()]
                 raise TelemetryFault(
-                    f"the link is too slow: it carries {carried / seconds:.0f} bytes/s, and with that {error}. Use a "
-                    "faster link (a higher baud rate, a better radio), or close what else uses this one"
+                    f"the link is too slow: it carries {carried / seconds:.0f} bytes/s, where an experiment needs at "
+                    f"least about {least(least_of_all):.0f}, and with that {error}. {_FASTER}"
                 ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
@@ -96,35 +107,70 @@ class Rates:
                 )
         return {name: self.granted[name].granted for name in wanted}
 
-    def fit(self, needed: Mapping[str, float], loop_period: float = 0.0) -> dict[str, float]:
+    def fit(
+        self, needed: Mapping[str, float], loop_period: float = 0.0, latency: Latency | None = None
+    ) -> dict[str, float]:
         """Measure, and ask for less, in order of need, until the link carries what is asked for.
 
         Parameters
         ----------
         needed : message -> rate [Hz] without which nothing can be flown.
         loop_period : of the autopilot [s]; one that sends at its loops only may round an interval up to whole loops.
+        latency : tells of messages that wait on the way.
 
         Returns message -> Hz measured in the end.
 
         Raises
         ------
         TelemetryFault
-            The link does not even carry what is needed, with the numbers.
+            The link does not even carry what is needed, or stays full whatever is turned down, with the numbers.
         """
         for _ in range(_ROUNDS):
+            begun = self._session.clock.now()
             measured = self.measure({})
-            if not self._is_full(measured, loop_period):
+            if not (self._is_full(measured, loop_period) or self._is_holding_back(measured, latency, begun)):
                 break
             self.capacity = self._carried
             try:
-                self._ask_for_less(needed)
+                self._ask_for_less({**needed, **self._first})
             except NoReply as error:
                 self._session.notes.append(f"the link is too full even to say so: {error}")
+                measured = self._once_more(latency)
                 break
+            if latency is not None:
+                await_empty(self._session, latency)
         else:
-            measured = self.measure({})
+            measured = self._once_more(latency)
         self._demand(needed)
         return measured
+
+    def _once_more(self, latency: Latency | None) -> dict[str, float]:
+        """Measure what is flown with."""
+        begun = self._session.clock.now()
+        measured = self.measure({})
+        if self._is_holding_back(measured, latency, begun):
+            raise TelemetryFault(
+                f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with everything "
+                f"turned down to what an experiment needs. {_FASTER}"
+            )
+        return measured
+
+    def _is_holding_back(self, measured: Mapping[str, float], latency: Latency | None, begun: float) -> bool:
+        """Whether messages wait on the way, or one that exists found no room at all: asked for by name it comes."""
+        if latency is not None and is_queueing(latency, begun):
+            return True
+        missing = [n for n, g in self.granted.items() if g.granted > 0.0 and measured.get(n) == 0.0]
+        came: list[str] = []
+        stops = [self._session.listen(n, lambda m: came.append(m.get_type())) for n in missing]
+        try:
+            for _ in range(_ASKED if missing else 0):
+                for name in missing:
+                    self._session.request_message(message_number(name))
+                self._session.wait_for(lambda: came or None, 0.5)
+        finally:
+            for stop in stops:
+                stop()
+        return bool(came)
 
     def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
         """Whether something comes, but less often than granted (what does not come at all does not exist aboard)."""
@@ -134,11 +180,17 @@ class Rates:
             if n in measured
         )
 
-    def _ask_for_less(self, needed: Mapping[str, float]) -> None:
+    def _ask_for_less(self, floors: Mapping[str, float]) -> None:
         sizes = {n: self._sizes.get(n, _USUAL_SIZE) for n in self.granted}
         demands = [
-            Demand(n, g.granted, sizes[n], needed.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
+            Demand(n, g.granted, sizes[n], floors.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
         ]
+        if self.capacity < least(demands):
+            wanted = ", ".join(f"{d.name} {d.floor:g} Hz" for d in demands)
+            raise TelemetryFault(
+                f"the link is too slow: it carries {self.capacity:.0f} bytes/s, and an experiment needs at least "
+                f"{least(demands):.0f} ({wanted}). {_FASTER}"
+            )
         rates, hushed = plan(demands, self._chatter, self.capacity)
         told = []
         for name, rate in sorted(rates.items(), key=lambda item: -sizes[item[0]] * self.granted[item[0]].granted):
@@ -151,9 +203,8 @@ class Rates:
             told.append(f"{name} off")
             self.granted[name] = Granted(0.0, 0.0, self._previous_interval(name))
             self._set_interval(name, _OFF)
-        self._session.notes.append(
-            f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told) or 'nothing left to save'}"
-        )
+        if told:
+            self._session.notes.append(f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told)}")
 
     def _grant(self, name: str, rate: float) -> float:
         while rate >= _SLOWEST:
@@ -233,10 +284,7 @@ class Rates:
         ]
         if slow:
             room = f"; it carries {self.capacity:.0f} bytes/s" if math.isfinite(self.capacity) else ""
-            raise TelemetryFault(
-                f"telemetry is too slow: {', '.join(slow)}{room}. Use a faster link (a higher baud rate, a better "
-                "radio), or close what else uses this one"
-            )
+            raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {_FASTER}")
 
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""

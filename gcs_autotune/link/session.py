@@ -97,6 +97,11 @@ class Session:
         return self._port.bad_data
 
     @property
+    def sent(self) -> int:
+        """Bytes sent."""
+        return self._port.sent
+
+    @property
     def refused(self) -> int:
         """Frames refused because they were not signed with our key, or too long ago; 0 without a key."""
         return self._port.refused
@@ -114,6 +119,11 @@ class Session:
     @source_system.setter
     def source_system(self, value: int) -> None:
         self._port.packer.system = value
+
+    @property
+    def sent(self) -> int:
+        """Bytes sent."""
+        return self._port.sent
 
     @property
     def listened(self) -> float:

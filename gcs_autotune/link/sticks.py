@@ -23,8 +23,9 @@ _MOVED = 100
 """Chosen [us]: a deliberate movement of a stick or switch; receivers jitter by a tenth of that."""
 _NO_PULSE = 800
 """Microseconds below which a channel carries nothing."""
-_JUDGED, _TOO_MANY = 6, 3
-"""Chosen: that many of the last messages must disagree; one or two may have crossed our commands on the way."""
+_JUDGED, _TOO_MANY = 12, 3
+"""Chosen: that many of the last messages must disagree; one or two may have crossed our commands on the way. Another
+joystick is seen only in the gaps between our overrides: on beat with them, in one message of three."""
 _MEMORY = 1.0
 """Chosen [s of listening: when this machine stalls, nothing is held against the vehicle]: what was sent so long ago may
 still be on its way, beside what the link is known to take."""

@@ -3,7 +3,8 @@
 A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns observations into commands. Only
 :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
-What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
+What to use when: ``sign-check`` first of all (``thrust-check`` for surge), to see that an actuator acts, and the right
+way; ``relay`` to identify
 one degree of freedom in a few oscillations; ``throttle-steps`` to identify a boat's surge; ``step`` to prove a closed
 loop; ``turn-about`` to bring a boat back between two of them; ``dive`` to take an ROV off the surface.
 """
@@ -17,14 +18,16 @@ from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
-from gcs_autotune.manoeuvres.sequencer import Flown, Sequencer, visit
+from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, visit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_words import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings
 from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
+from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 
 __all__ = [
+    "DISARMED_ITSELF",
     "GUARDS",
     "LEVELS",
     "MANOEUVRES",
@@ -46,6 +49,8 @@ __all__ = [
     "StepSettings",
     "ThrottleSteps",
     "ThrottleStepsSettings",
+    "ThrustCheck",
+    "ThrustCheckSettings",
     "TurnAbout",
     "TurnAboutSettings",
     "visit",
@@ -55,6 +60,7 @@ MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
     "relay": Relay,
     "sign-check": SignCheck,
     "step": Step,
+    "thrust-check": ThrustCheck,
     "throttle-steps": ThrottleSteps,
     "turn-about": TurnAbout,
     "dive": Dive,

@@ -113,6 +113,12 @@ class Sequencer:
         )
 
 
+DISARMED_ITSELF = (
+    "although it was found armed, it has disarmed itself (a reboot, a failsafe), and is not armed again without you"
+)
+"""What is promised of a craft found armed: we do not disarm it, and nobody but the operator arms anything again."""
+
+
 @contextmanager
 def visit(craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None) -> Iterator[Observation]:
     """Come aboard and leave everything as found: mode and armed state, on every way out.
@@ -139,10 +145,7 @@ def visit(craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: 
             raise _not_as_found(differences, trouble) from trouble
         settled()
         if found.armed and not craft.armed:
-            watcher.say(
-                f"left in mode {found.mode} and disarmed, although it was found armed: it has disarmed itself "
-                "(a reboot, a failsafe), and is not armed again without you"
-            )
+            watcher.say(f"left in mode {found.mode} and disarmed: {DISARMED_ITSELF}")
         else:
             watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
 

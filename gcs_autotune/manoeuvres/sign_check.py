@@ -34,6 +34,8 @@ BACK_LONGER = 2.5
 """The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
 STANDING = 0.9
 """An output this large without any command is at its stop."""
+ASTERN = 0.7
+"""Way of which this share goes backwards is no leeway, and no current from ahead: a propeller turns the wrong way."""
 WAY_NOISES = 4.0
 """Way of less than so many standard deviations of the speed measurement is no way to steer by."""
 
@@ -50,7 +52,7 @@ class SignCheckSettings:
     least : the least motion that counts as an answer.
     throttle : constant thrust ahead meanwhile; with it the craft must make ``least_speed``, or a rudder has nothing to
         bite on.
-    cure : what to change when it turns the wrong way, for a message.
+    cure, astern : what to change when it turns the wrong way, or goes astern, for a message.
     outlets : the servo outputs that drive this force, for a message.
     """
 
@@ -64,6 +66,7 @@ class SignCheckSettings:
     least_speed: float = 0.0
     keep_still: bool = False
     cure: str = "check SERVOn_REVERSED or MOT_n_DIRECTION"
+    astern: str = "check SERVOn_REVERSED of the throttle, and the propeller"
     outlets: tuple[Outlet, ...] = ()
 
 
@@ -86,6 +89,7 @@ class SignCheck:
         self._forward: list[Tick] = []
         self._back: list[Tick] = []
         self._speeds: list[float] = []
+        self._ahead: list[float] = []
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -157,6 +161,7 @@ class SignCheck:
         if not self._lead_in.done:
             self._lead_in.update(t, x, observation.speed)
         self._speeds.append(observation.speed)
+        self._ahead.append(observation.u)
         self._rest = [*(old for old in self._rest if old[0] >= t - DRIFT_WINDOW), tick]
         settled = self._lead_in.done and t - self._rest[0][0] >= 0.9 * DRIFT_WINDOW
         if settled and not self._nothing_to_steer_by():
@@ -171,8 +176,11 @@ class SignCheck:
             speed, recent = self._lead_in.speed, self._speeds[-30:]
             noise = math.sqrt(sum((v - speed) ** 2 for v in recent) / len(recent))
             least = max(s.least_speed, WAY_NOISES * noise)
+            ahead = sum(self._ahead[-30:]) / len(self._ahead[-30:])
             if not speed >= least:
                 self._refuse(words.too_slow(speed, noise, least, s.throttle))
+            elif s.throttle > 0.0 and ahead < -ASTERN * speed:
+                self._refuse(words.goes_astern(ahead, s.throttle, s.astern))
         return self.outcome is not None
 
     @property

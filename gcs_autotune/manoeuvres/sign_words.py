@@ -8,7 +8,19 @@ from dataclasses import dataclass
 
 from gcs_autotune.manoeuvres.answer import Answer, Stretch
 
-__all__ = ["Outlet", "acts_rightly", "at_its_stop", "not_followed", "too_slow", "turned_round", "unclear"]
+__all__ = [
+    "Outlet",
+    "acts_rightly",
+    "at_its_stop",
+    "does_not_drive",
+    "gained",
+    "goes_astern",
+    "not_followed",
+    "too_slow",
+    "turned_round",
+    "turns_on_thrust",
+    "unclear",
+]
 
 _NOTHING = 0.1
 """Share of the command below which an output did not move at all."""
@@ -101,3 +113,33 @@ def too_slow(speed: float, noise: float, least: float, throttle: float) -> str:
         f"to bite on, and the autopilot scales the steering by this speed. At least {least:.2f} m/s is needed; give "
         "more --throttle"
     )
+
+
+def gained(seen: Stretch) -> str:
+    """Say what a pulse of thrust did; ``moved`` is speed gained [m/s]."""
+    way = "ahead" if seen.moved > 0.0 else "astern"
+    return f"{seen.command:+.2f} of full X gave it {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
+
+
+def does_not_drive(seen: Stretch, outlets: Sequence[Outlet]) -> str:
+    """Thrust does not move it."""
+    went = ", ".join(f"{o} went to {o.trim + o.per_full * seen.output:.0f} us" for o in outlets) or "the output moved"
+    return (
+        f"{gained(seen)}, though {went}: it is dead, or too weak to tell anything from. Check propeller and supply, "
+        "the ESC's own arming and its range against SERVOn_MIN, TRIM and MAX, and that nothing holds the craft; or "
+        "give more --throttle"
+    )
+
+
+def turns_on_thrust(turn: float, seconds: float, command: float, crooked: str) -> str:
+    """Thrust alone turns it; *turn* [rad]."""
+    side = "starboard" if turn > 0.0 else "port"
+    return (
+        f"{command:+.2f} of full X, without any steering, turned it {abs(math.degrees(turn)):.0f} deg to {side} in "
+        f"{seconds:.1f} s instead of driving it ahead: {crooked}"
+    )
+
+
+def goes_astern(u: float, throttle: float, cure: str) -> str:
+    """There is way on, but the wrong one."""
+    return f"it goes astern, at {-u:.2f} m/s, with the throttle {throttle:.0%} ahead. {cure}"

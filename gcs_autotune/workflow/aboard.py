@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from gcs_autotune.errors import WrongVehicle
@@ -25,6 +25,15 @@ SERVO_RATE = 40.0
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
 """Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
 half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
+
+_SPEED = {"LOCAL_POSITION_NED": 10.0, "GLOBAL_POSITION_INT": 5.0}
+SHOWN_BY: Mapping[str, Mapping[str, float]] = {
+    "depth": {"GLOBAL_POSITION_INT": 10.0},
+    "surge": _SPEED,
+    "speed": _SPEED,
+}
+"""Axis -> messages that show it, beside ATTITUDE, with the rates [Hz] that its experiments live on: depth is
+GLOBAL_POSITION_INT's, speed LOCAL_POSITION_NED's or, without that, again GLOBAL_POSITION_INT's."""
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
@@ -59,13 +68,21 @@ def connect(
 
 @contextmanager
 def come_aboard(
-    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory, control_rate: float | None
+    connection: Connection,
+    operator: Operator,
+    watcher: Watcher,
+    record: RunDirectory,
+    control_rate: float | None,
+    axis: str,
 ) -> Iterator[MavlinkCraft]:
-    """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates."""
+    """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates.
+
+    Where the link has no room for those, what shows *axis* comes first.
+    """
     with connect(connection, operator, watcher, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
         control_rate = control_rate or usual
-        craft = open_craft(session, wanted_rates=telemetry_rates(control_rate))
+        craft = open_craft(session, wanted_rates=telemetry_rates(control_rate), first_rates=SHOWN_BY.get(axis))
         told = len(session.notes)
         try:
             for note in session.notes[:told]:

@@ -8,7 +8,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.workflow.aboard import TWITCHING
 from gcs_autotune.workflow.experiments import dive_for
-from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED
+from gcs_autotune.workflow.preflight import ANNOUNCED
 from gcs_autotune.workflow.settings import DEFAULTS
 from gcs_autotune.workflow.voyage import Voyage
 
@@ -52,7 +52,7 @@ def _movements(voyage: Voyage, now: Observation) -> str:
     under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
     dive = dive_for(axis.dof, voyage.craft.firmware.kind, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
-    signs = ANNOUNCED if axis.dof in CHECKED else ""
+    signs = ANNOUNCED.get(axis.dof, "")
     kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {DOF_NAMES[axis.dof]}"
     swings = f" and {kind}" if voyage.given is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{swings}{under_way}"

@@ -51,7 +51,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
     """
     record = RunDirectory(settings.directory)
     dof = EXPERIMENTS[settings.axis]
-    with come_aboard(settings.connection, operator, watcher, record, settings.control_rate) as craft:
+    with come_aboard(settings.connection, operator, watcher, record, settings.control_rate, settings.axis) as craft:
         if dof == "heave" and craft.firmware.kind == "boat":
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         _announce(settings, craft, operator, watcher, craft.observe())
@@ -159,8 +159,8 @@ def _announce(
     for text in (
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
-        f"move: {ANNOUNCED if EXPERIMENTS[settings.axis] in CHECKED else ''}{down}two {_kind(settings, craft)} "
-        f"experiments in {settings.axis}{_maybe_more(settings)}",
+        f"move: {ANNOUNCED.get(EXPERIMENTS[settings.axis], '')}{down}two {_kind(settings, craft)} "
+        f"experiments in {settings.axis}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outlet, SignCheck, SignCheckSettings
+from gcs_autotune.manoeuvres import (
+    Flown,
+    Manoeuvre,
+    Outlet,
+    SignCheck,
+    SignCheckSettings,
+    ThrustCheck,
+    ThrustCheckSettings,
+)
 from gcs_autotune.sname import DOFS
 from gcs_autotune.workflow.settings import DEFAULTS
 
 __all__ = ["ANNOUNCED", "CHECKED", "STAGE", "remarks_on", "see_signs", "sign_check_for"]
 
 STAGE = "sign check"
-ANNOUNCED = "a small pulse each way to see that it answers rightly, then "
-"""What is said of it before it is flown."""
+ANNOUNCED = {
+    "yaw": "a small pulse each way to see that it answers rightly, then ",
+    "heave": "a small pulse each way to see that it answers rightly, then ",
+    "surge": "a pulse ahead to see that it answers rightly, then ",
+}
+"""Degree of freedom -> what is said of its check before it is flown."""
 LEAST_SPEED = 0.25
 """Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
 PULSES = (0.15, 0.3, 0.6)
@@ -26,21 +39,22 @@ LEAST = 0.15
 """Chosen: the least motion that counts, as a share of the same."""
 LONGEST = {"psi": 4.0, "z": 6.0}
 """Chosen [s]: a pulse is no longer. A yaw time constant of 8 s then shows 0.4 of its rate."""
-CHECKED = frozenset(("yaw", "heave"))
+CHECKED = frozenset(("yaw", "heave", "surge"))
 """Degrees of freedom whose actuators are checked."""
+TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
+"""Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
+that is dead turns a craft by more than the second."""
 _MANUAL_SCALES = 1
 
 
 def sign_check_for(
     dof: str, firmware: Firmware, servos: ServoMap, throttle: float, needs_speed: bool, output: float | None = None
-) -> SignCheck:
-    """Return the check of the actuator that moves *dof* (``yaw`` or ``heave``); *output*: the relay's, when given."""
+) -> SignCheck | ThrustCheck:
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given."""
+    if dof == "surge":
+        return _thrust_check(firmware, servos, throttle, output)
     d, force = DEFAULTS[dof], DOFS[dof].force
-    driving = servos.driving(force)
-    outlets = tuple(
-        Outlet(o.channel, o.trim, o.sign * factor * (o.high - o.trim if o.sign * factor > 0.0 else o.trim - o.low))
-        for o, factor in driving
-    )
+    driving, ahead = servos.driving(force), servos.driving("X")
     return SignCheck(
         SignCheckSettings(
             signal=d.signal,
@@ -53,9 +67,53 @@ def sign_check_for(
             least_speed=LEAST_SPEED if needs_speed else 0.0,
             keep_still=firmware.kind == "rov",
             cure=_cure(firmware, [o for o, _ in driving]),
-            outlets=outlets,
+            astern=_astern(firmware, [o for o, _ in ahead]),
+            outlets=_outlets(driving),
         )
     )
+
+
+def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output: float | None) -> ThrustCheck:
+    """Return the check of what drives the craft ahead: half the throttle that it will work at, then all of it."""
+    driving = servos.driving("X")
+    most = throttle or (PULSES[-1] if output is None else output)
+    return ThrustCheck(
+        ThrustCheckSettings(
+            outputs=(0.5 * most, most),
+            turned=TURNED if len(driving) == 1 else TURNED_BY_ONE,
+            keep_still=firmware.kind == "rov",
+            cure=_astern(firmware, [o for o, _ in driving]),
+            crooked=_crooked(firmware, [o for o, _ in driving]),
+            outlets=_outlets(driving),
+        )
+    )
+
+
+def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
+    return tuple(
+        Outlet(o.channel, o.trim, o.sign * factor * (o.high - o.trim if o.sign * factor > 0.0 else o.trim - o.low))
+        for o, factor in driving
+    )
+
+
+def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
+    """Return what to change on a craft that goes astern when told to go ahead."""
+    if firmware.frame_parameter:
+        return _cure(firmware, list(outputs))
+    now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
+    settings = " and ".join(f"{name} to {1 - value} (it is {value})" for name, value in now)
+    return f"Set {settings}, or turn the propeller round; if to the eye it went ahead, AHRS_ORIENTATION is wrong"
+
+
+def _crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
+    """Return what to look at on a craft that turns on thrust alone."""
+    channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
+    if firmware.frame_parameter or len(outputs) > 1:
+        return (
+            f"one of the thrusters on {channels} is dead or runs the wrong way: look which, and set its "
+            f"{'MOT_n_DIRECTION' if firmware.frame_parameter else 'SERVOn_REVERSED'} or mend it"
+        )
+    return f"trim the rudder (its SERVOn_TRIM), and look whether the propeller on {channels} runs the right way"
 
 
 def _cure(firmware: Firmware, outputs: list[Output]) -> str:
@@ -74,7 +132,7 @@ def _cure(firmware: Firmware, outputs: list[Output]) -> str:
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
-def see_signs(check: SignCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+def see_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
     """Fly the check.
 
     Raises

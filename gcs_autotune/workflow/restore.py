@@ -22,6 +22,7 @@ from gcs_autotune.link import (
     read_outputs,
     same_float32,
 )
+from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import connect
 from gcs_autotune.workflow.operator import Operator
@@ -152,6 +153,8 @@ class _Restoring:
             )
         if wanted:
             self._watcher.say(f"done: {' and '.join(wanted)}; read back and confirmed")
+        if self._state.armed and not self._session.armed:
+            self._watcher.say(DISARMED_ITSELF)
         return changes
 
     @property

@@ -53,7 +53,7 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
     record = RunDirectory(settings.directory)
     tale = Tale(settings, when, watcher)
     try:
-        with come_aboard(settings.connection, operator, tale, record, settings.control_rate) as craft:
+        with come_aboard(settings.connection, operator, tale, record, settings.control_rate, settings.axis) as craft:
             voyage = _set_out(settings, operator, tale, record, craft)
             announce(voyage)
             try:

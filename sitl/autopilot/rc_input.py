@@ -40,6 +40,10 @@ class RcInput:
         self._stamp[channel] = ms
         self._new = True
 
+    def is_overridden(self, ms: int) -> bool:
+        """Whether any channel obeys an override at *ms*."""
+        return any(self._in_force(channel, ms) for channel in range(1, CHANNELS + 1))
+
     def clear_overrides(self) -> None:
         """Drop every override (a failsafe does)."""
         self._override = [0] * (CHANNELS + 1)

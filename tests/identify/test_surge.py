@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from gcs_autotune.identify.model_file import load_model
 from gcs_autotune.identify.surge import CURVE, bent, extended, fit_surge, square_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
-from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.trial import Channel, Mark, Trial
 
 LEVELS = ((0.6, 0.27, 0.8, 0.0, 0.6), (0.6, 0.0, 0.8, 0.42, 0.6))
 DWELL = 12.0
@@ -54,6 +55,26 @@ def test_inertia_drag_and_thrust_curve_are_found_within_their_errors(model: Sing
         q = square_of(fit)
         assert fit.model.steady_velocity((1.0 - q) * throttle + q * throttle**2) == pytest.approx(wanted, rel=0.03)
     assert "one-sided-input" not in {d.slug for d in fit.doubts}
+
+
+def test_a_current_that_outdoes_the_slowest_throttle_is_taken_off_and_said() -> None:
+    """Over ground the coasting boat goes on for ever one way, and backwards the other."""
+    model, water, runs = SingleDof("surge", "1", 4.0, 0.0, 0.444), 0.3, []
+    for n, (levels, psi) in enumerate(zip(LEVELS, (0.0, np.pi), strict=True)):
+        still = flown(model, 1.0, levels, n)
+        u = still["u"].values + water * np.cos(psi)
+        marks = tuple(
+            Mark(DWELL * (k + 1), "steady", {"u": float(u[int(10 * DWELL * (k + 1)) - 5]), "level": level})
+            for k, level in enumerate(levels)
+        )
+        psis = Channel("psi", "rad", still["u"].t, np.full(len(u), psi))
+        runs.append(
+            replace(still, channels={**still.channels, "u": replace(still["u"], values=u), "psi": psis}, marks=marks)
+        )
+    fit = fit_surge(runs, structure="nonlinear", delay=0.0)
+    assert fit.model.alpha == pytest.approx(model.alpha, rel=0.03)
+    assert fit.model.beta_quadratic == pytest.approx(model.beta_quadratic, rel=0.06)
+    assert any(d.slug == "set-along-the-track" and "0.3" in d.cause for d in fit.doubts)
 
 
 def test_a_surge_model_with_its_curve_is_a_model_file(tmp_path) -> None:

@@ -12,6 +12,7 @@ from scripted_vehicle import ROV, ScriptedVehicle
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import GuardTripped, NotAsFound, PreconditionFailed
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
+from gcs_autotune.link.sticks import Sticks
 
 
 def board(peer: Peer) -> MavlinkCraft:
@@ -122,6 +123,18 @@ def test_another_stations_joystick_beside_ours_trips(boat: ScriptedVehicle, kind
     assert "RC channel 1 shows 1700 us where" in said
     assert f"GCS (system 255, component 100) sent {kind}" in said
     assert any("also is system 255" in note for note in craft.session.notes)
+
+
+@pytest.mark.parametrize(("every", "is_seen"), [(3, True), (20, False)])
+def test_a_joystick_on_beat_with_us_shows_in_one_message_of_three_and_one_crossing_is_none(
+    boat: ScriptedVehicle, every: int, is_seen: bool
+) -> None:
+    sticks = Sticks(Session(MemoryLink(boat)))
+    for n in range(60):
+        sticks.sent({1: 1500, 3: 1700})
+        shown = [1560 if n % every == 0 else 1500, 0, 1700, *[0] * 15]
+        sticks._on_rc_channels(mavlink.MAVLink_rc_channels_message(n, 18, *shown, 0))
+    assert sticks.departed == ((1, 1500, 1560) if is_seen else None)
 
 
 def test_a_pilot_who_moves_a_stick_that_we_do_not_drive_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:

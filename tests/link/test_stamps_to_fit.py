@@ -27,12 +27,12 @@ WIDE = Envelope(heading_excursion=math.radians(170.0))
 class Hull(ScriptedVehicle):
     """A boat with inertia, a noisy compass, and a gyro that is late by ``rate_lag`` [whole ticks]."""
 
-    def __init__(self, late_ticks: int = 0) -> None:
+    def __init__(self, late_ticks: int = 0, seed: int = 7) -> None:
         super().__init__()
         self.turn_rate, self.lag = RATE, LAG
         self.rates = [0.0] * (late_ticks + 1)
         self.track: list[tuple[float, float]] = []
-        rng = np.random.default_rng(7)
+        rng = np.random.default_rng(seed)
 
         def edit(message: Any) -> Any:
             if message.get_type() == "ATTITUDE":
@@ -94,12 +94,12 @@ def test_every_heading_is_where_the_boat_was_at_its_stamp_and_would_not_be_at_ev
 
 def test_a_change_of_output_is_dated_within_the_loops_it_may_have_happened_in(trial: Trial) -> None:
     """Messages 20 ms apart on a 20 ms loop leave no doubt; 40 ms apart they leave one loop's."""
-    assert prepare(trial, "yaw")[0].dating <= 0.01
+    assert prepare(trial, "yaw")[0].dating <= 0.01 + 1e-9
     assert prepare(replace(trial, meta={**trial.meta, "loop_period": 0.0}), "yaw")[0].dating > 0.015
 
 
 def test_a_late_gyro_is_dated_back_and_joins_the_fit() -> None:
-    hull = Hull(late_ticks=3)
+    hull = Hull(late_ticks=3, seed=1)
     hull.parameters["INS_GYRO_FILTER"] = math.sqrt(2.0) / (2.0 * math.pi * 0.06)
     known = swing(hull)
     assert known.meta["rate_lag"] == pytest.approx(0.06)

@@ -17,6 +17,11 @@ WRONG = {
     "dead rudder": ("charlie", "heading", {"effect": "dead-zone@steering.width=1"}, "SERVO1 went to 1800 us and 1200"),
     "reversed heave": ("videoray", "depth", {"parameters": REVERSED_HEAVE}, "check MOT_n_DIRECTION"),
     "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "it is dead"),
+    "reversed throttle": ("charlie", "speed", {"parameters": {"SERVO3_REVERSED": 1.0}}, "Set SERVO3_REVERSED to 0"),
+    "propeller turned round": ("charlie", "speed", {"effect": "sign-error@u"}, "Set SERVO3_REVERSED to 1"),
+    "dead throttle": ("charlie", "speed", {"effect": "dead-zone@throttle.width=1"}, "it is dead, or too weak"),
+    "one thruster of two": ("blueboat", "speed", {"parameters": {"SERVO1_REVERSED": 1.0}}, "SERVO1 and SERVO3 is dead"),
+    "astern": ("charlie", "heading", {"parameters": {"SERVO3_REVERSED": 1.0}}, "it goes astern"),
     "too slow": ("charlie", "heading", {"throttle": 0.02}, "give more --throttle"),
 }
 

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.rounds import Effort
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["run_apart"]
 
@@ -111,7 +111,7 @@ def _strangeness(solution: CoupledSolution, records: Sequence[CoupledRecord], ru
         values, vectors = np.linalg.eigh(spread)
         loose = values > 1e-8 * max(float(values[-1]), 1e-300)
         statistic = float(np.sum((vectors.T @ (g * scale))[loose] ** 2 / values[loose]))
-        found.append(-float(chi2.logsf(statistic, int(loose.sum()))))
+        found.append(-float(scipy_stats().chi2.logsf(statistic, int(loose.sum()))))
     return found
 
 

@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
-from scipy.stats import qmc
 
 from gcs_autotune.identify.axis.likelihood import gaussian_laws
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, physical
@@ -24,6 +23,7 @@ from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.identify.rounds import likeliest
 from gcs_autotune.models.coupled import Simulator
 from gcs_autotune.models.coupled.derivatives import inertia_of
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["Box", "Searched", "box_of", "search"]
 
@@ -162,7 +162,7 @@ def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
 def _multi_start(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
     """Even samples of the box, then descents from the best of them."""
     sampled = max(8, int(SHARE_SAMPLED * budget))
-    cube = qmc.LatinHypercube(len(box.names), rng=np.random.default_rng(seed)).random(sampled)
+    cube = scipy_stats().qmc.LatinHypercube(len(box.names), rng=np.random.default_rng(seed)).random(sampled)
     points = box.low + cube * (box.high - box.low)
     costs = np.array([cost(p) for p in points])
     best: Array = points[int(np.argmin(costs))]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from scipy.stats import chi2
-
+from gcs_autotune import chi_square
 from gcs_autotune.effects import BOOK
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import label_of
@@ -28,7 +27,7 @@ def effect_doubts(
         without = problem.fit(fitted.theta, others, fitted.initial, shift=fitted.shift)
         pays = math.inf if without is None else without.cost - fitted.cost
         numbers = max(len(entry.parameters), 1)
-        if float(chi2.sf(max(pays, 0.0) / correlation, numbers)) > SIGNIFICANCE:
+        if chi_square.exceeded_by_chance(max(pays, 0.0) / correlation, numbers) > SIGNIFICANCE:
             said = ", ".join(f"{n} = {v:.3g} +- {parameters[label_of(own, n)].std:.2g}" for n, v in own.values.items())
             yield Doubt(
                 "effect-not-needed",

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["FrequencyResponse", "together"]
 
@@ -55,8 +56,9 @@ class FrequencyResponse:
 
         Of the residual spectrum with ``2 averages - 2`` degrees of freedom (Bendat and Piersol, Random Data).
         """
-        quantile = fisher.ppf(level, 2.0, np.maximum(2.0 * self.averages - 2.0, 1.0))
-        return self.std * np.sqrt(2.0 * quantile)
+        quantile = scipy_stats().f.ppf(level, 2.0, np.maximum(2.0 * self.averages - 2.0, 1.0))
+        found: Array = self.std * np.sqrt(2.0 * quantile)
+        return found
 
     def measured(self, coherence: float = COHERENT) -> FrequencyResponse:
         """Return the points that are *coherence* or better."""

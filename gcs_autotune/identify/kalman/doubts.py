@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from gcs_autotune import chi_square
 from gcs_autotune.identify.kalman.bank import Passed
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt
@@ -66,7 +66,7 @@ def _consistency(task: Task, last: Passed) -> list[Doubt]:
         seen = ~np.isnan(S[:, j])
         z = (e[:, j] / np.sqrt(S[:, j]))[seen]
         n = len(z)
-        nis, low, high = float(z @ z), float(chi2.ppf(0.0005, n)), float(chi2.ppf(0.9995, n))
+        nis, low, high = float(z @ z), chi_square.quantile(0.0005, n), chi_square.quantile(0.9995, n)
         if not 0.9 * low <= nis <= 1.1 * high:
             doubts.append(
                 Doubt(

@@ -16,8 +16,8 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from gcs_autotune import chi_square
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
 from gcs_autotune.identify.coupled.objective import CoupledObjective
@@ -98,7 +98,7 @@ def profile(fit: Fit, trials: Trial | Sequence[Trial], name: str, *, level: floa
     std, size = float(information_on(subject).std[place]), float(scales_of(subject).size[place])
     raised = (fit.parameters[name].std / std) ** 2
     walker = _Walker(subject, place, laws, least, max(1.0, raised))
-    threshold = float(chi2.ppf(level, 1))
+    threshold = chi_square.quantile(level, 1)
     estimate = float(subject.values[place])
     first = FIRST * min(std, size)
     low, below = walker.walk(estimate, -first, size, threshold)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from gcs_autotune import chi_square
 from gcs_autotune.identify.least_squares import inverse_of
 
 __all__ = ["Agreement", "Estimate", "agreements", "combined"]
@@ -83,7 +83,7 @@ def agreements(estimates: Sequence[Estimate]) -> tuple[Agreement, ...]:
                 middle,
                 float(np.sum(weights) ** -0.5),
                 float(np.mean(values)),
-                float(chi2.sf(distance, len(own) - 1)),
+                chi_square.exceeded_by_chance(distance, len(own) - 1),
             )
         )
     return tuple(rows)

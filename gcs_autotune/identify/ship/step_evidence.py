@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.ship.step_table import linear_type_0, linear_type_1, nonlinear_type_1
 from gcs_autotune.identify.ship.steps import StepReading
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["StepRow", "Unevenness", "row_from_table", "row_of", "unevenness", "unevenness_doubts"]
 
@@ -96,7 +96,7 @@ def unevenness(tau: Sequence[float], values: Sequence[float], parameter: str) ->
     mean = float(y.mean())
     found = [_signs(x, y, parameter, mean)]
     for name, side in sides.items():
-        line = stats.linregress(np.abs(x[side]), y[side])
+        line = scipy_stats().linregress(np.abs(x[side]), y[side])
         change = float(line.slope) * float(np.ptp(np.abs(x[side]))) / mean
         found.append(Unevenness(parameter, "size+" if name == "+" else "size-", change, float(line.pvalue)))
     found += _small(x, y, parameter, mean)
@@ -112,8 +112,8 @@ def _signs(x: Array, y: Array, parameter: str, mean: float) -> Unevenness:
             pairs.append((y[i] - y[j]) * np.sign(x[i]))
     effect = float(y[x > 0.0].mean() - y[x < 0.0].mean()) / mean
     if 2 * len(pairs) == len(x):
-        return Unevenness(parameter, "sign", effect, float(stats.ttest_1samp(pairs, 0.0).pvalue))
-    test = stats.ttest_ind(y[x > 0.0], y[x < 0.0], equal_var=False)
+        return Unevenness(parameter, "sign", effect, float(scipy_stats().ttest_1samp(pairs, 0.0).pvalue))
+    test = scipy_stats().ttest_ind(y[x > 0.0], y[x < 0.0], equal_var=False)
     return Unevenness(parameter, "sign", effect, float(test.pvalue))
 
 
@@ -121,9 +121,9 @@ def _small(x: Array, y: Array, parameter: str, mean: float) -> list[Unevenness]:
     order = np.argsort(np.abs(x), kind="stable")
     third = max(len(x) // 3, 3)
     small, large = y[order[:third]], y[order[third:]]
-    shift = float(stats.ttest_ind(small, large, equal_var=False).pvalue)
+    shift = float(scipy_stats().ttest_ind(small, large, equal_var=False).pvalue)
     ratio = float(small.var(ddof=1)) / max(float(large.var(ddof=1)), 1e-300)
-    wider = float(stats.f.sf(ratio, len(small) - 1, len(large) - 1))
+    wider = float(scipy_stats().f.sf(ratio, len(small) - 1, len(large) - 1))
     return [
         Unevenness(parameter, "small", float(small.mean() - large.mean()) / mean, shift),
         Unevenness(parameter, "small-scatter", math.sqrt(ratio) - 1.0, wider),

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from gcs_autotune.identify.result import Doubt, Parameter
 from gcs_autotune.identify.thrusters.pull_test import PullTest, resolution
 from gcs_autotune.identify.thrusters.structure import MapStructure
 from gcs_autotune.identify.thrusters.thruster_map import ThrusterMap
+from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["map_doubts"]
 
@@ -88,12 +88,12 @@ def _lack_of_fit(pulls: PullTest, error: Array, parameters: int) -> float:
     if inside < 3 or between < 1 or pure <= 0.0:
         return 1.0
     ratio = float(np.sum(counts * means**2)) / between / (pure / inside)
-    return float(stats.f.sf(ratio, between, inside))
+    return float(scipy_stats().f.sf(ratio, between, inside))
 
 
 def _uneven(fitted: Array, error: Array) -> float:
     """Return the chance that scatter does not depend on the size of the force (rank correlation of the two)."""
     if len(error) < 12 or float(np.ptp(np.abs(error))) == 0.0:
         return 1.0
-    chance = float(stats.spearmanr(np.abs(fitted), np.abs(error)).pvalue)
+    chance = float(scipy_stats().spearmanr(np.abs(fitted), np.abs(error)).pvalue)
     return 1.0 if math.isnan(chance) else chance

@@ -1,0 +1,207 @@
+"""Before throttle is stepped or swung: a pulse ahead, to see that it drives the craft, and ahead.
+
+A propeller that turns the wrong way takes a boat backwards into its mooring while an identification waits for way; a
+dead thruster of two turns it round on the spot. Ahead only: plenty of boats cannot go astern. From rest and with the
+steering neutral, so that what a propeller does is all there is to be seen.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.manoeuvres import sign_words as words
+from gcs_autotune.manoeuvres.answer import FOLLOWS, Stretch
+from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
+from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.manoeuvres.sign_check import NOISES, STANDING
+from gcs_autotune.manoeuvres.sign_words import Outlet
+from gcs_autotune.trial import Mark
+from gcs_autotune.watch import Progress
+
+__all__ = ["ThrustCheck", "ThrustCheckSettings"]
+
+WINDOW = 3.0
+"""Seconds at rest over which speed and its noise are taken."""
+STILL = 0.04
+"""Chosen [m/s]: a boat whose speed changes less than this from one half of the window to the other lies still, or
+drifts steadily."""
+LONGEST_REST = 30.0
+"""Chosen [s]: one that still is not at rest then is taken as it is."""
+UNKNOWN = 12.0
+"""Seconds without any speed after which there is none to be had."""
+SHORTEST = 1.5
+"""Chosen [s]: the throttle is slewed, 1 s from none to full by default."""
+LAST = 0.5
+"""Seconds at the end of the pulse over which the speed gained is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThrustCheckSettings:
+    """What to fly: outputs are fractions of full, times s, speeds m/s, angles rad.
+
+    Attributes
+    ----------
+    outputs : sizes of the pulse, tried until one is answered.
+    reach : a pulse ends when the craft has gained so much speed, else after ``longest``.
+    least : the least speed gained that counts as an answer.
+    turned : a craft that turns by so much on thrust alone (beyond the drift it had) has something wrong on one side.
+    cure, crooked : what to change when it goes astern, or turns, for a message.
+    outlets : the servo outputs that drive it, for a message.
+    """
+
+    outputs: tuple[float, ...] = (0.25, 0.5)
+    reach: float = 0.3
+    least: float = 0.06
+    longest: float = 8.0
+    turned: float = math.radians(60.0)
+    keep_still: bool = False
+    cure: str = "check SERVOn_REVERSED or MOT_n_DIRECTION"
+    crooked: str = "check propellers and their directions, and the trim"
+    outlets: tuple[Outlet, ...] = ()
+
+
+class ThrustCheck:
+    """Rest (speed, noise and idle output measured), then pulses ahead until the craft has answered one."""
+
+    name = "sign-check"
+    in_manual = True
+
+    def __init__(self, settings: ThrustCheckSettings) -> None:
+        self.outcome: Outcome | None = None
+        self.answer: Stretch | None = None
+        self._settings = settings
+        self._keepers = [Keeper(gains) for gains in KEEPERS["psi"]] if settings.keep_still else []
+        self._marks: list[Mark] = []
+        self._size = 0
+        self._command = 0.0
+        self._began = math.nan
+        self._rest: deque[tuple[float, float, float, float]] = deque()
+        self._pulse: list[tuple[float, float, float]] = []
+        self._speed = self._noise = self._idle = math.nan
+        self._psi = self._drift = 0.0
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Settings as flown, and what was seen, for the trial's meta."""
+        s, seen = self._settings, self.answer
+        return {
+            "manoeuvre": "sign-check",
+            "dof": "surge",
+            "signal": "u",
+            "force": "X",
+            "output": s.outputs[self._size],
+            "speed": self._speed,
+            "noise_std": self._noise,
+            **({} if seen is None else {"gained": seen.moved}),
+        }
+
+    def start(self, observation: Observation) -> None:
+        """Begin to rest."""
+        self._began = observation.t
+
+    def update(self, observation: Observation) -> Command:
+        """Drive the pulses."""
+        if self._pulse:
+            self._watch(observation)
+        elif math.isfinite(observation.u):
+            self._wait(observation)
+        elif observation.t - self._began > UNKNOWN:
+            self._refuse("the vehicle does not tell its speed: has it a position fix?")
+        command = Actuate(X=self._command)
+        for keeper in self._keepers:
+            command = replace(command, **{keeper.force: keeper.demand(observation)})
+        return command
+
+    def take_marks(self) -> Sequence[Mark]:
+        """Return the pulses begun since the last call."""
+        marks, self._marks = self._marks, []
+        return marks
+
+    def progress(self, observation: Observation) -> Progress:
+        """Return the speed."""
+        return Progress(
+            stage="",
+            manoeuvre="at rest" if self._command == 0.0 else "pulse ahead",
+            t=observation.t,
+            signal="u",
+            value=observation.u,
+            output=observation.output.get("X", math.nan),
+            age=observation.age,
+        )
+
+    # --- the course of it ---------------------------------------------------------------------------------
+
+    def _wait(self, observation: Observation) -> None:
+        t, rest = observation.t, self._rest
+        rest.append((t, observation.u, observation.output.get("X", math.nan), observation.psi))
+        while rest[0][0] < t - WINDOW:
+            rest.popleft()
+        if t - rest[0][0] < 0.9 * WINDOW or not (self._is_still() or t - self._began > LONGEST_REST):
+            return
+        speeds = [u for _, u, _, _ in rest]
+        self._speed, self._idle = math.fsum(speeds) / len(speeds), math.fsum(x for _, _, x, _ in rest) / len(rest)
+        steps = [b - a for a, b in itertools.pairwise(speeds) if b != a] or [0.0]
+        self._noise = math.sqrt(math.fsum(d * d for d in steps) / (2.0 * len(steps)))
+        self._psi, self._drift = observation.psi, (observation.psi - rest[0][3]) / (t - rest[0][0])
+        if abs(self._idle) >= STANDING:
+            self._refuse(words.at_its_stop(self._idle, "X", self._settings.outlets))
+            return
+        self._command = self._settings.outputs[self._size]
+        self._pulse = [rest[-1][:3]]
+        self._marks.append(Mark(t, "pulse", {"X": self._command}))
+
+    def _is_still(self) -> bool:
+        speeds = [u for _, u, _, _ in self._rest]
+        half = len(speeds) // 2
+        change = math.fsum(speeds[half:]) / (len(speeds) - half) - math.fsum(speeds[:half]) / max(half, 1)
+        return abs(change) < STILL
+
+    def _watch(self, observation: Observation) -> None:
+        s, t = self._settings, observation.t
+        self._pulse.append((t, observation.u, observation.output.get("X", math.nan)))
+        seconds = t - self._pulse[0][0]
+        turn = observation.psi - self._psi - self._drift * seconds
+        gained = self._gained()
+        if abs(turn) >= s.turned:
+            self._refuse(words.turns_on_thrust(turn, seconds, self._command, s.crooked))
+        elif seconds >= SHORTEST and (abs(gained) >= max(s.reach, self._least) or seconds >= s.longest):
+            self._judge(gained, seconds)
+
+    @property
+    def _least(self) -> float:
+        return max(self._settings.least, NOISES * self._noise)
+
+    def _gained(self) -> float:
+        """Speed gained [m/s], by the end of the pulse."""
+        end = self._pulse[-1][0]
+        last = [u for t, u, _ in self._pulse if t >= end - LAST and math.isfinite(u)]
+        return math.fsum(last) / len(last) - self._speed if last else 0.0
+
+    def _judge(self, gained: float, seconds: float) -> None:
+        """End with a verdict, or come to rest and try the next size."""
+        s, outputs = self._settings, [x - self._idle for _, _, x in self._pulse]
+        late = outputs[len(outputs) // 2 :]
+        seen = Stretch(self._command, gained, self._noise, gained, math.fsum(late) / len(late), seconds)
+        self.answer, self._command = seen, 0.0
+        if not seen.obeyed >= FOLLOWS:
+            self._refuse(words.not_followed(seen, "X", s.outlets))
+        elif gained >= self._least:
+            self.outcome = Outcome("completed", f"{words.gained(seen)}: X acts the right way")
+        elif gained <= -self._least:
+            self._refuse(f"{words.gained(seen)}: the wrong way. {s.cure}")
+        elif self._size + 1 < len(s.outputs):
+            self._size += 1
+            self._began, self._pulse = self._pulse[-1][0], []
+            self._rest.clear()
+        else:
+            self._refuse(words.does_not_drive(seen, s.outlets))
+
+    def _refuse(self, why: str) -> None:
+        self._command = 0.0
+        self.outcome = Outcome("aborted", why)

@@ -1,0 +1,14 @@
+"""What takes a second or more to import and is seldom needed: imported when first used."""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["scipy_stats"]
+
+
+def scipy_stats() -> Any:
+    """Return ``scipy.stats``."""
+    import scipy.stats
+
+    return scipy.stats

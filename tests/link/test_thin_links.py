@@ -1,0 +1,115 @@
+"""A link that is too thin is refused with the number before anything is armed; one just wide enough is fitted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from scripted_vehicle import ScriptedVehicle
+
+from benchmarks.throttled_pty import ThrottledPty
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import TelemetryFault
+from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
+from gcs_autotune.link.bandwidth import Demand, least
+from gcs_autotune.link.latency import Latency
+from gcs_autotune.link.queueing import is_queueing
+from gcs_autotune.workflow.aboard import SHOWN_BY, telemetry_rates
+
+WANTED = telemetry_rates(10.0)
+
+
+@pytest.fixture
+def wire(boat: ScriptedVehicle) -> Iterator[Any]:
+    """Return what makes a craft over a serial line of so many baud."""
+    links: list[ThrottledPty] = []
+
+    def board(baud: int, axis: str = "heading") -> MavlinkCraft:
+        links.append(ThrottledPty(boat, baud))
+        session = Session(links[-1])
+        session.discover()
+        return open_craft(session, wanted_rates=WANTED, first_rates=SHOWN_BY.get(axis), arm_patience=3.0)
+
+    yield board
+    for link in links:
+        link.close()
+
+
+def test_nineteen_thousand_baud_carry_what_is_needed_and_no_queue_is_left(wire: Any, boat: ScriptedVehicle) -> None:
+    craft = wire(19200)
+    assert any("the link carries" in note for note in craft.session.notes)
+    craft.arm()
+    for k in range(50):
+        craft.observe()
+        craft.send(Actuate(N=0.3 if k // 10 % 2 else -0.3))
+    assert craft.latency.loop < 0.3
+    link = craft.session.transport
+    assert link.up.longest < 0.5 * link.up.rate
+    assert boat.armed
+
+
+@pytest.mark.parametrize(("baud", "axis"), [(4800, "heading"), (9600, "depth")])
+def test_a_line_too_thin_to_come_down_is_refused_at_boarding_with_what_is_needed(
+    wire: Any, boat: ScriptedVehicle, baud: int, axis: str
+) -> None:
+    with pytest.raises(TelemetryFault, match="the link is too slow: it carries") as caught:
+        wire(baud, axis)
+    said = re.search(r"carries (\d+) bytes/s, \w+ an experiment needs at least (?:about )?(\d+)", str(caught.value))
+    assert said is not None, caught.value
+    carried, needed = map(int, said.groups())
+    assert 0.5 * baud / 10 < carried <= 1.05 * baud / 10
+    assert carried < needed
+    assert "faster link" in str(caught.value)
+    assert not boat.armed
+
+
+def test_a_line_too_thin_to_go_up_is_refused_before_arming_with_what_it_carries(
+    boat: ScriptedVehicle, wire: Any
+) -> None:
+    craft = wire(38400)
+    craft.session.transport.up.rate = 700.0
+    with pytest.raises(TelemetryFault, match="too slow upwards: of") as caught:
+        craft.arm()
+    needed, carried = map(int, re.findall(r"of (\d+) bytes/s .* it carries (\d+),", str(caught.value))[0])
+    assert carried == pytest.approx(700, rel=0.1)
+    assert needed > 800
+    assert not boat.armed
+
+
+def test_a_line_with_room_for_ten_overrides_a_second_gets_ten(boat: ScriptedVehicle, wire: Any) -> None:
+    craft = wire(57600)
+    craft.session.transport.up.rate = 1400.0
+    craft.arm()
+    assert any("overrides are sent 10 times a second" in note for note in craft.session.notes)
+    assert boat.armed
+
+
+def test_a_wide_link_is_not_spared(boat: ScriptedVehicle) -> None:
+    craft = open_craft(Session(MemoryLink(boat)), wanted_rates=WANTED, arm_patience=3.0)
+    craft.arm()
+    assert not any("bytes/s" in note for note in craft.session.notes)
+
+
+def test_a_message_that_does_not_exist_aboard_does_not_make_the_link_look_full(boat: ScriptedVehicle) -> None:
+    craft = open_craft(Session(MemoryLink(boat)), wanted_rates={**WANTED, "SCALED_PRESSURE2": 5.0}, arm_patience=3.0)
+    assert craft.rates.measured["SCALED_PRESSURE2"] == 0.0
+    assert not any("bytes/s" in note for note in craft.session.notes)
+
+
+def test_the_quickest_round_trip_is_what_a_queue_is_known_by(boat: ScriptedVehicle) -> None:
+    session = Session(MemoryLink(boat))
+    session.discover()
+    latency = Latency(session)
+    for _ in range(3):
+        latency.ask()
+        session.pause(0.5)
+    assert not is_queueing(latency, 0.0)
+    latency._trips.append((100.0, latency.quickest + 0.3, 1.0))
+    assert is_queueing(latency, 99.0)
+    assert not is_queueing(latency, 101.0), "nothing asked, nothing known"
+
+
+def test_the_least_is_what_the_floors_take() -> None:
+    assert least([Demand("ATTITUDE", 10.0, 40.0), Demand("VFR_HUD", 5.0, 30.0, needed=2.0)]) == 5.0 * 40 + 2.0 * 30
