@@ -160,7 +160,7 @@ def _announce(
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
         f"move: {ANNOUNCED.get(EXPERIMENTS[settings.axis], '')}{down}two {_kind(settings, craft)} "
-        f"experiments in {settings.axis}",
+        f"experiments in {settings.axis}{_maybe_more(settings)}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")
