@@ -15,7 +15,7 @@ from gcs_autotune.design import StepMetrics, combine, step_metrics
 
 __all__ = ["circle_ratio", "fly_step", "get_ready"]
 
-GUIDED, ALT_HOLD, MANUAL_ROVER, MANUAL_SUB = 15, 2, 0, 19
+GUIDED, ALT_HOLD, MANUAL_ROVER = 15, 2, 0
 _AWAY, _HOLD = 0.6, 20.0
 """Seconds in the manual mode, long enough to forget (200 ms), and of holding before a fresh step."""
 _WORKING_DEPTH = 3.0
@@ -78,7 +78,7 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float, *, fre
     _await_rest(sea, position, base, job)
     sea.set(dict(gains))
     if fresh:
-        _take_over(sea, job)
+        _take_over(sea)
     sea.run(_HOLD if fresh else 1.0)
     found, value = [], base
     for target in (base + job.step, base) * job.pairs:
@@ -100,13 +100,18 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float, *, fre
     return combine(found)
 
 
-def _take_over(sea: Sea, job: Job) -> None:
-    """Leave the mode that holds and come back to it: the firmware forgets its integrals."""
-    manual, holds = (MANUAL_ROVER, GUIDED) if sea.data.firmware == "rover" else (MANUAL_SUB, ALT_HOLD)
-    for mode in (manual, holds):
-        sea.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(mode))
+def _take_over(sea: Sea) -> None:
+    """Make the firmware forget its integrals: a boat by a change of mode, an ROV by disarming."""
+    wish = sea.repeated
+    if sea.data.firmware == "rover":
+        sea.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(MANUAL_ROVER))
         sea.run(_AWAY)
-    for message in sea.repeated():
+        sea.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(GUIDED))
+    else:
+        sea.rest()
+        sea.go(ALT_HOLD)
+    sea.repeated = wish
+    for message in wish():
         sea.send(message)
 
 
