@@ -121,11 +121,6 @@ class Session:
         self._port.packer.system = value
 
     @property
-    def sent(self) -> int:
-        """Bytes sent."""
-        return self._port.sent
-
-    @property
     def listened(self) -> float:
         """Seconds of link time spent pumping."""
         return self._hearing.listened
