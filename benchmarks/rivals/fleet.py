@@ -30,6 +30,9 @@ class Job:
     calm: Mapping[str, float]
     """Gains on which the vessel waits quietly for the step."""
     settle: float
+    near: float
+    """How near to what is asked the vessel must wait, as a share of the step: what a rival left in the integral, or
+    behind a dead band, must not be held against the next."""
     pairs: int = 1
     """Steps and steps back that are averaged: more where thrusters that stick make each one end elsewhere."""
 
@@ -56,13 +59,13 @@ def _boat(T: float) -> Vessel:
     calm = {
         "ATC_STR_RAT_FF": ff,
         "ATC_STR_RAT_P": 0.5 * ff,
-        "ATC_STR_RAT_I": 0.02 * ff,
+        "ATC_STR_RAT_I": 0.1 * ff,
         "ATC_STR_RAT_D": 0.0,
         "ATC_STR_RAT_FLTT": 0.0,
         "ATC_STR_RAT_FLTD": 0.0,
         "ATC_STR_ANG_P": 0.4 / T,
     }
-    job = Job("heading", math.radians(30.0), max(30.0, 8.0 * T), calm, 15.0 + 5.0 * T)
+    job = Job("heading", math.radians(30.0), max(30.0, 8.0 * T), calm, 15.0 + 5.0 * T, 0.02)
     return Vessel(f"boat-{T:g}s", replace(data, name=f"boat-{T:g}s", tables=tables), (job,))
 
 
@@ -71,8 +74,9 @@ def _rov(name: str) -> Vessel:
         "heading",
         math.radians(30.0),
         15.0,
-        {"ATC_RAT_YAW_P": 0.2, "ATC_RAT_YAW_I": 0.02, "ATC_ANG_YAW_P": 2.0},
+        {"ATC_RAT_YAW_P": 0.4, "ATC_RAT_YAW_I": 0.05, "ATC_RAT_YAW_D": 0.0, "ATC_ANG_YAW_P": 2.0},
         10.0,
+        0.1,
         pairs=2,
     )
     depth = Job(
@@ -81,6 +85,7 @@ def _rov(name: str) -> Vessel:
         20.0,
         {"PSC_D_POS_P": 1.0, "PSC_D_VEL_P": 4.0, "PSC_D_ACC_P": 0.05, "PSC_D_ACC_I": 0.02, "PSC_D_ACC_FF": 0.0},
         20.0,
+        math.inf,
         pairs=2,
     )
     return Vessel(name, load_vehicle(name), (heading, depth))

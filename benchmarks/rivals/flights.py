@@ -16,6 +16,8 @@ from gcs_autotune.design import StepMetrics, combine, step_metrics
 __all__ = ["circle_ratio", "fly_step", "get_ready"]
 
 GUIDED, ALT_HOLD, MANUAL_ROVER = 15, 2, 0
+_AWAY, _HOLD = 0.6, 20.0
+"""Seconds in the manual mode, long enough to forget (200 ms), and of holding before a fresh step."""
 _WORKING_DEPTH = 3.0
 _ONLY_Z = 0b110111111011
 _UNSEEN = {"heading": math.radians(0.1), "depth": 0.01}
@@ -23,6 +25,8 @@ _UNSEEN = {"heading": math.radians(0.1), "depth": 0.01}
 would otherwise be made of them."""
 _AT_REST = 0.02
 """Of the step."""
+_PATIENCE = 8.0
+"""Settling times that a vessel is waited for."""
 _COLUMN = {"heading": (1, 4), "depth": (2, 5)}
 """Axis -> columns of position and output in the record."""
 
@@ -59,19 +63,23 @@ def get_ready(sea: Sea, job: Job) -> None:
         sea.run_while(lambda: sea.physics.rig.body.z < _WORKING_DEPTH - 0.5, within=120.0)
 
 
-def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> StepMetrics:
+def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float, *, fresh: bool = False) -> StepMetrics:
     """Wait on the calm gains about *base*, put *gains* in, step and step back; return the mean of all steps.
 
-    Overshoot, steady error and swing are the worst of them.
+    Overshoot, steady error and swing are the worst of them. The integral is what the calm gains have worked off: a loop
+    that hardly has one keeps it. With *fresh* it is emptied by a change of mode and *gains* hold for a while first, as
+    when a vehicle is sent off with them.
     """
     ask = (lambda value: _heading(sea, value)) if job.axis == "heading" else _depth
     sea.set(dict(job.calm))
     sea.repeated = lambda: ask(base)
     position, output = _COLUMN[job.axis]
     sea.run(job.settle)
-    _await_rest(sea, position, _AT_REST * job.step, 8.0 * job.settle)
+    _await_rest(sea, position, base, job)
     sea.set(dict(gains))
-    sea.run(1.0)
+    if fresh:
+        _take_over(sea)
+    sea.run(_HOLD if fresh else 1.0)
     found, value = [], base
     for target in (base + job.step, base) * job.pairs:
         begun = sea.t
@@ -92,13 +100,30 @@ def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float) -> Ste
     return combine(found)
 
 
-def _await_rest(sea: Sea, position: int, band: float, most: float) -> None:
-    """Let time pass until the position stays within *band* [rad or m] for five seconds, at *most* that long [s]."""
-    end = sea.t + most
+def _take_over(sea: Sea) -> None:
+    """Make the firmware forget its integrals: a boat by a change of mode, an ROV by disarming."""
+    wish = sea.repeated
+    if sea.data.firmware == "rover":
+        sea.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(MANUAL_ROVER))
+        sea.run(_AWAY)
+        sea.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(GUIDED))
+    else:
+        sea.rest()
+        sea.go(ALT_HOLD)
+    sea.repeated = wish
+    for message in wish():
+        sea.send(message)
+
+
+def _await_rest(sea: Sea, position: int, base: float, job: Job) -> None:
+    """Let time pass until the position has stayed where it is, and near enough to *base* [rad or m], for 5 s."""
+    end = sea.t + _PATIENCE * job.settle
     while sea.t < end:
         since = sea.t
         sea.run(5.0)
-        if np.ptp(sea.record(since)[:, position]) < band:
+        x = sea.record(since)[:, position]
+        off = x - base if job.axis == "depth" else np.remainder(x - base + math.pi, math.tau) - math.pi
+        if np.ptp(x) < _AT_REST * job.step and np.abs(off).max() < job.near * job.step:
             return
 
 

@@ -138,6 +138,13 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("experiment (angles in deg, the rest in m)")
     group.add_argument("--relay-output", type=float, metavar="C", help="output, fraction of full (default: found)")
     group.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: by the noise)")
+    group.add_argument(
+        "--relays",
+        type=int,
+        choices=(2, 3),
+        default=3,
+        help="self-oscillations at most; a third only where two cannot tell",
+    )
     group.add_argument("--throttle", type=float, help="fraction of full (default: cruise for boats, 0 for ROVs)")
     group.add_argument("--speed", type=float, help="m/s meanwhile (default: from CRUISE_SPEED for boats, 0 for ROVs)")
     group.add_argument("--control-rate", type=float, metavar="HZ", help="rate of our relay (default 25, simulated 10)")

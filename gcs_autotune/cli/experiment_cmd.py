@@ -53,6 +53,7 @@ def _run(args: argparse.Namespace) -> int:
         structure=args.structure,
         delay=args.delay,
         control_rate=args.control_rate,
+        most_relays=args.relays,
         envelope=envelope_from(args),
     )
     operator = ConsoleOperator(yes=args.yes)

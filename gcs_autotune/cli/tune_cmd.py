@@ -100,6 +100,7 @@ def _run(args: argparse.Namespace) -> int:
         delay=args.delay,
         dry_run=args.dry_run,
         control_rate=args.control_rate,
+        most_relays=args.relays,
         envelope=envelope_from(args),
     )
     operator = ConsoleOperator(yes=args.yes)

@@ -66,7 +66,8 @@ DIGITS = 4
 class Problem:
     """Everything matching needs except the wish itself.
 
-    ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains.
+    ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains;
+    ``late`` are gains that matching leaves alone and polishing may take up.
     """
 
     law: Law
@@ -78,6 +79,7 @@ class Problem:
     delay: float
     present_overshoot: float = 0.0
     actuator: Actuator = PERFECT
+    late: Sequence[Gain] = ()
 
     @property
     def model(self) -> SingleDof:
@@ -137,11 +139,11 @@ def integral_shortfall(problem: Problem, settings: Settings, wanted: ModelFuncti
 def output_noise(problem: Problem, settings: Settings) -> float:
     """Return the actuator's rms [fraction] that the measured position noise causes, white up to its bandwidth."""
     spec = problem.spec
-    if spec.noise_std == 0.0:
+    if spec.jitter == 0.0:
         return 0.0
     omega = np.linspace(0.02, 1.0, 50) * math.tau * spec.noise_bandwidth
     size = np.abs(problem.law.position_path(settings, problem.speed).at((1j * omega).astype(np.complex128)))
-    return float(spec.noise_std * np.sqrt(np.mean(size**2)))
+    return float(spec.jitter * np.sqrt(np.mean(size**2)))
 
 
 def match(problem: Problem, wanted: ModelFunction, start: Settings | None = None) -> dict[str, float]:

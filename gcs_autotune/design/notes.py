@@ -24,6 +24,8 @@ TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values(
 """Errors [rad or m] not worth a word."""
 POOR_MATCH = 0.08
 """Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
+NEAR_LIMIT = 0.01
+"""Chosen: gains so near the end of their range, as a share of it, are held by it."""
 ROUNDING = 1e-6
 """A vehicle keeps its parameters in float32; so far outside a range (relative to it) is still on its limit."""
 
@@ -38,7 +40,7 @@ def notes_on(
     yield from _on_the_present(problem, axis)
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)
-    yield from _on_the_wish(problem, shown, is_polished and changed)
+    yield from _on_the_wish(problem, axis, shown, is_polished and changed)
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
@@ -90,7 +92,7 @@ def _on_the_model(problem: Problem) -> Iterator[str]:
         yield "the model came without uncertainty, so the worst margins are those of the model itself"
 
 
-def _on_the_wish(problem: Problem, shown: Candidate, is_polished: bool) -> Iterator[str]:
+def _on_the_wish(problem: Problem, axis: Axis, shown: Candidate, is_polished: bool) -> Iterator[str]:
     for objection in shown.objections:
         yield f"less than wished for, but the best the documented ranges allow: {objection}"
     if is_polished:
@@ -100,6 +102,7 @@ def _on_the_wish(problem: Problem, shown: Candidate, is_polished: bool) -> Itera
             "present ones, and were then chosen for the least predicted error over time, letting the actuator "
             "saturate; give a settling time to have the matched ones"
         )
+        yield from _on_the_ranges(problem, axis, shown)
         return
     use, velocity = problem.demand(problem.model, shown.wanted)
     if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
@@ -109,6 +112,25 @@ def _on_the_wish(problem: Problem, shown: Candidate, is_polished: bool) -> Itera
         )
     elif _lags(shown):
         yield "the documented ranges keep the step from following the wanted one more closely"
+
+
+def _on_the_ranges(problem: Problem, axis: Axis, shown: Candidate) -> Iterator[str]:
+    """Say which documented ranges hold the gains, and what following the wanted step would take without them."""
+    exact = problem.law.starts(problem.model, shown.wanted, problem.settings, problem.speed)[0]
+    held, takes = [], []
+    for g in problem.gains:
+        value, near = shown.settings[g.parameter], NEAR_LIMIT * (g.high - g.low)
+        end = g.high if value >= g.high - near else g.low if value <= g.low + near else None
+        if end is not None and (exact[g.parameter] - end) * (1.0 if end == g.high else -1.0) > near:
+            limit, wish = (axis.names.own_value(g.parameter, x) for x in (end, exact[g.parameter]))
+            held.append(f"{g.parameter} ({'most' if end == g.high else 'least'} {limit:.3g})")
+            takes.append(f"{g.parameter} {wish:.2g}")
+    if held:
+        settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
+        yield (
+            f"documented ranges hold back {' and '.join(held)}: a {shown.wanted.kind} step settling in {settled:.1f} s "
+            f"would take {', '.join(takes)}. ArduPilot does take such values; this tool never writes them"
+        )
 
 
 def _lags(shown: Candidate) -> bool:

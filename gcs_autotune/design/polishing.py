@@ -8,17 +8,20 @@ Nelder-Mead (Nelder and Mead 1965), because what saturates and what is counted a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from scipy.stats import qmc
 
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.matching import NOISE_LIMIT, Problem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.design.result import ModelFunction, StepMetrics
-from gcs_autotune.design.selection import OVERSHOOT, Candidate, is_tolerable, judge
+from gcs_autotune.design.selection import Candidate, is_tolerable, judge, most_overshoot
 from gcs_autotune.design.step_metrics import noise_floor
 
 __all__ = ["polish"]
@@ -39,30 +42,61 @@ HARDEST = 3
 """How many samples of the 95 % region, the hardest so far, hold their margins during a descent."""
 NOTICEABLE = 0.97
 """Gains must cost less than this share of the matched ones to be preferred to them."""
-EVALUATIONS = 70
+HOPELESS = 3.0
+"""Gains whose predicted error alone costs so many times the least seen are not looked at any closer."""
+EVALUATIONS = 25
+"""Of one descent, for each gain."""
 ROUNDS = 2
 """Each further descent starts where the last one ended, watching the samples that are hardest there."""
 SPREAD = 0.15
 """Size of the first simplex, in square roots of fractions of the ranges: low gains are as finely told apart."""
+SCATTER = 5
+"""2 to this power gains all over the ranges are looked at first: where ranges bind, the least lies far off."""
+DESCENTS = 2
+"""The first descents begin at the best so many of all starts."""
+WORTH = 0.95
+"""A gain that matching does without must bring the cost below this share: it makes the actuator busier."""
+CALM = 0.01
+"""Chosen: with such a gain measurement noise may move the actuator by 1 % of full (rms) only, not to wear it out."""
 
 
 def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
     """Return the candidate with the least cost over *duration* [s]: a polished one, or *chosen* itself.
 
-    The descent begins at *chosen* or at the present gains, whichever is predicted better. What it finds must not
-    have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*.
+    Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. What they find must
+    not have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*. Then once
+    more with the gains that the law lets it take up (``Law.late``), if that pays.
     """
-    cost = _Cost(problem, chosen.wanted, duration, chosen.settings)
-    starts = [problem.as_fractions(s) for s in (chosen.settings, problem.settings)]
-    x = min((np.sqrt(s) for s in starts), key=cost)
-    best, least = chosen, NOTICEABLE * cost.of(chosen.settings)
+    best = _polished(problem, chosen, [chosen.settings, problem.settings], duration)
+    if not problem.late:
+        return best
+    wider = replace(problem, gains=(*problem.gains, *problem.late))
+    full = {**best.settings, **{g.parameter: g.high for g in problem.late}}
+    return _polished(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM)
+
+
+def _polished(
+    problem: Problem,
+    chosen: Candidate,
+    starts: Sequence[Settings],
+    duration: float,
+    *,
+    worth: float = NOTICEABLE,
+    noise: float = NOISE_LIMIT,
+) -> Candidate:
+    """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
+    cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise)
+    best, least = chosen, worth * cost.of(chosen.settings)
+    scatter = qmc.Sobol(len(problem.gains), scramble=False).random_base2(SCATTER)
+    begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
+    x = min((_descend(cost, begin) for begin in begins), key=cost)
     for _ in range(ROUNDS):
-        x = _descend(cost, x)
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, duration)
         if _is_acceptable(found, chosen) and cost.of(settings) < least:
             best, least = found, cost.of(settings)
-        cost = _Cost(problem, chosen.wanted, duration, settings)
+        cost = _Cost(problem, chosen.wanted, duration, settings, noise)
+        x = _descend(cost, x)
     return best
 
 
@@ -77,13 +111,15 @@ def _rounded(problem: Problem, settings: Settings) -> dict[str, float]:
 class _Cost:
     """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks."""
 
-    def __init__(self, problem: Problem, wanted: ModelFunction, duration: float, near: Settings) -> None:
+    def __init__(self, problem: Problem, wanted: ModelFunction, duration: float, near: Settings, noise: float) -> None:
         self._problem = problem
+        self._noise = noise
         self._wanted = wanted
         self._duration = duration
         least = 2.0 * noise_floor(problem.spec.noise_std, problem.spec.quantum)
         self._steps = [part * problem.step for part in PARTS if part == 1.0 or part * problem.step > least]
         self._watched = [problem.model, *problem.hardest(near, wanted, HARDEST)]
+        self._least = math.inf
 
     def settings(self, x: Array) -> dict[str, float]:
         """Return the parameters at *x* (n,), square roots of fractions of the ranges."""
@@ -94,19 +130,24 @@ class _Cost:
         return self.of(self.settings(x))
 
     def of(self, settings: Settings) -> float:
-        """Return the cost of *settings*."""
+        """Return the cost of *settings*; without that of the limits where it is hopeless already."""
         steps = [predict_metrics(self._problem, settings, step, self._duration) for step in self._steps]
         error = float(np.mean([m.itae for m in steps]))
         dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
-        return max(error, LEAST_ERROR) * (1.0 + dislike + PRICE * self._shortfall(settings, steps[0]))
+        plain = max(error, LEAST_ERROR)
+        if plain * (1.0 + dislike) > HOPELESS * self._least:
+            return plain * (1.0 + dislike)
+        cost = plain * (1.0 + dislike + PRICE * self._shortfall(settings, steps[0]))
+        self._least = min(self._least, cost)
+        return cost
 
     def _shortfall(self, settings: Settings, step: StepMetrics) -> float:
         """Return by how much limits are missed, as a sum of fractions of them."""
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
-        missed += max(0.0, step.overshoot - OVERSHOOT - problem.law.free_overshoot)
-        missed += max(0.0, RESERVE * output_noise(problem, settings) / NOISE_LIMIT - 1.0)
+        missed += max(0.0, step.overshoot - most_overshoot(problem))
+        missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
         for m in problem.margins(settings, self._wanted, self._watched):
             missed += max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))
             missed += max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin))
@@ -125,7 +166,7 @@ def _descend(cost: Callable[[Array], float], start: Array) -> Array:
         start,
         method="Nelder-Mead",
         bounds=[(0.0, 1.0)] * n,
-        options={"initial_simplex": simplex, "maxfev": EVALUATIONS + n, "xatol": 1e-3, "fatol": 1e-4},
+        options={"initial_simplex": simplex, "maxfev": EVALUATIONS * n, "xatol": 1e-3, "fatol": 1e-4},
     )
     lowest: Array = np.clip(np.asarray(found.x, dtype=np.float64), 0.0, 1.0)
     return lowest

@@ -178,7 +178,8 @@ def _problem(
     by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in axis.gains}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step
-    problem = Problem(law, [by_name[n] for n in law.tuned], region, dict(present), spec, step, delay, actuator=actuator)
+    tuned, late = ([by_name[n] for n in names] for names in (law.tuned, law.late))
+    problem = Problem(law, tuned, region, dict(present), spec, step, delay, actuator=actuator, late=late)
     return replace(problem, present_overshoot=_present_overshoot(problem))
 
 
@@ -221,7 +222,7 @@ def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_polis
 def _reason(law: Law, gain: Gain, after: Candidate, is_polished: bool) -> str:
     if gain.parameter in law.measured:
         return f"{gain.meaning}: measured on the water, the speed that this throttle keeps"
-    if gain.parameter in law.fixed:
+    if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:
         return f"{gain.meaning}: the identified model has no lag that would need it"
     wanted, new = after.wanted, after.settings[gain.parameter]
     settled = settling_time(wanted.kind, wanted.omega_0)

@@ -19,7 +19,7 @@ from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.result import Margins, ModelFunction, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec
 
-__all__ = ["OVERSHOOT", "Candidate", "choose", "is_tolerable", "judge", "objections"]
+__all__ = ["OVERSHOOT", "Candidate", "choose", "is_tolerable", "judge", "most_overshoot", "objections"]
 
 OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
 """Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);
@@ -127,12 +127,17 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
         if low.delay < needed:
             yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
     metrics = prediction.metrics
-    most = max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
+    most = most_overshoot(problem)
     if metrics.overshoot > most:
         yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
     noise = output_noise(problem, settings)
     if noise > NOISE_LIMIT:
         yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
+
+
+def most_overshoot(problem: Problem) -> float:
+    """Return how far the predicted step may overshoot, as a share of it."""
+    return max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
 
 
 def _wishes(problem: Problem) -> Iterator[ModelFunction]:

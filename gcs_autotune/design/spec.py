@@ -28,6 +28,8 @@ class Spec:
     step_duration : how long each flown step is recorded [s]; predictions then start and last as the flown ones do.
         None: steps of a loop that has long settled, as long as they take.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
+    jitter_std : the part of that noise which changes from sample to sample and so moves the actuator [rad or m]; None:
+        all of it.
     noise_bandwidth : half the rate at which that noise was measured [Hz].
     quantum : smallest step of the position's sensor [rad or m]; errors within it count as none.
     link_delay : part of the identified delay [s] that lies in the telemetry link, not in the autopilot's loop.
@@ -46,6 +48,7 @@ class Spec:
     full_scale: float | None = None
     step_duration: float | None = None
     noise_std: float = 0.0
+    jitter_std: float | None = None
     noise_bandwidth: float = 5.0
     quantum: float = 0.0
     link_delay: float = 0.0
@@ -74,10 +77,15 @@ class Spec:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be a positive number, not {value}")
-        for name in ("noise_std", "quantum", "link_delay", "loop_delay"):
+        for name in ("noise_std", "jitter_std", "quantum", "link_delay", "loop_delay"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be zero or more, not {value}")
+
+    @property
+    def jitter(self) -> float:
+        """``jitter_std``, or all of the noise [rad or m]."""
+        return self.noise_std if self.jitter_std is None else self.jitter_std
 
     @property
     def is_automatic(self) -> bool:

@@ -21,11 +21,15 @@ __all__ = ["Ruler", "design_from_file", "design_from_fit"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ruler:
-    """What steps are judged by: the ``proof`` flown, the signal's ``noise`` and its sensor's ``grain`` (SI)."""
+    """What steps are judged by: the ``proof`` flown, the signal's ``noise`` and its sensor's ``grain`` (SI).
+
+    ``jitter``: the part of the noise that moves the actuator; None: all of it.
+    """
 
     proof: Proof
     noise: float
     grain: float
+    jitter: float | None = None
 
 
 def design_from_fit(voyage: Voyage, found: Identified, ruler: Ruler) -> Proposal:
@@ -83,6 +87,7 @@ def _spec(voyage: Voyage, speed: float, ruler: Ruler) -> Spec:
         speed=speed if voyage.axis.needs_speed and speed > 0.0 else None,
         step_duration=flown.duration,
         noise_std=ruler.noise,
+        jitter_std=ruler.jitter,
         quantum=ruler.grain,
         noise_bandwidth=0.5 * voyage.craft.rates.granted["ATTITUDE"].granted,
         measured=proof.measured,

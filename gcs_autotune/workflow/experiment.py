@@ -1,4 +1,4 @@
-"""``experiment``: fly the two relay experiments of one degree of freedom, identify it, and change nothing."""
+"""``experiment``: fly the relay experiments of one degree of freedom, identify it, and change nothing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, replace
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import OperatorStopped, WrongVehicle
+from gcs_autotune.errors import NotInformative, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.identify.surge import extended, fit_surge
 from gcs_autotune.link import MavlinkCraft
@@ -23,6 +23,7 @@ from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
+from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
 from gcs_autotune.workflow.waiting import agreed, think
 
 __all__ = ["experiment"]
@@ -99,7 +100,19 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
         relay = relay_for(settings, dof, kind, cruise.throttle, output, name, least_period=least)
         trials.append(helm.achieve(relay, name).trial)
         output = second_output(trials[-1], room)
+    if dof in CHECKED and settings.most_relays > len(trials):
+        third = think(craft, lambda: _third(trials, dof, settings))
+        if third is not None:
+            helm.come_about(cruise.throttle)
+            trials += fly_third(third, settings, dof, craft, cruise.throttle, helm, watcher)
     return trials
+
+
+def _third(trials: list[Trial], dof: str, settings: TuneSettings) -> ThirdLevel | None:
+    try:
+        return third_level(trials, fit_axis(trials, dof=dof, structure=settings.structure, delay=delay_of(settings)))
+    except NotInformative:
+        return None
 
 
 def _swing(helm: Helm, cruise: _Cruise, number: int) -> Trial:
@@ -128,6 +141,12 @@ def _kind(settings: TuneSettings, craft: MavlinkCraft) -> str:
     return "throttle-step" if settings.axis == "surge" and craft.firmware.kind == "boat" else "self-oscillation"
 
 
+def _maybe_more(settings: TuneSettings) -> str:
+    if EXPERIMENTS[settings.axis] not in CHECKED or settings.most_relays < 3:
+        return ""
+    return ", and a third, as long again, if these cannot tell a dead band from a thrust curve"
+
+
 def _announce(
     settings: TuneSettings, craft: MavlinkCraft, operator: Operator, watcher: Watcher, now: Observation
 ) -> None:
@@ -141,7 +160,7 @@ def _announce(
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
         f"move: {ANNOUNCED.get(EXPERIMENTS[settings.axis], '')}{down}two {_kind(settings, craft)} "
-        f"experiments in {settings.axis}",
+        f"experiments in {settings.axis}{_maybe_more(settings)}",
         "write no parameter",
     ):
         watcher.say(f"will {text}")

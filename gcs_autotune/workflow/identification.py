@@ -1,4 +1,4 @@
-"""Identifying aboard: two self-oscillations, or two runs of throttle steps, and the model that explains both."""
+"""Identifying aboard: self-oscillations, or two runs of throttle steps, and the model that explains both."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.third_level import fly_third, third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
 from gcs_autotune.workflow.voyage import Voyage
 from gcs_autotune.workflow.waiting import think
@@ -20,15 +21,18 @@ __all__ = ["Identified", "delay_of", "identify"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
-    """The model of one axis; ``curved`` the same with the thrust curve that an ROV's oscillations call for, or None."""
+    """The model of one axis; ``curved`` the same with the bent or dead actuator that the record calls for, or None."""
 
     fit: AxisFit
     curved: Fit | None = None
 
 
-def identify(voyage: Voyage) -> Identified:
-    """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``."""
-    return Identified(_by_throttle_steps(voyage)) if voyage.axis.dof == "surge" else _by_relays(voyage)
+def identify(voyage: Voyage, step: Trial | None = None) -> Identified:
+    """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``.
+
+    step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
+    """
+    return Identified(_by_throttle_steps(voyage)) if voyage.axis.dof == "surge" else _by_relays(voyage, step)
 
 
 def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
@@ -36,7 +40,7 @@ def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
     return "auto" if settings.delay is None else settings.delay
 
 
-def _by_relays(voyage: Voyage) -> Identified:
+def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
     s, tale, craft, dof = voyage.settings, voyage.tale, voyage.craft, voyage.axis.dof
     kind, throttle = craft.firmware.kind, voyage.throttle
     least = craft.least_period
@@ -45,17 +49,28 @@ def _by_relays(voyage: Voyage) -> Identified:
     first = voyage.fly(relay, "first self-oscillation").trial
     relay = relay_for(s, dof, kind, throttle, second_output(first), "relay-2", least_period=least)
     voyage.come_about()
-    second = voyage.fly(relay, "second self-oscillation").trial
+    trials = [first, voyage.fly(relay, "second self-oscillation").trial]
     tale.say("identifying")
-    plain = think(craft, lambda: fit_axis([first, second], dof=dof, structure=s.structure, delay=delay_of(s)))
+    plain = _plain(voyage, trials)
+    if step is None and s.structure is None and s.most_relays > len(trials):
+        third = think(craft, lambda: third_level(trials, plain))
+        if third is not None:
+            voyage.come_about()
+            trials += fly_third(third, s, dof, craft, throttle, voyage.helm, tale)
+            plain = _plain(voyage, trials)
     tale.fit = plain
     curved = None
-    if kind == "rov" and s.structure is None:
-        curved = think(craft, lambda: fit_thrust_curve([first, second], plain))
+    if s.structure is None:
+        curved = think(craft, lambda: fit_thrust_curve(trials, plain, step))
     if curved is not None:
         tale.say(told(curved, plain))
         save_model(curved, voyage.record.path / "model_with_thrust_curve.json")
     return Identified(plain, curved)
+
+
+def _plain(voyage: Voyage, trials: list[Trial]) -> AxisFit:
+    s, dof = voyage.settings, voyage.axis.dof
+    return think(voyage.craft, lambda: fit_axis(trials, dof=dof, structure=s.structure, delay=delay_of(s)))
 
 
 def _by_throttle_steps(voyage: Voyage) -> AxisFit:

@@ -10,7 +10,7 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 
-__all__ = ["noise_behind", "resting_noise"]
+__all__ = ["jitter_in", "noise_behind", "resting_noise"]
 
 _LOOK_BACK = 3.0
 """Seconds of the hold before a step: as long as it has to be steady before the step begins."""
@@ -47,3 +47,11 @@ def resting_noise(step: Trial, resolution: float = 0.0) -> float:
     t = held.t - held.t[0]
     rest = held.values - np.polyval(np.polyfit(t, held.values, _TREND), t)
     return max(float(np.sqrt(np.sum(rest**2) / (len(t) - _TREND - 1))), resolution / math.sqrt(12.0))
+
+
+def jitter_in(step: Trial, resolution: float = 0.0) -> float:
+    """Return the standard deviation [rad or m] of what changes from sample to sample: the noise that moves an actuator.
+
+    A craft that still swings, or an estimate that wanders, is no jitter. At least what rounding to *resolution* makes.
+    """
+    return max(noise_in(step, str(step.meta["signal"])), resolution / math.sqrt(12.0))

@@ -45,6 +45,7 @@ class TuneSettings:
     function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz] (None: 25, or 10 in
     simulated time). ``given``: a model
     to design from, instead of experiments; ``full_scale`` its input at full output, when that is in newtons or rad.
+    ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
     """
 
     axis: str
@@ -65,6 +66,7 @@ class TuneSettings:
     full_scale: float | None = None
     dry_run: bool = False
     control_rate: float | None = None
+    most_relays: int = 3
     envelope: Envelope = field(default_factory=Envelope)
 
 

@@ -2,6 +2,10 @@
 
 A propeller's thrust goes with n|n|, and ArduSub sends its demands to the thrusters as they are, so that an ROV's gain
 grows with the size of the command. Without it the smaller oscillation is that of another craft than the larger.
+
+Most speed controllers do nothing at all near neutral besides. Two sizes of square wave cannot tell such a dead band
+from a curve: each tells one point of the characteristic. A step under the autopilot's own loop, whose output runs
+through all sizes down to the bias it holds against, can; it has been flown anyway.
 """
 
 from __future__ import annotations
@@ -15,41 +19,85 @@ from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Fit, fit
+from gcs_autotune.identify.result import Parameter
 from gcs_autotune.trial import Trial
 
-__all__ = ["design_with_curve", "fit_thrust_curve", "told"]
+__all__ = ["CURVE", "DEAD", "design_with_curve", "fit_thrust_curve", "fitted", "left", "number", "pays", "told"]
 
-_EFFECT = "quadratic-actuator"
+CURVE = "quadratic-actuator"
+DEAD = "dead-zone"
 _UNEXPLAINED = 0.8
 """The curve must bring what is left unexplained below this share of what it was..."""
+_WORTH_A_LOOK = 4.0
+"""Chosen [percent]: what a straight actuator leaves unexplained that nobody need look into."""
+_SIZES = 3
+"""Sizes of oscillation that tell a dead band from a curve."""
 _STDS = 5.0
 """...and be this many standard errors from a straight line. Both chosen: a curve that matters passes both by far."""
 _SHARES = (0.1, 1.5)
 """What the share of n|n| can be."""
 
 
-def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
+def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit, step: Trial | None = None) -> Fit | None:
     """Return a model with a thrust curve when the *runs* clearly call for one, else None.
 
-    plain : the model without, of the same runs.
+    plain : the model without, of the same runs. step : flown under the autopilot's own loop; with it, or with three
+    sizes of oscillation, the curve may turn out to be a dead band, or to have one.
     """
-    channel = plain.model.axis.force
+    if left(plain) < _WORTH_A_LOOK:
+        return None
+    curve = fitted(runs, plain, CURVE)
+    if curve is None or not pays(curve, plain, CURVE) or not _SHARES[0] < number(curve, CURVE).value < _SHARES[1]:
+        return None
+    if step is None and len(runs) < _SIZES:
+        return curve
+    return _with_dead_band(runs if step is None else [*runs, step], plain, curve)
+
+
+def _with_dead_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit) -> Fit:
+    """Return a model with dead band and curve when the step clearly calls for it, else *curve*."""
+    both, bent = fitted(runs, plain, DEAD, CURVE), fitted(runs, plain, CURVE)
+    if both is None or bent is None:
+        return curve
+    return both if pays(both, bent, DEAD) else curve
+
+
+def fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str) -> Fit | None:
+    """Return the model with these effects of the actuator, or None when there is none."""
+    effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
-        found = fit(list(runs), "affine", dof=plain.model.dof, effects=(f"{_EFFECT}@{channel}",))
+        return fit(list(runs), "affine", dof=plain.model.dof, effects=effects)
     except AutotuneError:
         return None
-    share = found.parameters[f"{_EFFECT}@{channel}.share"]
-    left, was = 100.0 - found.fit_percent, 100.0 - plain.fit_percent
-    clear = left < _UNEXPLAINED * was and share.value > _STDS * share.std
-    return found if clear and _SHARES[0] < share.value < _SHARES[1] else None
+
+
+def pays(found: Fit, without: Fit | AxisFit, slug: str) -> bool:
+    """Whether *found* clearly needs its effect *slug*, *without* being a model of the same runs that lacks it."""
+    own = number(found, slug)
+    return left(found) < _UNEXPLAINED * left(without) and own.value > _STDS * own.std
+
+
+def number(found: Fit, slug: str) -> Parameter:
+    """Return the one number of the effect *slug*."""
+    return next(p for name, p in found.parameters.items() if name.startswith(slug))
+
+
+def left(found: Fit | AxisFit) -> float:
+    """Return what is left unexplained [percent]."""
+    return 100.0 - found.fit_percent
 
 
 def told(found: Fit, plain: AxisFit) -> str:
     """Return the finding in a sentence."""
-    share = next(p for name, p in found.parameters.items() if name.startswith(_EFFECT))
+    share = number(found, CURVE)
+    if any(name.startswith(DEAD) for name in found.parameters):
+        speak = f"of an actuator that does nothing below {number(found, DEAD).value:.1%} of full"
+        if share.value > _STDS * share.std:
+            speak += f", beyond which {share.value:.0%} of the force goes with the square of the command"
+        return f"the oscillations and the step together speak {speak}"
     return (
-        "the two oscillations speak of thrusters that are weak for small commands "
-        f"({share.value:.0%} of the thrust goes with the square of the command): with that the model explains "
+        "the two oscillations speak of an actuator that is weak for small commands "
+        f"({share.value:.0%} of the force goes with the square of the command): with that the model explains "
         f"{found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
 

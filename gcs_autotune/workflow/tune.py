@@ -33,7 +33,7 @@ from gcs_autotune.workflow.preflight import CHECKED, STAGE, remarks_on, see_sign
 from gcs_autotune.workflow.proof import known_of, proof_about_rest, proof_of_velocity
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.resting import noise_behind
+from gcs_autotune.workflow.resting import jitter_in, noise_behind
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
 from gcs_autotune.workflow.voyage import Voyage
@@ -140,8 +140,10 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
     grain = resolution(before)
     tale.metrics_before = measure(before, resolution=grain)
     if given is None:
-        found = found or identify(voyage)
-        ruler = Ruler(proof, noise_behind(before, found.fit, voyage.law.controls_velocity, grain), grain)
+        moving = voyage.law.controls_velocity
+        found = found or identify(voyage, before)
+        noise = noise_behind(before, found.fit, moving, grain)
+        ruler = Ruler(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
         proposal = design_from_fit(voyage, found, ruler)
     else:
         ruler = Ruler(proof, given.noise_std or noise_in(before, str(before.meta["signal"])), grain)

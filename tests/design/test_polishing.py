@@ -91,3 +91,18 @@ def test_errors_within_the_compass_quantum_are_not_paid_for() -> None:
     assert noise_floor(0.0, quantum) > quantum
     assert coarse.before.metrics.itae < fine.before.metrics.itae
     assert coarse.worst_margins.phase >= math.radians(45.0)
+
+
+def boat(jitter: float) -> Proposal:
+    """A boat of 2 s: ATC_STR_RAT_P and ATC_STR_ANG_P end at their documented limits."""
+    return propose("slow boat", step_duration=FLOWN, noise_std=math.radians(0.02), jitter_std=math.radians(jitter))
+
+
+def test_derivative_action_is_taken_up_where_ranges_bind_and_the_compass_is_calm() -> None:
+    calm, noisy = boat(0.002), boat(0.5)
+    gains = {change.parameter: change.new for change in calm.changes}
+    assert gains["ATC_STR_RAT_D"] > 0.1
+    assert calm.after.metrics.itae < 0.9 * noisy.after.metrics.itae
+    rough = {change.parameter: change.new for change in noisy.changes}
+    assert rough.get("ATC_STR_RAT_D", 0.0) < 0.5 * gains["ATC_STR_RAT_D"]
+    assert any("documented ranges hold back ATC_STR_RAT_P (most 2)" in note for note in calm.notes)

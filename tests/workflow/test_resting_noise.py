@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.resting import resting_noise
+from gcs_autotune.workflow.resting import jitter_in, resting_noise
 
 T = np.arange(0.0, 20.0, 0.1)
 
@@ -34,3 +34,11 @@ def test_a_coarse_sensor_that_rests_on_one_step_still_rounds():
 def test_without_a_hold_nothing_is_known():
     few = T[::20]
     assert resting_noise(held(np.zeros(len(few)), few)) == math.inf
+
+
+def test_what_wanders_is_no_jitter_and_what_jitters_is():
+    wandering = 0.02 * np.sin(0.8 * T)
+    jittering = np.random.default_rng(2).normal(0.0, 0.003, len(T))
+    assert jitter_in(held(wandering)) < 1e-4
+    assert jitter_in(held(wandering + jittering)) == pytest.approx(0.003, rel=0.3)
+    assert jitter_in(held(np.zeros(len(T))), 0.035) == pytest.approx(0.035 / math.sqrt(12.0))

@@ -5,22 +5,37 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow.third_level import third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
 
-ALPHA, DRAG = 0.026, 0.065
+ALPHA, DRAG, DT = 0.026, 0.065, 0.002
+DEAD_BAND = 0.12
 
 
-def oscillation(name: str, output: float, half_period: float, share: float) -> Trial:
-    """A square wave on an ROV's yaw, thrust ``u (1 - share + share |u|)``."""
-    dt, n = 0.002, 10_000
-    t = dt * np.arange(n)
-    swing = round(half_period / dt)
+def oscillation(name: str, output: float, half_period: float, share: float, dead: float = 0.0) -> Trial:
+    """A square wave on an ROV's yaw, thrust ``v (1 - share + share |v|)``, *v* what exceeds the dead band."""
+    n, swing = 10_000, round(half_period / DT)
     u = np.where((np.arange(n) + swing // 2) // swing % 2 == 0, output, -output)
+    return flown(name, u, share, dead, {"C": output})
+
+
+def dying_swing(share: float, dead: float) -> Trial:
+    """What a loop does after a step: an output that runs through all sizes and ends at what holds a constant force."""
+    t = DT * np.arange(10_000)
+    return flown("step", 0.5 * np.exp(-t / 6.0) * np.cos(2.0 * t), share, dead, {})
+
+
+def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, float]) -> Trial:
+    """Integrate the turn under commands *u* (n,) and record heading and command at 25 Hz."""
+    dt, n = DT, len(u)
+    t = dt * np.arange(n)
+    v = np.sign(u) * np.maximum(np.abs(u) - dead, 0.0)
+    thrust = v * (1.0 - share + share * np.abs(v))
     psi, r = np.zeros(n), 0.0
     for k in range(1, n):
-        r += dt * (u[k - 1] * (1.0 - share + share * abs(u[k - 1])) - DRAG * abs(r) * r) / ALPHA
+        r += dt * (thrust[k - 1] - DRAG * abs(r) * r) / ALPHA
         psi[k] = psi[k - 1] + dt * r
     rng = np.random.default_rng(7)
     kept = slice(None, None, 20)
@@ -30,6 +45,7 @@ def oscillation(name: str, output: float, half_period: float, share: float) -> T
             "psi": Channel("psi", "rad", t[kept], psi[kept] + rng.normal(0.0, 0.002, len(t[kept]))),
             "N": Channel("N", "1", t[kept], u[kept]),
         },
+        meta=meta,
     )
 
 
@@ -50,3 +66,31 @@ def test_a_thruster_weak_for_small_commands_is_found_and_said():
 def test_a_straight_thruster_gets_no_curve():
     runs = two(0.0)
     assert fit_thrust_curve(runs, fit_axis(runs, dof="yaw")) is None
+
+
+@pytest.fixture(scope="module")
+def dead_band() -> tuple[list[Trial], AxisFit]:
+    runs = [oscillation(f"relay-{n}", C, T, 0.0, DEAD_BAND) for n, C, T in ((1, 0.3, 0.8), (2, 0.6, 0.6))]
+    return runs, fit_axis(runs, dof="yaw")
+
+
+def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_band: tuple[list[Trial], AxisFit]):
+    runs, plain = dead_band
+    assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
+    found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
+    assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
+    assert "does nothing below 12" in told(found, plain)
+
+
+def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
+    runs, plain = dead_band
+    third = third_level(runs, plain)
+    assert third is not None
+    assert min(abs(third.output / 0.3 - 1.0), abs(third.output / 0.6 - 1.0)) > 0.2
+    three = [*runs, oscillation("relay-3", third.output, 0.6, 0.0, DEAD_BAND)]
+    assert third_level(three, fit_axis(three, dof="yaw")) is None
+
+
+def test_a_straight_actuator_needs_no_third_size():
+    runs = two(0.0)
+    assert third_level(runs, fit_axis(runs, dof="yaw")) is None

@@ -43,6 +43,7 @@ class FlownLaw(ABC):
     defaults: Settings
     free_overshoot = 0.0
     measured: Sequence[str] = ()
+    late: Sequence[str] = ()
 
     def _get(self, settings: Settings, name: str) -> float:
         return setting(settings, self.defaults, name)

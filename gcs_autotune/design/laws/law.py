@@ -58,6 +58,8 @@ class Law(Protocol):
     integral: str
     """The one among ``tuned`` that makes the integral action."""
     fixed: Settings
+    late: Sequence[str]
+    """Gains among ``fixed`` that the last stage of an automatic design may take up where that pays."""
     defaults: Settings
     """The firmware's own values of what the law reads, used where the vehicle did not say."""
     usual_step: float

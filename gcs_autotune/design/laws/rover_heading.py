@@ -27,6 +27,8 @@ __all__ = ["RoverHeading"]
 ANG = "ATC_STR_ANG_P"
 LOW_FEED = 0.7
 """Feed-forward below this share of the model's own is worth a note."""
+BARELY = 1.1
+"""ATC_STR_ANG_P up to this is held back by the least that is documented, 1."""
 
 
 def _fly(
@@ -93,6 +95,7 @@ class RoverHeading(AboutRest):
     tuned: Sequence[str] = (FF, P, I, ANG)
     integral = I
     fixed: Settings = steering.FIXED
+    late: Sequence[str] = (D,)
     usual_step = math.radians(30.0)
     defaults: Settings = steering.DEFAULTS
     kernel = staticmethod(compiled(_fly))
@@ -175,8 +178,10 @@ class RoverHeading(AboutRest):
         if settings[FF] >= LOW_FEED * ideal:
             return []
         most = math.degrees(abs(model.steady_velocity(1.0)))
+        bound = settings[ANG] <= BARELY
+        why = f"{ANG} cannot go below 1 and the heading loop needs less" if bound else "the step in heading needs less"
         return [
-            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {ANG} cannot go below 1 and the "
-            f"heading loop needs less; the craft can turn at {most:.0f} deg/s at most at this speed, while "
-            f"ATC_STR_RAT_MAX asks for up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
+            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {why}; the craft can turn at {most:.0f} "
+            f"deg/s at most at this speed, while ATC_STR_RAT_MAX asks for up to "
+            f"{self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
