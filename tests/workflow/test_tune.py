@@ -78,12 +78,13 @@ def test_the_run_directory_holds_the_whole_record(tuned):
     assert sum(1 for _ in read_tlog(harbour.directory / "telemetry.tlog")) > 10_000
 
 
-def test_a_boat_turns_about_and_stays_within_a_hundred_metres(tuned):
+def test_a_boat_turns_about_and_stays_within_a_hundred_and_thirty_metres(tuned):
+    # Sign check (here with a second, larger pulse) and step make 118 m before it comes about the first time.
     harbour, _ = tuned
     trials = [load_trial(path) for path in sorted((harbour.directory / "trials").glob("*.csv"))]
     x0, y0 = trials[0]["x"].values[0], trials[0]["y"].values[0]
     far = max(float(np.hypot(t["x"].values - x0, t["y"].values - y0).max()) for t in trials)
-    assert far < 110.0
+    assert far < 130.0
 
 
 def test_the_journal_is_settled_in_the_end(tuned):
