@@ -25,6 +25,7 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
 from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
 from gcs_autotune.workflow.waiting import agreed, think
+from gcs_autotune.workflow.warming import warm_up
 
 __all__ = ["experiment"]
 
@@ -51,6 +52,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
     """
     record = RunDirectory(settings.directory)
     dof = EXPERIMENTS[settings.axis]
+    warm_up(settings.connection.uri, [dof], [], watcher)
     with come_aboard(settings.connection, operator, watcher, record, settings.control_rate, settings.axis) as craft:
         if dof == "heave" and craft.firmware.kind == "boat":
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gcs_autotune.design.laws import LAWS
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal, MavlinkCraft
 from gcs_autotune.manoeuvres import visit
 from gcs_autotune.registry import lookup
@@ -37,6 +38,7 @@ from gcs_autotune.workflow.resting import jitter_in, noise_behind
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
 from gcs_autotune.workflow.voyage import Voyage
+from gcs_autotune.workflow.warming import warm_up
 
 __all__ = ["tune"]
 
@@ -52,6 +54,8 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
     """
     record = RunDirectory(settings.directory)
     tale = Tale(settings, when, watcher)
+    axes = [f.axes[settings.axis] for f in FIRMWARE.values() if settings.axis in f.axes]
+    warm_up(settings.connection.uri, (a.dof for a in axes), (a.law for a in axes), watcher)
     try:
         with come_aboard(settings.connection, operator, tale, record, settings.control_rate, settings.axis) as craft:
             voyage = _set_out(settings, operator, tale, record, craft)

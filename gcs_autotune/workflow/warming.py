@@ -1,0 +1,80 @@
+"""What a tune will compute aboard is compiled before the link is opened: a compiler at work starves the link.
+
+The compiled parts are kept on disk; only the first run after an installation pays for them, up to a minute.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from threading import Timer
+
+import numpy as np
+
+from gcs_autotune.design.laws import LAWS
+from gcs_autotune.design.laws.law import Scenario
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.models import SingleDof
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.thrust_curve import DEAD, fitted
+
+__all__ = ["warm_up"]
+
+_PATIENCE = 2.0
+"""Seconds after which it is said why nothing happens."""
+_LOCK_STEPPED = "sitl:"
+_MODEL = (1.0, 0.5)
+"""Gain and drag [1/s] of the craft computed with: any."""
+
+
+def warm_up(connection: str, dofs: Iterable[str], laws: Iterable[str], watcher: Watcher) -> None:
+    """Run identification in *dofs* and the control laws named *laws* once, on a craft on paper.
+
+    Nothing is done where *connection* (a URI) is to a simulated vehicle whose time stands still meanwhile.
+    """
+    if connection.startswith(_LOCK_STEPPED):
+        return
+    told = Timer(_PATIENCE, watcher.say, ("making ready; the first time after installation this takes up to a minute",))
+    told.daemon = True
+    told.start()
+    try:
+        for dof in sorted(set(dofs)):
+            _identify(dof)
+            for law in (LAWS[name] for name in sorted(set(laws))):
+                gains = {**law.defaults, **law.fixed, **dict.fromkeys((*law.tuned, *law.measured), 1.0)}
+                law.simulate(SingleDof(dof, "1", *_MODEL), gains, Scenario(step=0.1, duration=1.0), 1.0, 0.0)
+    finally:
+        told.cancel()
+
+
+def _identify(dof: str) -> None:
+    trial = _swing(dof)
+    try:
+        fitted([trial], fit_axis([trial], dof=dof, structure="affine"), DEAD)
+    except AutotuneError:
+        return  # a craft on paper need not be worth a fit; what there was to compile is compiled
+
+
+def _swing(dof: str) -> Trial:
+    """Return a record of a relay experiment on paper: 40 s at 10 Hz."""
+    d, step = DOFS[dof], 0.1
+    alpha, beta = _MODEL
+    t = step * np.arange(400, dtype=np.float64)
+    force = 0.5 * np.sign(np.sin(2.0 * math.pi * t / 8.0) + 1e-9)
+    speed, position = np.zeros(len(t)), np.zeros(len(t))
+    for k in range(1, len(t)):
+        speed[k] = speed[k - 1] + step * (alpha * force[k - 1] - beta * speed[k - 1])
+        position[k] = position[k - 1] + step * speed[k]
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, (2, len(t)))
+    turns = d.velocity in ("p", "q", "r")
+    return Trial(
+        "on-paper",
+        {
+            d.force: Channel(d.force, "1", t, force),
+            d.velocity: Channel(d.velocity, "rad/s" if turns else "m/s", t, speed + noise[0]),
+            d.position: Channel(d.position, "rad" if turns else "m", t, position + noise[1]),
+        },
+    )
