@@ -61,38 +61,34 @@ def low_pass_share(cutoff: float, dt: float) -> float:
 
 
 class TwoPoleLowPass:
-    """Second-order Butterworth low-pass (bilinear, pre-warped), the one in front of ArduPilot's gyro."""
+    """Second-order Butterworth low-pass, the one in front of ArduPilot's gyro and accelerometer.
 
-    __slots__ = ("_a1", "_a2", "_b0", "_b1", "_cutoff", "_s1", "_s2", "_started")
+    ArduPilot filters at the rate of the sensor, a thousand times a second or more, whatever its main loop does. So this
+    is the analogue filter, solved exactly for an input that runs straight between two calls: late by ``sqrt(2)/w_c``.
+    """
+
+    __slots__ = ("_dt", "_fade", "_input", "_w", "_wave", "output", "slope")
 
     def __init__(self) -> None:
-        self._cutoff = -1.0
-        self._b0, self._b1, self._a1, self._a2 = 1.0, 0.0, 0.0, 0.0
-        self._s1 = self._s2 = 0.0
-        self._started = False
+        self._w = self._dt = -1.0
+        self._fade, self._wave = 0.0, (1.0, 0.0)
+        self._input = self.output = self.slope = math.nan
 
     def apply(self, value: float, cutoff: float, dt: float) -> float:
-        """Return the filtered *value*; *cutoff* [Hz] of 0, or beyond 0.45 of the sample rate, does not filter."""
-        if cutoff <= 0.0 or cutoff * dt > 0.45:
-            self._started = False
+        """Return the filtered *value*; a *cutoff* [Hz] of 0 does not filter."""
+        if cutoff <= 0.0 or math.isnan(self._input):
+            self._input, self.output, self.slope = value, value, 0.0
             return value
-        if cutoff != self._cutoff:
-            self._tune(cutoff, dt)
-        if not self._started:
-            self._started = True
-            self._s2 = value * (self._b0 - self._a2)
-            self._s1 = value * (self._b1 - self._a1) + self._s2
-        out = self._b0 * value + self._s1
-        self._s1 = self._b1 * value - self._a1 * out + self._s2
-        self._s2 = self._b0 * value - self._a2 * out
-        return out
-
-    def _tune(self, cutoff: float, dt: float) -> None:
-        self._cutoff = cutoff
-        self._started = False
-        warped = math.tan(math.pi * cutoff * dt)
-        scale = 1.0 + math.sqrt(2.0) * warped + warped * warped
-        self._b0 = warped * warped / scale
-        self._b1 = 2.0 * self._b0
-        self._a1 = 2.0 * (warped * warped - 1.0) / scale
-        self._a2 = (1.0 - math.sqrt(2.0) * warped + warped * warped) / scale
+        if math.tau * cutoff != self._w or dt != self._dt:
+            self._w, self._dt = math.tau * cutoff, dt
+            decay = self._w * dt / math.sqrt(2.0)
+            self._fade, self._wave = math.exp(-decay), (math.cos(decay), math.sin(decay))
+        climb = (value - self._input) / dt
+        late = math.sqrt(2.0) * climb / self._w
+        pole = self._w / math.sqrt(2.0)
+        error, change = self.output - (self._input - late), self.slope - climb
+        c, s = self._wave
+        self.output = value - late + self._fade * (error * c + (change / pole + error) * s)
+        self.slope = climb + self._fade * (change * c - (change + 2.0 * pole * error) * s)
+        self._input = value
+        return self.output

@@ -85,6 +85,25 @@ def test_the_gyro_filter_passes_half_the_power_at_its_cutoff():
     assert size == pytest.approx(math.sqrt(0.5), abs=0.02)
 
 
+@pytest.mark.parametrize("cutoff", [4.0, 20.0, 60.0])
+@pytest.mark.parametrize("dt", [0.02, 0.0025])
+def test_the_gyro_filter_is_as_late_as_the_autopilots_whatever_the_loop_rate(cutoff, dt):
+    low_pass = TwoPoleLowPass()
+    for k in range(round(1.0 / dt) + 1):
+        out = low_pass.apply(3.0 * k * dt, cutoff, dt)
+    assert 1.0 - out / 3.0 == pytest.approx(math.sqrt(2.0) / (math.tau * cutoff), rel=1e-6)
+
+
+def test_the_gyro_filter_is_the_same_filter_at_every_loop_rate():
+    slow, fast = TwoPoleLowPass(), TwoPoleLowPass()
+    for k in range(50):
+        wanted = slow.apply(float(k > 10), 20.0, 0.02)
+        for j in range(20 if k else 1):
+            share = (j + 1) / 20.0
+            out = fast.apply(share if k == 11 else float(k > 10), 20.0, 0.001)
+        assert out == pytest.approx(wanted, abs=1e-9)
+
+
 def test_the_gyro_filter_starts_where_it_is_and_can_be_off():
     low_pass = TwoPoleLowPass()
     assert low_pass.apply(3.0, 4.0, DT) == pytest.approx(3.0)
