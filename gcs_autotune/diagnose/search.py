@@ -200,7 +200,11 @@ class Search:
                 other = self.problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
                 best = other if other is not None and other.cost < best.cost else best
         fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
-        return fit if fit is not None and fit.cost <= best.cost else best
+        best = fit if fit is not None and fit.cost <= best.cost else best
+        if any(BOOK[e.slug].overrides("normal") for e in best.effects):
+            again = self.problem.fit(best.theta, best.effects, best.initial, trials=1, shift=best.shift)
+            best = again if again is not None and again.cost < best.cost else best
+        return best
 
     def judged(
         self,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.history import memories
 from gcs_autotune.diagnose.ringing import rings
+from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Leftover, columns_of
 from gcs_autotune.effects.extended import ExtendedSimulator
 from gcs_autotune.errors import BadFile
@@ -107,7 +108,7 @@ def _portmanteaus(fitted: Fitted, lags_aboard: Mapping[str, float]) -> Iterator[
                 first.append(float(rho[memory]))
             yield Test(words, name, float(chi_square.exceeded_by_chance(total, freedom)), float(np.mean(first)))
         yield _drift(series, name, memory)
-        yield _tails(series, name)
+        yield _tails(_normal(fitted, name), name)
         yield _line(series, name)
 
 
@@ -127,6 +128,20 @@ def _drift(series: list[Array], name: str, memory: int) -> Test:
         total += sum(len(p) * float(p.mean()) ** 2 for p in parts) / float(np.mean(s**2) or 1.0) / wider
         freedom += count
     return Test("slow drift", name, float(chi_square.exceeded_by_chance(total, freedom)), total / freedom)
+
+
+def _normal(fitted: Fitted, name: str) -> list[Array]:
+    """Return what is left of a signal, on the scale of the noise behind it where rounding hides that."""
+    mine = [e for e in fitted.effects if BOOK[e.slug].overrides("normal") and name in columns_of(e.place)]
+    if not mine:
+        return _series(fitted, name)
+    found, level = [], fitted.levels[name]
+    for r in fitted.rests:
+        if r.signal == name:
+            left = Leftover("", name, r.t, r.measured - r.predicted, r.measured, level)
+            noise = BOOK[mine[0].slug].normal(mine[0], left)
+            found.append(noise[np.isfinite(noise)])
+    return found
 
 
 def _tails(series: list[Array], name: str) -> Test:

@@ -282,6 +282,10 @@ class Effect:
         """
         return left.error, columns, 0.0
 
+    def normal(self, own: Applied, left: Leftover) -> Array:
+        """Return the noise (n,) behind an error whose law this changes, on any scale, to test its tails."""
+        raise NotImplementedError
+
     def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
         """Return standard errors of the values :meth:`learn` found; those of fitted ones come from the fit."""
         return {}

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, ndtri_exp
 
 from gcs_autotune.effects.effect import SIGNAL, Applied, Array, Curve, Effect, Family, Leftover, Quantity, Scene
 from gcs_autotune.effects.grid import TOLERANCE, grid_step
@@ -63,25 +63,38 @@ class Quantisation(Effect):
         error = np.concatenate([x.error for x in mine]) if step > 0.0 else np.zeros(0)
         if len(error) == 0 or step**2 / 12.0 < MATTERS * float(np.mean(error**2)):
             return own.with_values({"step": 0.0})
-        level = _level(error, step)
-        known = math.sqrt(float(np.mean(_noise(error, step, level)[0] ** 2)))
-        return replace(own.with_values({"step": step}), constants={"level": level, "known": known})
+        return replace(own.with_values({"step": step}), constants={"level": _level(error, step)})
 
     def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
         """Return the expected noise before rounding, at its own size.
 
-        It is stretched from the size of an expectation to that of the noise, and the columns shrunk likewise: so the
-        step of a fit and its standard errors are those of the interval likelihood.
+        It is stretched from the size it has as an expectation, here and now, to that of the noise, and the columns
+        shrunk likewise: so cost, step of a fit and standard errors are those of the interval likelihood, wherever the
+        level was learnt.
         """
         step, n = own["step"], len(left.error)
         if left.signal != own.place or step <= 0.0 or n == 0:
             return left.error, columns, 0.0
         level = own.constants["level"]
         noise, log_chance = _noise(left.error, step, level)
-        stretch = level / max(own.constants["known"], 1e-3 * level)
+        stretch = level / max(float(np.sqrt(np.mean(noise**2))), 1e-3 * level)
         gaussian = 1.0 + math.log(2.0 * math.pi) + 2.0 * math.log(level)
         penalty = float(np.sum(2.0 * math.log(step) - 2.0 * log_chance - gaussian - VISIBLE))
         return stretch * noise, columns / stretch, penalty
+
+    def normal(self, own: Applied, left: Leftover) -> Array:
+        """Return noise drawn from within each reading's interval, on the scale of a standard normal (Dunn, Smyth 1996).
+
+        What is expected there is mostly nothing, sometimes much: heavy tails by construction. A draw has none.
+        """
+        step, level = own["step"], own.constants.get("level", 0.0)
+        if left.signal != own.place or step <= 0.0 or level <= 0.0:
+            return left.error
+        side = np.where(left.error > 0.0, -1.0, 1.0)
+        low, high = ((side * left.error + way * 0.5 * step) / level for way in (-1.0, 1.0))
+        chance = np.random.default_rng(len(left.error)).uniform(size=len(left.error))
+        below, upper = log_ndtr(low), log_ndtr(high)
+        return side * ndtri_exp(upper + np.log1p((chance - 1.0) * -np.expm1(np.minimum(below - upper, 0.0))))
 
     def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
         """How exactly a grid is read off."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import kurtosis, multivariate_normal, norm
 
 from gcs_autotune.effects import BOOK, Applied, Scene
 from gcs_autotune.effects.earlier import earlier
@@ -195,6 +195,37 @@ def test_the_interval_likelihood_is_the_one_of_the_cells() -> None:
     # Over the density's unit, less the constant, less one bit per reading that lies on the grid.
     wanted = -2.0 * np.sum(np.log(cells / step)) - 500 * (1.0 + math.log(2.0 * math.pi)) - 1000 * math.log(2.0)
     assert cost_of("quantisation", own, [rest])[0] == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_worse_prediction_costs_more_wherever_the_noise_was_learnt() -> None:
+    rng = np.random.default_rng(6)
+    predicted = 2.0 * np.sin(0.05 * np.arange(900))
+    read = np.round((predicted + 0.004 * rng.standard_normal(900)) / 0.035) * 0.035
+    good = left(read - predicted, predicted=predicted)
+    bad = left(read - 1.02 * predicted, predicted=1.02 * predicted)
+    costs = {}
+    for name, taught in (("good", good), ("bad", bad)):
+        own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [taught])
+        costs[name] = [cost_of("quantisation", own, [x])[0] for x in (good, bad)]
+        assert costs[name][0] < costs[name][1] - 100.0
+    # Each prediction is likeliest with the noise it was taught by.
+    assert costs["good"][0] < costs["bad"][0] and costs["bad"][1] < costs["good"][1]
+
+
+@pytest.mark.parametrize("ratio", [3.0, 9.0])
+def test_the_noise_drawn_from_behind_coarse_rounding_is_normal(ratio: float) -> None:
+    rng = np.random.default_rng(7)
+    predicted = 2.0 * np.sin(0.05 * np.arange(4000))
+    step = 0.004 * ratio
+    read = np.round((predicted + 0.004 * rng.standard_normal(4000)) / step) * step
+    rest = left(read - predicted, predicted=predicted)
+    own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    judged = BOOK["quantisation"].judge(own, rest, np.zeros((4000, 1)))[0]
+    drawn = BOOK["quantisation"].normal(own, rest)
+    assert kurtosis(judged) > 2.0 or ratio < 5.0
+    assert abs(kurtosis(drawn)) < 0.25
+    assert np.std(drawn) == pytest.approx(1.0, abs=0.05)
+    assert np.all(np.abs(drawn * own.constants["level"] - rest.error) <= 0.5 * step * (1.0 + 1e-6))
 
 
 @pytest.mark.parametrize("step", [1e-9, 0.002])
