@@ -17,7 +17,7 @@ from gcs_autotune.effects.effect import Leftover
 from gcs_autotune.effects.extended import ExtendedSimulator, Passage
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
-__all__ = ["Bend", "bent_by", "memories"]
+__all__ = ["Bend", "bent_by", "dense", "memories"]
 
 Array = NDArray[np.float64]
 Bend = Callable[[Array, Array], Array]
@@ -50,7 +50,7 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
     simulator = ExtendedSimulator(fitted.form, fitted.effects)
     rows, at = [], 0
     for i, stretch in enumerate(problem.stretches):
-        passage = _dense(stretch.late(fitted.shift))
+        passage = dense(stretch.late(fitted.shift))
         told = passage.commands[channel]
         ways = [told, *(told + STEP * bend(passage.t_in, told) for bend in bends)]
         flown = [replace(passage, commands={**passage.commands, channel: way}) for way in ways]
@@ -68,7 +68,7 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
     return np.vstack(rows)
 
 
-def _dense(passage: Passage) -> Passage:
+def dense(passage: Passage) -> Passage:
     """Return the passage with its inputs told at every sample, not only where they change: a bend changes all along."""
     t = np.union1d(passage.t_in, passage.stamps)
     at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)

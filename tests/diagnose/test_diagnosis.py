@@ -7,38 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UnknownName, UsageError
-from gcs_autotune.trial import Channel, Trial
-from sitl.effects.table import make_effect
-from sitl.tank import Hull, tow
-
-HULL = Hull(("yaw",), {"yaw": 2.0}, {"yaw": 1.0})
-UNITS = {"psi": "rad", "r": "rad/s", "N": "N m"}
-
-
-def towed(*effects, runs=2, samples=300, noise=0.005, seed=1):
-    """Runs of random steps with effects hidden: ``(slug, place, values)``."""
-    rng = np.random.default_rng(seed)
-    found = []
-    for k in range(runs):
-        steps = np.repeat(rng.uniform(-1.0, 1.0, samples // 25 + 1), 25)[:samples]
-        columns = tow(
-            HULL,
-            {"N": steps},
-            duration=samples * 0.1,
-            interval=0.1,
-            measured=("psi", "r"),
-            effects=[make_effect(*e) for e in effects],
-            noise={"psi": noise, "r": noise},
-            seed=10 * seed + k,
-        )
-        t = columns.pop("t")
-        found.append(Trial(f"run{k}", {n: Channel(n, UNITS[n], t, v) for n, v in columns.items()}))
-    return found
+from gcs_autotune.trial import Channel
 
 
 def test_nothing_is_found_where_nothing_is_hidden():

@@ -1,0 +1,104 @@
+"""A name is confident only when laws that are in no book do no better: cubes, ringing, and runs kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import MutableMapping
+
+import numpy as np
+import pytest
+from runs_in_the_tank import towed
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.nameless import outdone_by
+from gcs_autotune.diagnose.ringing import rings
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from sitl.body import Loads
+from sitl.effects import Effect, Parameter, Setting
+
+
+class CubicDrag(Effect):
+    """Drag with the cube of the yaw rate."""
+
+    slug = "cube-of-the-rate"
+    meaning = "test only"
+    parameters = (Parameter("coefficient", "N m s^3"),)
+
+    def begin(self, setting: Setting) -> None:
+        self.motion = setting.motion
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        loads.N -= self["coefficient"] * self.motion.r**3
+
+
+class Ringing(Effect):
+    """An actuator on a spring: what it does follows its command as a mass swings after its hook."""
+
+    slug = "spring-behind-the-command"
+    meaning = "test only"
+    parameters = (Parameter("frequency", "rad/s"), Parameter("damping", "1"))
+
+    def begin(self, setting: Setting) -> None:
+        self.at = self.rate = 0.0
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        omega, zeta, told = self["frequency"], self["damping"], inputs["N"]
+        steps = max(1, int(np.ceil(omega * dt / 0.05)))
+        for _ in range(steps):
+            self.rate += dt / steps * (omega**2 * (told - self.at) - 2.0 * zeta * omega * self.rate)
+            self.at += dt / steps * self.rate
+        inputs["N"] = self.at
+
+
+def fitted(runs, slug, values):
+    """The runs with one effect fitted to them, right or wrong."""
+    form = plain_form(runs, None)
+    problem, base = fit_base(form, stretches_of(runs, form)[0])
+    entry, place = BOOK[slug], "yaw"
+    own = Applied(slug, place, values, entry.constants(place, problem.scene))
+    found = problem.fit(base.theta, (own,), base.initial, shift=base.shift)
+    assert found is not None
+    return problem, found
+
+
+def test_a_square_of_the_rate_holds_its_ground_against_a_cube_and_a_cube_is_seen_through():
+    begin = {"coefficient": 1.0}
+    assert not outdone_by(*fitted(towed(("quadratic-drag", "yaw", {"coefficient": 1.5})), "quadratic-drag", begin))
+    assert outdone_by(*fitted(towed(CubicDrag(coefficient=2.0)), "quadratic-drag", begin))
+
+
+def test_a_wave_holds_its_ground_against_ringing_and_ringing_after_every_command_is_seen_through():
+    begin = {"amplitude": 0.1, "frequency": 1.9, "bandwidth": 0.05}
+    wave = ("wave-disturbance", "yaw", {"amplitude": 0.15, "frequency": 1.9, "bandwidth": 0.05})
+    (_, likely), *none = rings(*fitted(towed(wave), "wave-disturbance", begin))
+    assert not none and likely > 0.05
+    (_, likely), *none = rings(*fitted(towed(Ringing(frequency=1.9, damping=0.04)), "wave-disturbance", begin))
+    assert not none and likely < 1e-6
+
+
+def test_ringing_that_filters_could_follow_gets_no_confident_name():
+    told = diagnose(towed(Ringing(frequency=1.9, damping=0.08)), effects=("wave-disturbance",))
+    assert [c.applied.slug for c in told.causes] == ["wave-disturbance"]
+    assert told.verdict == "partly-explained"
+
+
+def test_a_cause_that_only_the_runs_kept_apart_show_is_found_in_all_together():
+    hidden = ("saturation", "N", {"limit": 0.55})
+    small, large = towed(hidden, full=0.5, seed=2), towed(hidden, seed=3)
+    asked = ("saturation", "rate-limit", "quadratic-actuator", "quadratic-drag")
+    assert diagnose(small, effects=asked).verdict == "no-effect"
+    told = diagnose(small, unseen=large, effects=asked)
+    assert [c.applied.slug for c in told.causes] == ["saturation"]
+    assert told.causes[0].parameters["limit"].value == pytest.approx(0.55, abs=0.02)
+    assert "validation-was-needed" in [d.slug for d in told.doubts]
+
+
+def test_readings_rounded_far_beyond_their_noise_leave_no_heavy_tails():
+    rounded = ("quantisation", "psi", {"step": 0.035})
+    biased = ("input-bias", "yaw", {"bias": 0.1})
+    asked = ("quantisation", "input-bias", "tether-pull", "wind-moment", "outliers")
+    told = diagnose(towed(rounded, biased, noise=0.004), effects=asked)
+    assert told.verdict == "effect-found"
+    assert {c.applied.slug for c in told.causes} == {"quantisation", "input-bias"}
