@@ -5,8 +5,8 @@ Run: ``python3 -m benchmarks.flown_effects [--only videoray,asymmetric-thrust] [
 Every case is flown as a user would (``gcs-autotune experiment --connect 'sitl:NAME?effect=...'``, lock-step), twice
 with two relay experiments each of different size, and the run directories are given to ``gcs-autotune diagnose`` with
 the plain base model: uncoupled, linear drag. The hulls have effects of their own (see ``sitl/vehicles``: quadratic
-drag, a constant force; a compass of two degrees, climb rates in whole centimetres per second, the autopilot's gyro
-filter), which are to be named as well. So a case counts as found when the hidden effect is among the causes, and clean
+drag, a constant force; a compass of two degrees, climb rates in whole centimetres per second), which are to be named
+as well. So a case counts as found when the hidden effect is among the causes, and clean
 when nothing is that neither was hidden nor is the hull's own. "alike" are causes the tool says these runs cannot tell
 apart.
 """
@@ -30,10 +30,10 @@ SECOND_OUTPUT = "0.45"
 """Relay output of the second flight; the first finds its own, 0.3 on these craft."""
 
 OWN: Mapping[tuple[str, str], tuple[str, ...]] = {
-    ("charlie", "heading"): ("input-bias", "measurement-delay"),
-    ("videoray", "heading"): ("quadratic-drag", "input-bias", "quantisation", "measurement-delay"),
-    ("automarine", "heading"): ("quadratic-drag", "input-bias", "measurement-delay"),
-    ("falcon", "heading"): ("quadratic-drag", "measurement-delay"),
+    ("charlie", "heading"): ("input-bias",),
+    ("videoray", "heading"): ("quadratic-drag", "input-bias", "quantisation"),
+    ("automarine", "heading"): ("quadratic-drag", "input-bias"),
+    ("falcon", "heading"): ("quadratic-drag",),
     ("falcon", "depth"): ("net-buoyancy", "quadratic-drag", "quantisation"),
     ("videoray", "depth"): ("net-buoyancy", "quantisation"),
 }
