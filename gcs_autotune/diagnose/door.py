@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
-from gcs_autotune.diagnose.pieces import holds_over, horizon_for
+from gcs_autotune.diagnose.pieces import FAR, foretells, holds_over, horizon_for
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.search import Search, begin_search
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
@@ -32,9 +33,6 @@ __all__ = ["METRIC", "diagnose"]
 Array = NDArray[np.float64]
 
 Progress = Callable[[str, int, int], None]
-
-FAR = 1.5
-"""Error of a run kept apart, over the noise of those fitted, beyond which a model does not hold for it."""
 
 
 def diagnose(
@@ -65,7 +63,8 @@ def diagnose(
     effects : slugs to try; the whole book when None.
     progress : called with a stage, how much of it is done, and how much there is.
     horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
-        whole runs, and pieces where nothing pays over whole runs but much is left.
+        whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
+        hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
 
     Raises
@@ -118,7 +117,8 @@ def diagnose(
             search, words = both, other
             doubts.append(_needed_all())
     doubts = [*early, *doubts, *parameters_off(search)]
-    return told_of(search, words, doubts, together, others, time.perf_counter() - begun, sure=shorter is None)
+    sure = shorter is None and (horizon is None or math.isinf(horizon) or foretells(search, whole))
+    return told_of(search, words, doubts, together, others, time.perf_counter() - begun, sure=sure)
 
 
 def _contradicted(search: Search) -> bool:

@@ -17,10 +17,13 @@ from gcs_autotune.diagnose.search import Search
 from gcs_autotune.identify.extended.fitting import Fitted
 from gcs_autotune.identify.extended.stretches import Stretch
 
-__all__ = ["holds_over", "horizon_for"]
+__all__ = ["FAR", "foretells", "holds_over", "horizon_for"]
 
 PACES = 30.0
 """Chosen: a piece lasts so many of the base model's slowest time constants; all it can show settles many times over."""
+
+FAR = 1.5
+"""Error of runs a model was not fitted to, over the noise of those it was, beyond which it does not hold for them."""
 
 FEWEST = 2
 """Fewest pieces of the longest run worth a second look."""
@@ -41,6 +44,12 @@ def holds_over(search: Search, whole: Sequence[Stretch]) -> bool:
         return True
     logs = [math.log(max(after[n], 1e-300) / before[n]) for n in before if before[n] > 0.0]
     return bool(logs) and float(np.mean(logs)) < 0.0
+
+
+def foretells(search: Search, whole: Sequence[Stretch]) -> bool:
+    """Whether the model found in pieces leaves no more than :data:`FAR` times their noise over *whole* runs as well."""
+    errors = _error(search, search.fitted, whole)
+    return errors is not None and all(errors[n] <= FAR * level for n, level in search.fitted.levels.items())
 
 
 def _error(search: Search, fitted: Fitted, whole: Sequence[Stretch]) -> dict[str, float] | None:

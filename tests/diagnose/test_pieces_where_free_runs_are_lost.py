@@ -63,3 +63,11 @@ def test_calm_runs_are_not_cut() -> None:
     assert all(d.slug != "short-horizon" for d in diagnosis.doubts)
     assert diagnosis.gain is not None
     assert "pieces" not in diagnosis.gain.held_out
+
+
+def test_pieces_asked_for_make_a_name_sure_only_where_whole_runs_are_foretold_as_well() -> None:
+    calm = diagnose([sailed(seed, 0.0, 0.15) for seed in (2, 3)], effects=("dead-zone",), horizon=30.0)
+    assert (calm.verdict, [c.applied.slug for c in calm.causes]) == ("effect-found", ["dead-zone"])
+    gusty = diagnose([sailed(seed, 0.0003, 0.15) for seed in (2, 3)], effects=("dead-zone",), horizon=3.0)
+    assert [c.applied.slug for c in gusty.causes] == ["dead-zone"]
+    assert gusty.verdict == "partly-explained"
