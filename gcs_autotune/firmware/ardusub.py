@@ -119,5 +119,5 @@ FIRMWARE = Firmware(
     mixing=_FRAMES,
     motor_span=400.0,
     rc_map={"Z": "RCMAP_THROTTLE", "N": "RCMAP_YAW", "X": "RCMAP_FORWARD", "Y": "RCMAP_LATERAL"},
-    idle=("RCMAP_PITCH", "RCMAP_ROLL"),
+    idle={"RCMAP_PITCH": 1, "RCMAP_ROLL": 2},
 )

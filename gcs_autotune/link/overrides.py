@@ -89,7 +89,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
         Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
     """
     told = parameters.read_existing(
-        ["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *(name for name in firmware.idle)]
+        ["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle]
     )
     _check_expiry(told.get("RC_OVERRIDE_TIME"))
     if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
@@ -98,7 +98,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
             f"Set it to {int(told['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
         )
     numbers = {force: _channel(told, firmware, force) for force in firmware.channels}
-    idle = [int(told[name]) for name in firmware.idle if name in told]
+    idle = [int(told.get(name, number)) for name, number in firmware.idle.items()]
     fields = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
     names = {n: [f"RC{n}_{field}" for field in fields] for n in numbers.values()}
     trims = {n: f"RC{n}_TRIM" for n in idle if n not in names and 1 <= n <= _CHANNELS}

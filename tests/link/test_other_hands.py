@@ -272,6 +272,16 @@ def test_a_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> 
     assert rov.rc[1] == 1500
 
 
+def test_a_rovs_pitch_and_roll_sticks_are_held_neutral_where_channels_cannot_be_moved(rov: ScriptedVehicle) -> None:
+    """ArduSub 4.5 and 4.6 have no RCMAP_*: pitch is channel 1, roll channel 2."""
+    for name in [n for n in rov.parameters if n.startswith("RCMAP_")]:
+        del rov.parameters[name]
+    rov.receiver, rov.rc[1], rov.rc[2] = None, 1600, 1650
+    craft = board(rov)
+    craft.arm()
+    assert (rov.rc[1], rov.rc[2]) == (1500, 1500)
+
+
 def test_a_release_that_does_not_take_is_said(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     flying.neutral()
     built_in = boat._on_rc_channels_override
