@@ -68,6 +68,7 @@ _DEPTH = Axis(
         "PILOT_SPEED_DN",
         "PILOT_ACCEL_Z",
         "SCHED_LOOP_RATE",
+        "SURFACE_MAX_THR",
     ),
 )
 

@@ -88,9 +88,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     PreconditionFailed
         Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
     """
-    told = parameters.read_existing(
-        ["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle]
-    )
+    told = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
     _check_expiry(told.get("RC_OVERRIDE_TIME"))
     if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
         raise PreconditionFailed(
