@@ -105,6 +105,8 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     for force, number in numbers.items():
         low, trim, high, dead_zone, is_reversed = (values[name] for name in names[number])
         dead_zone = dead_zone if firmware.manual_dead_zone else 0.0
+        if force in firmware.from_one_end and not told.keys() & set(firmware.rc_map.values()):
+            trim = _middle(number, low, trim, high, is_reversed != 0.0)
         if not low + dead_zone < trim < high - dead_zone:
             raise PreconditionFailed(
                 f"RC{number}_MIN {low:g}, TRIM {trim:g}, MAX {high:g}, DZ {dead_zone:g} leave no room on both "
@@ -113,6 +115,18 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
         sign = firmware.channel_signs[force] * (-1.0 if is_reversed else 1.0)
         channels[force] = (number, RcChannel(low, trim, high, dead_zone, sign))
     return OverrideMap(channels, {n: round(values[name]) for n, name in trims.items()})
+
+
+def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool) -> float:
+    """Return the neutral PWM [us] of a stick that counts from its trim, at its low end, to its high end."""
+    if trim != low or is_reversed:
+        turned = f", RC{number}_REVERSED 0" if is_reversed else ""
+        raise PreconditionFailed(
+            f"RC{number}_TRIM is {trim:g}: this firmware counts the throttle stick from there to RC{number}_MAX "
+            f"({high:g}), so that neutral is not the middle of its travel. "
+            f"Set RC{number}_TRIM {low:g}{turned} and try again"
+        )
+    return 0.5 * (low + high)
 
 
 def _channel(told: Mapping[str, float], firmware: Firmware, force: str) -> int:

@@ -100,8 +100,11 @@ _LATER_ON = {
 """Firmware -> parameters that 4.5 and 4.6 do not have yet (from the list of a running 4.6.3)."""
 
 _BEFORE_THOSE = frozenset({"4.5", "4.6"})
-_BUILT_IN = {"ATC_STR_DEC_MAX": 0.0, "RC_FS_TIMEOUT": 0.5, "SURFACE_MAX_THR": 1.0}
-"""What they do instead: sticks are missed after 0.5 s, thrust is not limited at the surface."""
+_BUILT_IN = {"ATC_STR_DEC_MAX": 0.0, "RC_FS_TIMEOUT": 0.5, "SURFACE_MAX_THR": 1.0, "RCMAP_THROTTLE": 0.0}
+"""What they do instead: sticks are missed after 0.5 s, thrust is not limited at the surface, the throttle stick counts
+from its trim (0: see ``Sub``)."""
+_EARLIER_RC3_TRIM = 1100.0
+"""ArduSub's default before 4.7 (then 1500)."""
 
 _ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
 """Generations that answer PARAM_ERROR where the others keep silent (seen in December 2025)."""
@@ -122,8 +125,10 @@ class Spoken:
         self.answers_errors = generation in _ANSWER_ERRORS
         words = GENERATIONS[generation]
         later = set(_LATER_ON.get(firmware, "").split()) if generation in _BEFORE_THOSE else set()
-        for name in later & _BUILT_IN.keys():
-            store.preset(name, _BUILT_IN[name])
+        for old in later & _BUILT_IN.keys():
+            store.preset(old, _BUILT_IN[old])
+        if firmware == "sub" and later:
+            store.preset("RC3_TRIM", _EARLIER_RC3_TRIM)
         inside = [name for i in range(len(store)) if (name := store.name_at(i)) is not None and name not in later]
         self._inside = {words[n].name if n in words else n: n for n in inside}
         self._words = {words[n].name: words[n] for n in inside if n in words}

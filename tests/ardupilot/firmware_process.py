@@ -78,7 +78,6 @@ KINDS = {
             "COMPASS_OFS3_Y": 13,
             "COMPASS_OFS3_Z": -18,
             "PILOT_SPEED_UP": 200,
-            "RC3_TRIM": 1500,
             "RC_OPTIONS": 0,
             "RC_PROTOCOLS": 1,
         },
