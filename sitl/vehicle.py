@@ -52,7 +52,7 @@ class Vehicle:
         self.parameters = ParameterStore(definitions)
         for name, value in data.parameters.items():
             self.parameters.preset(name, value)
-        self.spoken = Spoken(self.parameters, names)
+        self.spoken = Spoken(self.parameters, names, data.firmware)
         for name, value in (parameters or {}).items():
             self.spoken.preset(name, value)
         self.battery = Battery()

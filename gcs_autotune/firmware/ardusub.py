@@ -1,5 +1,6 @@
 """ArduSub 4.x (MAV_TYPE 12).
 
+Before 4.7 (which brought RCMAP_*) its throttle stick counts from RC3_TRIM, 1100 us, to RC3_MAX, neutral half-way.
 Parameter names and documented ranges: ArduPilot's parameter metadata for Sub 4.5-4.6; later names and their ranges:
 ``aliases``.
 ``ATC_RAT_YAW_FF`` is left out on purpose: Sub reads it and never uses it. Motor factors per frame:
@@ -68,6 +69,7 @@ _DEPTH = Axis(
         "PILOT_SPEED_DN",
         "PILOT_ACCEL_Z",
         "SCHED_LOOP_RATE",
+        "SURFACE_MAX_THR",
     ),
 )
 
@@ -119,5 +121,6 @@ FIRMWARE = Firmware(
     mixing=_FRAMES,
     motor_span=400.0,
     rc_map={"Z": "RCMAP_THROTTLE", "N": "RCMAP_YAW", "X": "RCMAP_FORWARD", "Y": "RCMAP_LATERAL"},
-    idle=("RCMAP_PITCH", "RCMAP_ROLL"),
+    idle={"RCMAP_PITCH": 1, "RCMAP_ROLL": 2},
+    from_one_end=("Z",),
 )

@@ -67,8 +67,10 @@ class Firmware:
     (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
     ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead, or, with two side
     thrusters, ``skid_functions`` (function number -> factor per force).
-    ``rc_map`` maps a force name to the parameter that moves its channel elsewhere (RCMAP_*), and ``idle`` names those
-    of sticks that ``manual_mode`` listens to although we drive nothing with them: they are kept at neutral.
+    ``rc_map`` maps a force name to the parameter that moves its channel elsewhere (RCMAP_*), and ``idle`` maps those
+    of sticks that ``manual_mode`` listens to although we drive nothing with them to their channels where there is no
+    such parameter: they are kept at neutral. ``from_one_end`` are the forces whose stick counts from RCn_TRIM, at
+    RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     """
 
@@ -92,7 +94,8 @@ class Firmware:
     motor_span: float = 500.0
     manual_dead_zone: bool = False
     rc_map: Mapping[str, str] = field(default_factory=dict)
-    idle: Sequence[str] = ()
+    idle: Mapping[str, int] = field(default_factory=dict)
+    from_one_end: Sequence[str] = ()
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""

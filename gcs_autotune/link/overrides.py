@@ -88,9 +88,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     PreconditionFailed
         Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
     """
-    told = parameters.read_existing(
-        ["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *(name for name in firmware.idle)]
-    )
+    told = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
     _check_expiry(told.get("RC_OVERRIDE_TIME"))
     if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
         raise PreconditionFailed(
@@ -98,7 +96,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
             f"Set it to {int(told['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
         )
     numbers = {force: _channel(told, firmware, force) for force in firmware.channels}
-    idle = [int(told[name]) for name in firmware.idle if name in told]
+    idle = [int(told.get(name, number)) for name, number in firmware.idle.items()]
     fields = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
     names = {n: [f"RC{n}_{field}" for field in fields] for n in numbers.values()}
     trims = {n: f"RC{n}_TRIM" for n in idle if n not in names and 1 <= n <= _CHANNELS}
@@ -107,6 +105,8 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     for force, number in numbers.items():
         low, trim, high, dead_zone, is_reversed = (values[name] for name in names[number])
         dead_zone = dead_zone if firmware.manual_dead_zone else 0.0
+        if force in firmware.from_one_end and not told.keys() & set(firmware.rc_map.values()):
+            trim = _middle(number, low, trim, high, is_reversed != 0.0)
         if not low + dead_zone < trim < high - dead_zone:
             raise PreconditionFailed(
                 f"RC{number}_MIN {low:g}, TRIM {trim:g}, MAX {high:g}, DZ {dead_zone:g} leave no room on both "
@@ -115,6 +115,18 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
         sign = firmware.channel_signs[force] * (-1.0 if is_reversed else 1.0)
         channels[force] = (number, RcChannel(low, trim, high, dead_zone, sign))
     return OverrideMap(channels, {n: round(values[name]) for n, name in trims.items()})
+
+
+def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool) -> float:
+    """Return the neutral PWM [us] of a stick that counts from its trim, at its low end, to its high end."""
+    if trim != low or is_reversed:
+        turned = f", RC{number}_REVERSED 0" if is_reversed else ""
+        raise PreconditionFailed(
+            f"RC{number}_TRIM is {trim:g}: this firmware counts the throttle stick from there to RC{number}_MAX "
+            f"({high:g}), so that neutral is not the middle of its travel. "
+            f"Set RC{number}_TRIM {low:g}{turned} and try again"
+        )
+    return 0.5 * (low + high)
 
 
 def _channel(told: Mapping[str, float], firmware: Firmware, force: str) -> int:

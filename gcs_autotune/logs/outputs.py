@@ -98,6 +98,8 @@ def _from_rc(tape: Tape, firmware: Firmware) -> dict[str, Channel]:
         trim = tape.parameters.get(f"RC{n}_TRIM", 1500.0)
         low = tape.parameters.get(f"RC{n}_MIN", trim - STICKS)
         high = tape.parameters.get(f"RC{n}_MAX", trim + STICKS)
+        if low == trim < high:  # ArduSub's throttle before 4.7
+            trim = 0.5 * (low + high)
         if not low < trim < high:
             trim, low, high = 1500.0, 1500.0 - STICKS, 1500.0 + STICKS
         span = np.where(pwm >= trim, high - trim, trim - low)

@@ -44,7 +44,6 @@ _ROV: Mapping[str, float] = {
     "BARO_EXT_BUS": 1,
     "BARO_SPEC_GRAV": 1.024,
     "SIM_BARO_RND": 0.02,
-    "RC3_TRIM": 1500,
     "BTN0_FUNCTION": 0,
     "BTN11_FUNCTION": 42,
     "BTN12_FUNCTION": 43,

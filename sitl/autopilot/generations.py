@@ -90,6 +90,22 @@ GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
 }
 """Name -> what it calls differently than this autopilot does inside. ``PILOT_SPD_*`` are Copter's in 4.7.0."""
 
+_LATER = "MAV_OPTIONS MAV_TELEM_DELAY RC_FS_TIMEOUT"
+_LATER_ON = {
+    "rover": f"{_LATER} ARMING_NEED_LOC ATC_STR_DEC_MAX RCMAP_FORWARD RCMAP_LATERAL",
+    "sub": f"{_LATER} FLTMODE1 FLTMODE2 FLTMODE3 FLTMODE4 FLTMODE5 FLTMODE6 FS_THR_ENABLE FS_THR_VALUE PILOT_SPEED "
+    "PSC_VELZ_D_FF PSC_VELZ_FLTT PSC_VELZ_PDMX RC1_OPTION RC2_OPTION RC3_OPTION RC4_OPTION RC5_OPTION RC6_OPTION "
+    "RC7_OPTION RC8_OPTION RCMAP_FORWARD RCMAP_LATERAL RCMAP_PITCH RCMAP_ROLL RCMAP_THROTTLE RCMAP_YAW SURFACE_MAX_THR",
+}
+"""Firmware -> parameters that 4.5 and 4.6 do not have yet (from the list of a running 4.6.3)."""
+
+_BEFORE_THOSE = frozenset({"4.5", "4.6"})
+_BUILT_IN = {"ATC_STR_DEC_MAX": 0.0, "RC_FS_TIMEOUT": 0.5, "SURFACE_MAX_THR": 1.0, "RCMAP_THROTTLE": 0.0}
+"""What they do instead: sticks are missed after 0.5 s, thrust is not limited at the surface, the throttle stick counts
+from its trim (0: see ``Sub``)."""
+_EARLIER_RC3_TRIM = 1100.0
+"""ArduSub's default before 4.7 (then 1500)."""
+
 _ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
 """Generations that answer PARAM_ERROR where the others keep silent (seen in December 2025)."""
 
@@ -97,16 +113,23 @@ _ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
 class Spoken:
     """The parameters as a ground station sees them: other names and units in front of *store*.
 
+    What this generation of *firmware* ("rover", "sub") has no parameter for yet is hidden, and set to what it does.
+
     ``answers_errors``: whether this generation says so when it does not know a name or take a value.
     """
 
-    def __init__(self, store: ParameterStore, generation: str = "own") -> None:
+    def __init__(self, store: ParameterStore, generation: str = "own", firmware: str = "") -> None:
         if generation not in GENERATIONS:
             raise UnknownGeneration(f"no firmware names '{generation}'; there are {', '.join(GENERATIONS)}")
         self._store = store
         self.answers_errors = generation in _ANSWER_ERRORS
         words = GENERATIONS[generation]
-        inside = [name for i in range(len(store)) if (name := store.name_at(i)) is not None]
+        later = set(_LATER_ON.get(firmware, "").split()) if generation in _BEFORE_THOSE else set()
+        for old in later & _BUILT_IN.keys():
+            store.preset(old, _BUILT_IN[old])
+        if firmware == "sub" and later:
+            store.preset("RC3_TRIM", _EARLIER_RC3_TRIM)
+        inside = [name for i in range(len(store)) if (name := store.name_at(i)) is not None and name not in later]
         self._inside = {words[n].name if n in words else n: n for n in inside}
         self._words = {words[n].name: words[n] for n in inside if n in words}
         self._names = tuple(sorted(self._inside))

@@ -111,7 +111,12 @@ class Sub(Autopilot):
 
     def pass_throttle_stick(self) -> None:
         """Pass the throttle stick to the motors, past the depth loop."""
-        self.motors.set_throttle(0.5 * (1.0 + self.rc.fraction(_THROTTLE)), 0.0)
+        self.motors.set_throttle(0.5 * (1.0 + self._throttle_stick()), 0.0)
+
+    def _throttle_stick(self) -> float:
+        """Return the throttle stick as -1..1; before RCMAP_* (4.7) it counted from its trim, at its low end."""
+        stick = self.rc.fraction(_THROTTLE)
+        return stick if self.parameters["RCMAP_THROTTLE"] else 2.0 * stick - 1.0
 
     def steer(self) -> None:
         """Turn as the yaw stick says, else hold the heading once 250 ms have passed to come to rest."""
@@ -146,7 +151,7 @@ class Sub(Autopilot):
 
     def _climb_stick(self) -> float:
         """Return the wanted climb rate [cm/s, up], zero within THR_DZ (scaled by the gain)."""
-        stick = self.rc.fraction(_THROTTLE)
+        stick = self._throttle_stick()
         dead = self.parameters["THR_DZ"] * self.gain / 500.0
         if abs(stick) <= dead:
             return 0.0

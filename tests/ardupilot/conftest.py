@@ -12,6 +12,7 @@ from gcs_autotune.link import MemoryLink, Session, open_link
 from sitl import open_vehicle
 
 OURS = {"rover": "charlie", "sub": "falcon"}
+NAMES = ("4.6", "4.7-dev")
 WARM_UP = 40.0
 """Times real time, until the estimator has a position."""
 
@@ -64,9 +65,9 @@ def witness(request: pytest.FixtureRequest) -> Iterator[Witness]:
 
 
 def _both(kind: str) -> list[object]:
-    """Return our vehicle of that kind and ArduPilot's, as fixture parameters."""
+    """Return our vehicle of that kind, as two generations know it, and ArduPilot's, as fixture parameters."""
     return [
-        pytest.param((kind, "ours"), id=f"our-{kind}"),
+        *(pytest.param((kind, names), id=f"our-{kind}-{names}") for names in NAMES),
         pytest.param((kind, "ardupilot"), id=f"ardupilot-{kind}", marks=_MARKS),
     ]
 
@@ -92,8 +93,8 @@ def craft(request: pytest.FixtureRequest) -> Iterator[Deck]:
 def _deck(request: pytest.FixtureRequest) -> Iterator[Deck]:
     kind, whose = request.param
     options = getattr(request.node.get_closest_marker("boot"), "kwargs", {})
-    if whose == "ours":
-        ours = open_vehicle(OURS[kind], seed=1, names="4.7-dev", parameters={"SIM_RC_FAIL": 0, **options})
+    if whose in NAMES:
+        ours = open_vehicle(OURS[kind], seed=1, names=whose, parameters={"SIM_RC_FAIL": 0, **options})
         with Session(MemoryLink(ours, quantum=0.02)) as session:
             yield from _on_deck(session)
     elif options:

@@ -78,7 +78,6 @@ KINDS = {
             "COMPASS_OFS3_Y": 13,
             "COMPASS_OFS3_Z": -18,
             "PILOT_SPEED_UP": 200,
-            "RC3_TRIM": 1500,
             "RC_OPTIONS": 0,
             "RC_PROTOCOLS": 1,
         },
@@ -302,6 +301,17 @@ class Witness:
 
     def parameters(self, names: Sequence[str]) -> dict[str, float]:
         return {name: self.parameter(name) for name in names}
+
+    def name_of(self, *alternatives: str) -> str:
+        """Return the one of several names of a parameter that this vehicle has."""
+        for _ in range(20):
+            for name in alternatives:
+                self.send(mavlink.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
+            try:
+                return str(self.wait("PARAM_VALUE", lambda m: m.param_id in alternatives, 1.0).param_id)
+            except TimeoutError:
+                continue
+        raise TimeoutError(f"it has none of {', '.join(alternatives)}")
 
     def set_parameter(self, name: str, value: float) -> None:
         question = mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9)

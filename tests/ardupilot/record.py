@@ -1,5 +1,7 @@
 """Records what ``replayed.py`` plays back: ``PYTHONPATH=tests/ardupilot python -m record rover`` (or ``sub``).
 
+A recording of an older version gets a name of its own: ``python -m record sub sub-4.6``.
+
 One short session with an unmodified ArduPilot at its own pace: its whole parameter list, every sort of question and
 answer, and two relay experiments. Needs the environment of the tests marked ``ardupilot``.
 """
@@ -70,8 +72,9 @@ def relays(session: Session, kind: str) -> list[dict[str, float]]:
     return [{"from_t": t.meta["from_t"], "to_t": float(t["psi"].t[-1]), "C": t.meta["C"]} for t in kept]
 
 
-def main(kind: str) -> None:
-    """Record one vehicle."""
+def main(kind: str, name: str = "") -> None:
+    """Record one vehicle, as *name* if it is not simply called after its kind."""
+    name = name or kind
     binary = binary_of(KINDS[kind])
     assert binary is not None, f"{KINDS[kind].variable} is not set"
     with tempfile.TemporaryDirectory() as folder, ArduPilot(KINDS[kind], binary, speedup=1.0) as firmware:
@@ -85,10 +88,10 @@ def main(kind: str) -> None:
                 raise SystemExit(f"{kind}: {error}") from error
             version = session.vehicle.version if session.vehicle else ""
         HERE.mkdir(exist_ok=True)
-        with gzip.GzipFile(HERE / f"{kind}.tlog.gz", "wb", compresslevel=9, mtime=0) as packed:
+        with gzip.GzipFile(HERE / f"{name}.tlog.gz", "wb", compresslevel=9, mtime=0) as packed:
             packed.write(log.read_bytes())
-        (HERE / f"{kind}.json").write_text(json.dumps({"version": version, "relays": flown}, indent=1) + "\n")
+        (HERE / f"{name}.json").write_text(json.dumps({"version": version, "relays": flown}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

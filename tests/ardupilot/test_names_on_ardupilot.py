@@ -13,6 +13,8 @@ from gcs_autotune.link import Parameters, Session, open_link, same_float32
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(300)]
 WHOLE = ("CRUISE_THROTTLE",)
 """Parameters that ArduPilot keeps as whole numbers."""
+LATER = {"ATC_STR_DEC_MAX", "SURFACE_MAX_THR"}
+"""New in 4.7; the design does without, as the firmware before it did."""
 FIRMWARES = {"rover": "ardurover", "sub": "ardusub"}
 
 
@@ -32,7 +34,9 @@ def test_every_gain_and_setting_of_every_axis_is_found_under_some_name(aboard: t
     for axis in FIRMWARE[firmware].axes.values():
         wanted = [*(g.parameter for g in axis.gains), *axis.context]
         names, own = read_named(parameters, wanted)
-        assert [name for name in wanted if names.own(name) not in own] == []
+        missing = {name for name in wanted if names.own(name) not in own}
+        assert missing <= LATER
+        assert missing <= set(axis.context)
 
 
 def test_a_gain_is_written_in_the_vehicle_s_own_unit_and_put_back(aboard: tuple[str, Parameters]) -> None:

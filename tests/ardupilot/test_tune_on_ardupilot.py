@@ -7,7 +7,7 @@ import json
 import pytest
 from tuning import QUICK, assert_left_alone, command_line, gains_of, summary_of
 
-from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.firmware import ALIASES, FIRMWARE
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(600)]
 
@@ -15,15 +15,11 @@ MANUAL_ROVER, MANUAL_SUB = 0, 19
 ENDINGS = {"kept": 0, "unchanged": 0, "restored": 8}
 
 
-DEPTH = ("PSC_D_POS_P", "PSC_D_VEL_P", "PSC_D_VEL_I", "PSC_D_ACC_P", "PSC_D_ACC_I", "PSC_D_ACC_FF")
-"""What a build of December 2025 calls the gains of its depth loop."""
-
-
 def flown(firmware, witness, axis, tmp_path, mode, *options):
     """Tune, and check that the vehicle holds what the run says it left there; return the summary and the fit."""
     run = tmp_path / "run"
     known = FIRMWARE["ardurover" if mode == MANUAL_ROVER else "ardusub"].axes[axis]
-    names = DEPTH if axis == "depth" else gains_of(known)
+    names = [witness.name_of(name, *(a.name for a in ALIASES.get(name, ()))) for name in gains_of(known)]
     before = witness.parameters(names)
     done = command_line("tune", axis, "--connect", firmware.uri, "--yes", "--out", str(run), *QUICK, *options)
     assert (run / "summary.json").exists(), done.stderr

@@ -179,3 +179,10 @@ def test_the_step_of_the_videoray_in_heave_is_independent_of_the_loop_rate() -> 
         for rate in (400.0, 200.0)
     )
     assert np.interp(slow.t, fast.t, fast.position) == pytest.approx(slow.position, abs=0.02)
+
+
+def test_the_limit_near_the_surface_is_told_where_the_firmware_has_one() -> None:
+    """ALT_HOLD limits the thrust near the surface since 4.7."""
+    told = DEPTH.notes(VIDEORAY_HEAVE, {**SUB_DEPTH_DEFAULTS, "SURFACE_MAX_THR": 0.1}, None)
+    assert any("SURFACE_MAX_THR" in note for note in told)
+    assert not any("SURFACE_MAX_THR" in note for note in DEPTH.notes(VIDEORAY_HEAVE, SUB_DEPTH_DEFAULTS, None))

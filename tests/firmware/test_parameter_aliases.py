@@ -14,6 +14,8 @@ from sitl.autopilot.generations import GENERATIONS
 
 SUB = FIRMWARE["ardusub"]
 WANTED = {axis: [*(g.parameter for g in a.gains), *a.context] for axis, a in SUB.axes.items()}
+LATER = {"SURFACE_MAX_THR"}
+"""New in 4.7: what the loop does without it is built in before."""
 PAIRS = [(name, alias) for name, aliases in ALIASES.items() for alias in aliases]
 
 
@@ -57,8 +59,9 @@ def test_our_table_agrees_with_the_simulator_s_own() -> None:
 def test_every_gain_of_an_axis_is_found_under_the_name_of_its_generation(generation: str, axis: str) -> None:
     inside, parameters = aboard(generation, parameters={"MOT_THST_HOVER": 0.45})
     begun = parameters.session.clock.now()
-    names, own = read_named(parameters, WANTED[axis])
-    assert names.to_canonical(own) == pytest.approx({n: inside[n] for n in WANTED[axis]})
+    wanted = [n for n in WANTED[axis] if n not in LATER or generation not in ("4.5", "4.6")]
+    names, own = read_named(parameters, wanted)
+    assert names.to_canonical(own) == pytest.approx({n: inside[n] for n in wanted})
     assert parameters.session.clock.now() - begun < 1.0, "names it does not have must not be waited for"
     for name in (g.parameter for g in SUB.axes[axis].gains):
         parameters.write(names.own(name), names.own_value(name, 0.37))
@@ -87,3 +90,10 @@ def test_what_a_vehicle_has_under_no_name_is_left_out() -> None:
     names, own = read_named(parameters, ["PSC_POSZ_P", "NO_SUCH_THING"])
     assert set(own) == {"PSC_D_POS_P"}
     assert names.own("NO_SUCH_THING") == "NO_SUCH_THING"
+
+
+def test_what_came_with_4_7_is_unknown_to_4_6_and_asked_for_in_vain() -> None:
+    """The list of a running ArduSub of 4.6.3; its sticks cannot be moved to other channels."""
+    _, parameters = aboard("4.6")
+    later = ["RCMAP_PITCH", "RC_FS_TIMEOUT", "SURFACE_MAX_THR", "MAV_GCS_SYSID"]
+    assert parameters.read_existing([*later, "SYSID_MYGCS"]) == {"SYSID_MYGCS": 255.0}

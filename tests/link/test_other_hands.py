@@ -272,6 +272,43 @@ def test_a_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> 
     assert rov.rc[1] == 1500
 
 
+def make_older(rov: ScriptedVehicle) -> None:
+    """Make it an ArduSub 4.5 or 4.6: no RCMAP_*; the throttle stick counts from its trim at the low end."""
+    for name in [n for n in rov.parameters if n.startswith("RCMAP_")]:
+        del rov.parameters[name]
+    rov.parameters["RC3_TRIM"] = 1100
+
+
+def test_an_older_rovs_throttle_stick_is_neutral_in_the_middle_of_its_travel(rov: ScriptedVehicle) -> None:
+    make_older(rov)
+    rov._actuate = lambda: None  # type: ignore[method-assign]
+    craft = board(rov)
+    for down, pwm in ((0.5, 1300), (0.0, 1500), (-1.0, 1900)):
+        craft.send(Actuate(Z=down))
+        craft.observe()
+        assert rov.last("RC_CHANNELS_OVERRIDE").chan3_raw == pwm
+
+
+@pytest.mark.parametrize(("name", "value"), [("RC3_TRIM", 1500), ("RC3_REVERSED", 1)])
+def test_an_older_rov_whose_throttle_has_no_neutral_in_the_middle_is_refused(
+    rov: ScriptedVehicle, name: str, value: float
+) -> None:
+    """Such a one would dive at full thrust with the stick at 1500."""
+    make_older(rov)
+    rov.parameters[name] = value
+    with pytest.raises(PreconditionFailed, match="Set RC3_TRIM 1100"):
+        board(rov)
+
+
+def test_an_older_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
+    """Pitch is channel 1 there, roll channel 2."""
+    make_older(rov)
+    rov.receiver, rov.rc[1], rov.rc[2] = None, 1600, 1650
+    craft = board(rov)
+    craft.arm()
+    assert (rov.rc[1], rov.rc[2]) == (1500, 1500)
+
+
 def test_a_release_that_does_not_take_is_said(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     flying.neutral()
     built_in = boat._on_rc_channels_override

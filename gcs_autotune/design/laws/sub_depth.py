@@ -29,6 +29,8 @@ POS, VEL, VEL_I, ACC, ACC_I, ACC_FF = (
     "PSC_ACCZ_I",
     "PSC_ACCZ_FF",
 )
+SURFACE = "SURFACE_MAX_THR"
+"""New in 4.7; before, nothing limited the thrust there."""
 OUTPUT = 0.2
 """Output fraction per m/s^2 of the acceleration controller."""
 THROTTLE_CUTOFF = 2.0
@@ -164,7 +166,9 @@ class SubDepth(AboutRest):
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say what the gains do not cover."""
-        notes = ["near the surface ArduSub limits the upward thrust (SURFACE_MAX_THR); prove the gains below it"]
+        notes = []
+        if SURFACE in settings:
+            notes.append(f"near the surface ArduSub limits the upward thrust ({SURFACE}); prove the gains below it")
         if self._get(settings, "PSC_ACCZ_D") != 0.0:
             notes.append("PSC_ACCZ_D is not zero; the design leaves it alone and does not model it")
         return notes
