@@ -23,12 +23,14 @@ from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import Killed
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError, exit_code
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify.model_file import as_extended, load_model
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.models import SingleDof
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import TuneSettings, Unattended, restore_run, tune
 from gcs_autotune.workflow.restore import is_settled
+from sitl import open_vehicle
 
 __all__ = ["Outcome", "play"]
 
@@ -84,6 +86,7 @@ class _Stage:
         self.operator, self.ear = _Operator(), _Ear()
         self.snapshot: bytes | None = None
         self.was_killed = False
+        self.rebooted_unseen = False
         self._seed = seed
 
     @property
@@ -93,11 +96,15 @@ class _Stage:
     def connection(self, faults: tuple[Fault, ...]) -> Moored:
         acts: Mapping[str, Callable[[Fault], None]] = {
             "killed": self._killed,
-            "reboot": lambda f: self.berth.server.reboot_soon(),
+            "reboot": self._reboot,
             "disk-full": lambda f: _limit_files(0),
             "operator": self._stop,
         }
         return self.berth.connection(faults, seed=self._seed, acts=acts, patience=_PATIENCE)
+
+    def _reboot(self, fault: Fault) -> None:
+        self.rebooted_unseen |= not self.journal.exists()
+        self.berth.server.reboot_soon()
 
     def _stop(self, fault: Fault) -> None:
         self.operator.stopped = True
@@ -153,6 +160,7 @@ class _Play:
         if case.found_armed:
             autopilot.arm(force=True)
         self.berth.wait(5.0 if not case.found_armed else 0.1)
+        self.booted = open_vehicle(case.subject.vehicle, seed=case.index, parameters=parameters).vehicle.autopilot
         self.found = self.berth.condition()
         self.run_directory = folder / "run"
         self.berth.journal = self.run_directory / "journal.jsonl"
@@ -173,14 +181,13 @@ class _Play:
         outcome.writes = len(self.berth.writes)
         now = self.berth.condition()
         self._take_its_word(now, stage.ear.said)
+        if stage.rebooted_unseen:
+            self._look_again()
         differences = self._differences(now, proved)
         outcome.as_found_at_once = not differences
         journal = self.berth.journal
         is_begun = journal is not None and journal.exists()
         settled = not is_begun or is_settled(journal)
-        if not is_begun and any(f.kind == "reboot" for f in self.case.faults):
-            self.found = replace(self.found, mode=now.mode)  # it restarted before we had touched it: its own choice
-            differences = self._differences(now, proved)
         if differences and not stage.was_killed and not self._is_said(error):
             outcome.failures.append(
                 f"left {'; '.join(differences)}, and did not say so: {outcome.message or 'no error'}"
@@ -192,6 +199,19 @@ class _Play:
         left = self._differences(self.berth.condition(), proved)
         if left:
             outcome.failures.append(f"after restoring: {'; '.join(left)}")
+
+    def _look_again(self) -> None:
+        """It restarted before the tool had written down how it was found.
+
+        What there was to be found is then a vehicle disarmed in the mode it boots in, unless the journal has the mode
+        from before.
+        """
+        firmware = FIRMWARE["ardurover" if self.berth.server.vehicle.data.is_boat else "ardusub"]
+        path = self.berth.journal
+        told = events(path.read_text(encoding="utf-8")) if path is not None and path.exists() else []
+        was = next((e["mode"] for e in told if e["event"] == "opened"), "")
+        if was != firmware.mode_name(self.found.mode):
+            self.found = replace(self.found, mode=self.booted.mode.number, armed=False)
 
     def _take_its_word(self, now: Condition, said: Sequence[str]) -> None:
         """A craft found armed that disarmed itself stays so: arming is the operator's. But he must have been told."""

@@ -6,10 +6,17 @@ is full, something is lost, and it is not for chance to decide what.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["CHATTER", "Demand", "least", "plan"]
+from gcs_autotune.link.latency import least_period
+
+__all__ = ["CHATTER", "FASTER", "USUAL_SIZE", "Demand", "least", "plan", "shortfall"]
+
+FASTER = "Use a faster link (a higher baud rate, a better radio), or close what else uses this one"
+USUAL_SIZE = 40.0
+"""Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
 
 _SHARE = 0.8
 """Chosen: of what a full link was seen to carry; the rest is for commands, parameters and its bad moments."""
@@ -89,6 +96,22 @@ class Demand:
 def least(demands: Sequence[Demand]) -> float:
     """Return the bytes per second that the floors of *demands* take: with less room nothing can be flown."""
     return sum(d.floor * d.size for d in demands)
+
+
+def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str:
+    """Return the numbers of a link that carries *carried* [bytes/s] where *demands* need more; *about* before theirs.
+
+    What it carries is turned into the quickest oscillation it could show, every message thinned alike.
+    """
+    needed, wanted = least(demands), ", ".join(f"{d.name} {d.floor:.3g} Hz" for d in demands)
+    period = least_period(math.nan, next((d.floor for d in demands if d.name == "ATTITUDE"), 0.0))
+    said = f"it carries {carried:.0f} bytes/s, and an experiment needs at least {about}{needed:.0f} ({wanted})"
+    if not 0.0 < carried < needed or period <= 0.0:
+        return said
+    return (
+        f"{said} to show an oscillation of {period:.1f} s; what it carries would show none quicker than "
+        f"{period * needed / carried:.1f} s"
+    )
 
 
 def plan(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from gcs_autotune.errors import AutotuneError, ParameterMissing, WrongVehicle
+from gcs_autotune.errors import AutotuneError, NoReply, ParameterMissing, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for, read_servo_map
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.identity import VehicleIdentity, type_name
@@ -16,6 +16,7 @@ from gcs_autotune.link.rate_stick import read_rate_stick
 from gcs_autotune.link.rates import Rates
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.stamps import gyro_lag
+from gcs_autotune.link.unheard import see_that_answers_come
 from gcs_autotune.link.wiring import Wiring
 
 __all__ = ["NEEDED_RATES", "WANTED_RATES", "open_craft"]
@@ -65,23 +66,16 @@ def open_craft(
     PreconditionFailed, ParameterMissing
         It is wired or configured in a way that we cannot work with.
     TelemetryFault
-        Its telemetry is too slow.
+        Its telemetry is too slow, or the link so full already that its answers do not come through.
     """
     identity = session.vehicle or session.discover(timeout, system_id)
     firmware = _firmware(identity)
     parameters, commands = Parameters(session), Commands(session, firmware)
-    _adopt_gcs_id(session, parameters, firmware)
-    session.vehicle = _with_frame(session, parameters, firmware)
-    names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.kind == "boat" else [])]
-    told = parameters.read_existing(names)
-    wiring = Wiring(
-        read_override_map(parameters, firmware),
-        read_servo_map(parameters, firmware),
-        told.get(_FULL_SPEED, 0.0),
-        1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
-        gyro_lag(told.get(_GYRO_FILTER, 0.0)),
-        read_rate_stick(parameters, firmware),
-    )
+    try:
+        wiring = _wiring(session, parameters, firmware)
+    except (ParameterMissing, NoReply, PreconditionFailed) as error:
+        see_that_answers_come(session, wanted_rates, first_rates or {}, error)
+        raise
     rates = Rates(session, commands, first_rates)
     craft = MavlinkCraft(
         session,
@@ -104,6 +98,23 @@ def open_craft(
         rates.restore()
         raise
     return craft
+
+
+def _wiring(session: Session, parameters: Parameters, firmware: Firmware) -> Wiring:
+    """Ask the vehicle whom it obeys, what it is and how it is wired."""
+    assert session.vehicle is not None
+    _adopt_gcs_id(session, parameters, firmware)
+    session.vehicle = _with_frame(session, parameters, firmware)
+    names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.kind == "boat" else [])]
+    told = parameters.read_existing(names)
+    return Wiring(
+        read_override_map(parameters, firmware),
+        read_servo_map(parameters, firmware),
+        told.get(_FULL_SPEED, 0.0),
+        1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
+        gyro_lag(told.get(_GYRO_FILTER, 0.0)),
+        read_rate_stick(parameters, firmware),
+    )
 
 
 def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:

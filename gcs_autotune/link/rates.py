@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from gcs_autotune.errors import AutotuneError, CommandDenied, NoReply, TelemetryFault
-from gcs_autotune.link.bandwidth import CHATTER, Demand, least, plan
+from gcs_autotune.link.bandwidth import CHATTER, FASTER, USUAL_SIZE, Demand, least, plan, shortfall
 from gcs_autotune.link.commands import Commands
 from gcs_autotune.link.latency import Latency
 from gcs_autotune.link.queueing import await_empty, is_queueing
@@ -30,12 +30,9 @@ _SHORT = 0.8
 _ROUNDS = 3
 """Chosen: fittings before what is there has to do."""
 _OFF = -1
-_USUAL_SIZE = 40.0
-"""Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
 _ROUNDING = 1e-3
 _ASKED = 2
 """Chosen: times that a message is asked for by name before it is held not to exist aboard."""
-_FASTER = "Use a faster link (a higher baud rate, a better radio), or close what else uses this one"
 
 
 def message_number(name: str) -> int:
@@ -96,10 +93,10 @@ class Rates:
             except NoReply as error:
                 carried = self._session.traffic.total() - before_all
                 seconds = max(self._session.clock.now() - begun, 1e-3)
-                least_of_all = [Demand(n, hz, _USUAL_SIZE, self._first.get(n, 0.0)) for n, hz in wanted.items()]
+                least_of_all = [Demand(n, hz, USUAL_SIZE, self._first.get(n, 0.0)) for n, hz in wanted.items()]
                 raise TelemetryFault(
-                    f"the link is too slow: it carries {carried / seconds:.0f} bytes/s, where an experiment needs at "
-                    f"least about {least(least_of_all):.0f}, and with that {error}. {_FASTER}"
+                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. With that {error}. "
+                    f"{FASTER}"
                 ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
@@ -151,7 +148,7 @@ class Rates:
         if self._is_holding_back(measured, latency, begun):
             raise TelemetryFault(
                 f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with everything "
-                f"turned down to what an experiment needs. {_FASTER}"
+                f"turned down to what an experiment needs. {FASTER}"
             )
         return measured
 
@@ -181,16 +178,12 @@ class Rates:
         )
 
     def _ask_for_less(self, floors: Mapping[str, float]) -> None:
-        sizes = {n: self._sizes.get(n, _USUAL_SIZE) for n in self.granted}
+        sizes = {n: self._sizes.get(n, USUAL_SIZE) for n in self.granted}
         demands = [
             Demand(n, g.granted, sizes[n], floors.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
         ]
         if self.capacity < least(demands):
-            wanted = ", ".join(f"{d.name} {d.floor:g} Hz" for d in demands)
-            raise TelemetryFault(
-                f"the link is too slow: it carries {self.capacity:.0f} bytes/s, and an experiment needs at least "
-                f"{least(demands):.0f} ({wanted}). {_FASTER}"
-            )
+            raise TelemetryFault(f"the link is too slow: {shortfall(self.capacity, demands)}. {FASTER}")
         rates, hushed = plan(demands, self._chatter, self.capacity)
         told = []
         for name, rate in sorted(rates.items(), key=lambda item: -sizes[item[0]] * self.granted[item[0]].granted):
@@ -284,7 +277,7 @@ class Rates:
         ]
         if slow:
             room = f"; it carries {self.capacity:.0f} bytes/s" if math.isfinite(self.capacity) else ""
-            raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {_FASTER}")
+            raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {FASTER}")
 
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""

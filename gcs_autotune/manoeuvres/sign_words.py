@@ -93,7 +93,8 @@ def not_followed(stretch: Stretch, force: str, outlets: Sequence[Outlet]) -> str
         return f"{asked}, the other way round. Check RCn_REVERSED and what drives {who}"
     if stretch.obeyed < _NOTHING:
         return f"{asked}: {who} did not move. Another transmitter may be in command, or SERVOn_FUNCTION is wrong"
-    return f"{asked}: {who} is cut off on that side. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX"
+    cap = ", and MOT_THR_MAX" if force == "X" else ""
+    return f"{asked}: {who} is cut off on that side. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX{cap}"
 
 
 def at_its_stop(idle: float, force: str, outlets: Sequence[Outlet]) -> str:

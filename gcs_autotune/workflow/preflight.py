@@ -20,7 +20,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.sname import DOFS
 from gcs_autotune.workflow.settings import DEFAULTS
 
-__all__ = ["ANNOUNCED", "CHECKED", "STAGE", "remarks_on", "see_signs", "sign_check_for"]
+__all__ = ["ANNOUNCED", "CHECKED", "STAGE", "remarks_on", "see_signs", "see_throttle_is_free", "sign_check_for"]
 
 STAGE = "sign check"
 ANNOUNCED = {
@@ -45,6 +45,9 @@ TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
 that is dead turns a craft by more than the second."""
 _MANUAL_SCALES = 1
+_CAP = "MOT_THR_MAX"
+_ROUNDING = 0.005
+"""A throttle of so little more than the cap is the cap [fraction of full]."""
 
 
 def sign_check_for(
@@ -143,6 +146,27 @@ def see_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Fl
     flown = fly(check, STAGE)
     if flown.outcome.ending == "aborted":
         raise PreconditionFailed(f"{STAGE}: {flown.outcome.reason}")
+
+
+def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
+    """See that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
+
+    Capped at less it stands at its limit for most of every manoeuvre, and nothing is learnt from it.
+
+    Raises
+    ------
+    PreconditionFailed
+        It caps it; the message has the numbers and the cure.
+    """
+    if dof != "surge" or craft.firmware.kind != "boat":
+        return
+    cap = craft.parameters.read_existing([_CAP]).get(_CAP, 100.0) / 100.0
+    if 0.0 < cap < throttle - _ROUNDING:
+        raise PreconditionFailed(
+            f"{_CAP} is {100.0 * cap:.0f} %: the autopilot passes no more, and the throttle steps go up to "
+            f"{throttle:.0%}, saturated for most of their time. Give --throttle {cap:.2f}, or set {_CAP} to 100; "
+            "nothing was armed"
+        )
 
 
 def remarks_on(craft: MavlinkCraft) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -60,6 +61,35 @@ def trial() -> Trial:
     return swing(Hull())
 
 
+@pytest.fixture(scope="module")
+def swings() -> list[Trial]:
+    """One relay per seed. Some changes of output fall between messages 40 ms apart, others 20, as chance has it."""
+    return [swing(Hull(seed=seed)) for seed in range(1, 10)]
+
+
+def with_rate(trial: Trial, change: Callable[[Channel], Channel]) -> Trial:
+    return replace(trial, channels={**trial.channels, "r": change(trial["r"])})
+
+
+def late(rate: Channel) -> Channel:
+    return replace(rate, t=rate.t + 0.02)
+
+
+def filtered(rate: Channel) -> Channel:
+    values, share = rate.values.copy(), 0.025 / (0.025 + 0.06)
+    for i in range(1, len(values)):
+        values[i] = values[i - 1] + share * (rate.values[i] - values[i - 1])
+    return replace(rate, values=values)
+
+
+def scaled(rate: Channel) -> Channel:
+    return replace(rate, values=1.05 * rate.values)
+
+
+def biased(rate: Channel) -> Channel:
+    return replace(rate, values=rate.values + 0.01)
+
+
 def as_if_uniform(trial: Trial) -> Trial:
     def even(c: Channel) -> Channel:
         return replace(c, t=np.linspace(c.t[0], c.t[0] + (len(c) - 1) / 40.0, len(c)))
@@ -96,6 +126,55 @@ def test_a_change_of_output_is_dated_within_the_loops_it_may_have_happened_in(tr
     """Messages 20 ms apart on a 20 ms loop leave no doubt; 40 ms apart they leave one loop's."""
     assert prepare(trial, "yaw")[0].dating <= 0.01 + 1e-9
     assert prepare(replace(trial, meta={**trial.meta, "loop_period": 0.0}), "yaw")[0].dating > 0.015
+
+
+def test_a_good_gyro_joins_the_fit_on_every_run_and_the_inertia_is_as_sure_as_it_says(swings: list[Trial]) -> None:
+    fits = [fit_axis([run], dof="yaw", structure="linear") for run in swings]
+    assert [fit.extra["signals"] for fit in fits] == [["psi", "r"]] * len(swings)
+    off = [(f.parameters["alpha_r"].value - LAG / RATE) / f.parameters["alpha_r"].std for f in fits]
+    assert max(f.parameters["alpha_r"].std for f in fits) < 0.001 * LAG / RATE
+    assert math.sqrt(sum(z**2 for z in off) / len(off)) < 1.8
+
+
+def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]) -> None:
+    """The heading then says neither where the changes of output were nor much of the craft; the gyro does."""
+    rng = np.random.default_rng(3)
+    for run in swings[:4]:
+        psi = run["psi"]
+        noisy = replace(psi, values=psi.values + rng.normal(0.0, 0.02, len(psi)))
+        coarse = replace(psi, values=np.radians(np.round(np.degrees(psi.values))))
+        for heading in (noisy, coarse):
+            fit = fit_axis([replace(run, channels={**run.channels, "psi": heading})], dof="yaw", structure="linear")
+            assert fit.extra["signals"] == ["psi", "r"]
+            inertia = fit.parameters["alpha_r"]
+            assert inertia.value == pytest.approx(LAG / RATE, abs=3.5 * inertia.std)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [(late, "lags by"), (filtered, "lags by"), (scaled, "scale differs by +"), (biased, "biased by 0.0")],
+)
+def test_a_late_filtered_scaled_or_biased_gyro_is_left_out_of_every_fit(
+    wrong: Callable[[Channel], Channel], why: str, swings: list[Trial]
+) -> None:
+    for run in swings:
+        fit = fit_axis([with_rate(run, wrong)], dof="yaw", structure="linear")
+        assert fit.extra["signals"] == ["psi"]
+        assert why in fit.extra["signals_left_out"]["r"]
+
+
+def test_changes_of_output_that_fell_between_messages_are_dated_at_the_loop_the_motion_tells(
+    swings: list[Trial],
+) -> None:
+    """Taken as they were dated they colour the residuals, which raises standard errors two- to fourfold."""
+    doubtful = 0
+    for run in swings:
+        record = prepare(run, "yaw")[0]
+        doubtful += int(np.count_nonzero(record.slack))
+        fit = fit_axis([run], dof="yaw", structure="linear", use=("position",))
+        assert fit.extra["std_inflation"] == pytest.approx(1.0)
+        assert fit.parameters["alpha_r"].value == pytest.approx(LAG / RATE, abs=3.0 * fit.parameters["alpha_r"].std)
+    assert doubtful > len(swings)
 
 
 def test_a_late_gyro_is_dated_back_and_joins_the_fit() -> None:

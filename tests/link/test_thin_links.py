@@ -11,12 +11,13 @@ from scripted_vehicle import ScriptedVehicle
 
 from benchmarks.throttled_pty import ThrottledPty
 from gcs_autotune.craft import Actuate
-from gcs_autotune.errors import TelemetryFault
+from gcs_autotune.errors import PreconditionFailed, TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.link.bandwidth import Demand, least
 from gcs_autotune.link.latency import Latency
 from gcs_autotune.link.queueing import is_queueing
 from gcs_autotune.workflow.aboard import SHOWN_BY, telemetry_rates
+from sitl import open_vehicle
 
 WANTED = telemetry_rates(10.0)
 
@@ -63,6 +64,54 @@ def test_a_line_too_thin_to_come_down_is_refused_at_boarding_with_what_is_needed
     assert carried < needed
     assert "faster link" in str(caught.value)
     assert not boat.armed
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "axis", "baud", "period"),
+    [("charlie", "heading", 4800, 3.0), ("charlie", "heading", 1200, 12.0), ("videoray", "depth", 4800, 4.1)],
+)
+def test_a_line_full_of_what_is_streamed_anyway_is_the_reason_given_not_what_it_left_unanswered(
+    vehicle: str, axis: str, baud: int, period: float
+) -> None:
+    """The answers drown: without a look at the line the boat had no rudder, and the ROV no frame."""
+    server = open_vehicle(vehicle)
+    link = ThrottledPty(server, baud)
+    session = Session(link)
+    try:
+        session.discover()
+        with pytest.raises(TelemetryFault, match="the link is too slow: it carries") as caught:
+            open_craft(session, wanted_rates=WANTED, first_rates=SHOWN_BY.get(axis), arm_patience=3.0)
+    finally:
+        link.close()
+    numbers = re.search(
+        r"carries (\d+) bytes/s, .* at least about (\d+) \(.* none quicker than ([\d.]+) s", str(caught.value)
+    )
+    assert numbers is not None, caught.value
+    carried, needed, slowest = map(float, numbers.groups())
+    assert carried == pytest.approx(baud / 10, rel=0.1)
+    assert needed > 800.0
+    assert slowest == pytest.approx(period, rel=0.1)
+    assert "nothing was armed" in str(caught.value)
+
+
+@pytest.mark.parametrize(("baud", "thinned"), [(9600, True), (57600, False)])
+def test_lines_that_do_are_not_refused_and_only_the_thin_one_is_said_to_be_full(baud: int, thinned: bool) -> None:
+    link = ThrottledPty(open_vehicle("charlie"), baud)
+    session = Session(link)
+    try:
+        session.discover()
+        craft = open_craft(session, wanted_rates=WANTED, first_rates=SHOWN_BY.get("heading"), arm_patience=3.0)
+        assert any("bytes/s and is full" in note for note in session.notes) == thinned
+        assert craft.rates.measured["ATTITUDE"] >= 0.9 * (5.0 if thinned else 10.0)
+    finally:
+        link.close()
+
+
+def test_a_parameter_that_is_not_there_is_the_reason_on_a_line_with_room(boat: ScriptedVehicle) -> None:
+    for n in range(1, 9):
+        boat.parameters[f"SERVO{n}_FUNCTION"] = 0
+    with pytest.raises(PreconditionFailed, match="assigned to N"):
+        open_craft(Session(MemoryLink(boat)), wanted_rates=WANTED, arm_patience=3.0)
 
 
 def test_a_line_too_thin_to_go_up_is_refused_before_arming_with_what_it_carries(

@@ -17,6 +17,7 @@ from gcs_autotune.identify.axis.fit_doubts import fit_doubts
 from gcs_autotune.identify.axis.objective import DELAY, Bounds
 from gcs_autotune.identify.axis.output_error import Solution
 from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.axis.redating import redated
 from gcs_autotune.identify.axis.signals import first_names, objection, wanted_names
 from gcs_autotune.identify.axis.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
@@ -48,8 +49,12 @@ def fit_by_output_error(case: Case) -> AxisFit:
     estimates = [iso.estimate(c, case.delay or 0.0) for c in case.cycles]
     decision = two_experiment_decision(estimates)
     start = _start(case, estimates, bounds)
-    names, left_out, start = _signals(case, start, bounds)
-    chosen = select(case.records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
+    names, left_out, start, records = _signals(case, start, bounds)
+    chosen = select(records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
+    better = redated(records, chosen.solution)
+    if better is not None:
+        start = chosen.solution.theta
+        chosen = select(better, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
     _check_that_input_explains(case.records, chosen)
     solution = chosen.solution
     estimates = [iso.estimate(c, float(solution.craft[DELAY])) for c in case.cycles]
@@ -70,19 +75,27 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Arra
     return scanned
 
 
-def _signals(case: Case, start: Array, bounds: Bounds) -> tuple[tuple[str, ...], dict[str, str], Array]:
-    """Return the names to fit, what was left out and why, and a better start."""
+def _signals(
+    case: Case, start: Array, bounds: Bounds
+) -> tuple[tuple[str, ...], dict[str, str], Array, Sequence[Record]]:
+    """Return the names to fit, what was left out and why, a better start, and records better dated."""
+    records = case.records
     if case.use is not None:
-        return wanted_names(case.records, case.use), {}, start
-    names = first_names(case.records)
-    axis = case.records[0].dof
-    if names != (axis.position,) or not any(r.velocity is not None for r in case.records):
-        return names, {}, start
-    first = select(case.records, names, start, bounds, case.structure or "affine", case.delay, None, robust=case.robust)
+        return wanted_names(records, case.use), {}, start, records
+    names = first_names(records)
+    axis = records[0].dof
+    if names != (axis.position,) or not any(r.velocity is not None for r in records):
+        return names, {}, start, records
+    structure = case.structure or "affine"
+    first = select(records, names, start, bounds, structure, case.delay, None, robust=case.robust)
+    better = redated(records, first.solution)
+    if better is not None:
+        records, start = better, first.solution.theta
+        first = select(records, names, start, bounds, structure, case.delay, None, robust=case.robust)
     reason = objection(first.records, first.solution)
     if reason:
-        return names, {axis.velocity: reason}, first.solution.theta
-    return (axis.position, axis.velocity), {}, first.solution.theta
+        return names, {axis.velocity: reason}, first.solution.theta, records
+    return (axis.position, axis.velocity), {}, first.solution.theta, records
 
 
 def _check_that_input_explains(records: Sequence[Record], chosen: Selection) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,9 @@ class Signal:
 class Record:
     """One uninterrupted stretch of a run. ``t_in``, ``tau``: the input at its jumps, zero-order hold.
 
-    ``dating`` [s]: how far a jump may lie from its stamp, 0 when the stamps are exact.
+    ``dating`` [s]: how far all jumps together may lie from their stamps, 0 when the stamps are exact. ``slack`` (m,)
+    [s]: how far each may lie from its own for having happened at another ``loop`` [s] of the autopilot; 0 where there
+    is no other, and throughout where the loop is not known.
     """
 
     run: str
@@ -81,6 +83,12 @@ class Record:
     velocity: Signal | None
     doubts: tuple[Doubt, ...] = ()
     dating: float = 0.0
+    slack: Array = field(default_factory=lambda: np.zeros(0))
+    loop: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.slack) != len(self.t_in):
+            object.__setattr__(self, "slack", np.zeros(len(self.t_in)))
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -198,7 +206,7 @@ def _stretches(
     trial: Trial, axis: Dof, drive: Channel, position: Channel | None, rate: Channel | None, notes: list[Doubt]
 ) -> tuple[Record, ...]:
     changes = np.concatenate([[True], np.diff(drive.values) != 0.0])
-    dating = dating_of(trial, drive)
+    dating, slack, loop = dating_of(trial, drive), _slack_of(trial, drive), float(trial.meta.get("loop_period", 0.0))
     main = position if position is not None and len(position) >= MIN_SAMPLES else rate
     assert main is not None
     borders = edges(main.t)
@@ -229,6 +237,8 @@ def _stretches(
                 signals[1],
                 tuple(notes) if not parts else (),
                 dating,
+                slack[changes],
+                loop,
             )
         )
     if not parts:
@@ -252,6 +262,17 @@ def dating_of(trial: Trial, drive: Channel) -> float:
         return 0.0
     loop = float(trial.meta.get("loop_period", 0.0))
     return max(float(np.median(drive.t[jumps] - drive.t[jumps - 1])) - loop, WITHIN_LOOP * loop)
+
+
+def _slack_of(trial: Trial, drive: Channel) -> Array:
+    """Return how far [s] each value of *drive* may lie from its stamp for the autopilot's loop being another."""
+    slack = np.zeros(len(drive))
+    loop = float(trial.meta.get("loop_period", 0.0))
+    if trial.meta.get("outputs_dated") != "midway" or loop <= 0.0:
+        return slack
+    whole = np.round((np.diff(drive.t) - loop) / (0.5 * loop)) * 0.5 * loop
+    slack[1:] = np.where(whole < GAP_SECONDS, np.maximum(whole, 0.0), 0.0)
+    return slack
 
 
 def edges(t: Array) -> Array:

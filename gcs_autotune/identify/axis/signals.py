@@ -11,17 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, UsageError
+from gcs_autotune.identify.axis.agreement import agreement
 from gcs_autotune.identify.axis.output_error import Solution
 from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.uncertainty import autocorrelation
-from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["KINDS", "first_names", "objection", "wanted_names"]
-
-Array = NDArray[np.float64]
 
 KINDS = ("position", "velocity")
 """What ``use`` may hold."""
@@ -29,6 +26,9 @@ KINDS = ("position", "velocity")
 GAIN, LAG, BIAS, COLOUR = 0.02, 0.1, 0.02, 0.2
 """Largest gain error, lag [sampling steps], bias [fraction of rms] and autocorrelation of a joining velocity.
 Chosen so that what slips through shifts a parameter by less than about 2 %."""
+
+SURELY = 3.0
+"""Standard errors beyond which scale, lag or bias are not chance."""
 
 
 def wanted_names(records: Sequence[Record], use: Sequence[str]) -> tuple[str, ...]:
@@ -63,48 +63,23 @@ def first_names(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def objection(records: Sequence[Record], solution: Solution) -> str:
-    """Return why the velocities must not join the fit, empty when nothing speaks against them."""
-    errors, motion, slope, steps = [], [], [], []
-    for i, record in enumerate(records):
+    """Return why the velocities must not join the fit, empty when nothing speaks against them.
+
+    A scale, lag or bias counts when it is too large to be borne and three standard errors from none, those of the
+    position's fit included (:func:`gcs_autotune.identify.axis.agreement.agreement`).
+    """
+    for record in records:
         if record.velocity is None:
             return f"run '{record.run}' has none"
-        t = record.velocity.t
-        anchored = max(float(t[0]), float(record.main.t[0]))
-        keep = t >= anchored
-        stamps = np.union1d(record.main.t[:1], t[keep])
-        p = np.concatenate([solution.theta, solution.initial[i]])
-        nu = simulate_explicit(p, record.t_in, record.tau, stamps).nu[np.searchsorted(stamps, t[keep])]
-        errors.append(record.velocity.values[keep] - nu)
-        motion.append(nu)
-        slope.append(_acceleration(solution.theta, record, t[keep], nu))
-        steps.append(float(np.median(np.diff(t))))
-    return _verdict(errors, np.concatenate(motion), np.concatenate(slope), min(steps))
-
-
-def _acceleration(theta: Array, record: Record, t: Array, nu: Array) -> Array:
-    b, a, c, d, delay = theta
-    held = np.maximum(np.searchsorted(record.t_in, t - delay, side="right") - 1, 0)
-    acceleration: Array = b * record.tau[held] - a * nu - c * np.abs(nu) * nu + d
-    return acceleration
-
-
-def _verdict(errors: Sequence[Array], nu: Array, slope: Array, step: float) -> str:
-    """Regress the errors on the fitted motion: what scale, lag and bias would explain them?"""
-    error = np.concatenate(errors)
-    table = np.column_stack([nu, -slope, np.ones_like(nu)])
-    rms = float(np.sqrt(np.mean(nu**2)))
-    found = np.linalg.lstsq(table, error, rcond=None)[0]
-    left = error - table @ found
-    spread = np.sqrt(np.diag(np.linalg.pinv(table.T @ table)) * float(left @ left) / max(len(left) - 3, 1))
-    limits = np.maximum((GAIN, LAG * step, BIAS * rms), 3.0 * spread)
-    gain, lag, bias = (float(v) for v in found)
-    if abs(gain) > limits[0]:
-        return f"its scale differs by {100.0 * gain:+.1f} %"
-    if abs(lag) > limits[1]:
-        return f"it lags by {1000.0 * lag:.0f} ms"
-    if abs(bias) > limits[2]:
-        return f"it is biased by {bias:.3g}"
-    colour = max(float(np.max(np.abs(autocorrelation(e, 3)))) for e in errors)
-    if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in errors))):
+    found = agreement(records, solution)
+    std = found.std
+    if abs(found.gain) > max(GAIN, SURELY * std[0]):
+        return f"its scale differs by {100.0 * found.gain:+.1f} %"
+    if abs(found.lag) > max(LAG * found.step, SURELY * std[1]):
+        return f"it lags by {1000.0 * found.lag:.0f} ms"
+    if abs(found.bias) > max(BIAS * found.rms, SURELY * std[2]):
+        return f"it is biased by {found.bias:.3g}"
+    colour = max(float(np.max(np.abs(autocorrelation(e, 3)))) for e in found.errors)
+    if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in found.errors))):
         return f"its errors are correlated ({colour:.2f}): it is filtered, derived, or the model misses something"
     return ""

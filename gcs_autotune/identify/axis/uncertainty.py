@@ -33,6 +33,7 @@ __all__ = [
     "autocorrelation",
     "correlation_time",
     "cramer_rao",
+    "inflated",
     "inflation",
     "is_white",
     "physical_covariance",
@@ -72,15 +73,26 @@ def correlation_time(solution: Solution) -> float:
 def inflation(solution: Solution) -> Array:
     """Return the factors (5,), 1 or more, by which coloured residuals raise the standard errors of theta."""
     factors = np.ones(5)
+    factors[solution.free] = _raised(solution)[: int(solution.free.sum())]
+    return factors
+
+
+def inflated(solution: Solution) -> Array:
+    """Return the covariance of all that was fitted, in the columns of ``solution.whole``, raised likewise."""
+    factors = _raised(solution)
+    covariance: Array = factors[:, None] * solution.whole * factors
+    return covariance
+
+
+def _raised(solution: Solution) -> Array:
+    """Return the factor of every fitted number, initial states included."""
+    fisher = np.diag(solution.whole)
     if is_white(solution):
-        return factors
+        return np.ones(len(fisher))
     S = scores_covariance([rows * own[:, None] for own, rows in zip(solution.scores, solution.rows, strict=True)])
     sandwich = np.diag(solution.whole @ S @ solution.whole)
-    fisher = np.diag(solution.whole)
-    k = int(solution.free.sum())
-    ratio = np.sqrt(np.maximum(sandwich[:k], 0.0) / np.where(fisher[:k] > 0.0, fisher[:k], np.inf))
-    factors[solution.free] = np.maximum(1.0, ratio)
-    return factors
+    ratio = np.sqrt(np.maximum(sandwich, 0.0) / np.where(fisher > 0.0, fisher, np.inf))
+    return np.maximum(1.0, ratio)
 
 
 def cramer_rao(

@@ -1,0 +1,146 @@
+"""Does a velocity agree with the motion fitted to the position, as far as that is known?
+
+The fitted motion has an uncertainty of its own, and all of it shows in the velocity's errors: a wrong constant force
+looks like a bias, a wrong inertia like a lag. Scale, lag and bias of the velocity are therefore fitted together with
+the corrections ``x`` of the position's fit, which costs as much as the covariance ``C`` of that fit says::
+
+    minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
+
+one Gauss-Newton step of the joint fit of both channels. Input changes that may have come a loop of the autopilot
+earlier or later (:mod:`gcs_autotune.identify.axis.redating`) are among ``x``. The standard errors are those of the
+difference between the two channels: Hausman's 1978 comparison of two estimates, asked along the directions in which
+velocities go wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.axis.output_error import Solution
+from gcs_autotune.identify.axis.record import Record
+from gcs_autotune.identify.axis.redating import by_shifts
+from gcs_autotune.identify.axis.uncertainty import inflated
+from gcs_autotune.models.simulation import simulate_explicit
+
+__all__ = ["Agreement", "agreement"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """How the velocities differ from the fitted motion.
+
+    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s] with their standard errors, both fits' taken together;
+    ``rms`` [rad/s or m/s] of the motion; ``step`` [s] of the densest velocity; ``errors`` per stretch once the motion
+    is corrected for what velocity and position together say.
+    """
+
+    gain: float
+    lag: float
+    bias: float
+    std: tuple[float, float, float]
+    rms: float
+    step: float
+    errors: tuple[Array, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared:
+    """One stretch: error (n,), simulated velocity and acceleration (n,), Jacobian (n, packed) by the fit's
+    vector; ``shifts`` (n, k) derivative by the input's doubtful stamps, over what is known of them."""
+
+    error: Array
+    nu: Array
+    acceleration: Array
+    J: Array
+    shifts: Array
+    step: float
+
+
+def agreement(records: Sequence[Record], solution: Solution) -> Agreement:
+    """Compare the velocity of every record with *solution*, a fit of the positions alone."""
+    parts = [_compared(records, i, solution) for i in range(len(records))]
+    error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
+    fitted = np.vstack([p.J for p in parts]) @ _root(inflated(solution))
+    known = np.hstack([fitted, _side_by_side([p.shifts for p in parts])])
+    table = np.column_stack([nu, -slope, np.ones_like(nu)])
+    sigma = _scatter(error, np.hstack([known, table]))
+    found, covariance = _ridged(error, known, table, sigma)
+    moved = known @ _ridged(error, known, table[:, :0], sigma)[0]
+    ends = np.cumsum([len(p.error) for p in parts])[:-1]
+    gain, lag, bias = (float(v) for v in found[-3:])
+    std = np.sqrt(np.diag(covariance)[-3:])
+    return Agreement(
+        gain,
+        lag,
+        bias,
+        (float(std[0]), float(std[1]), float(std[2])),
+        float(np.sqrt(np.mean(nu**2))),
+        min(p.step for p in parts),
+        tuple(np.split(error - moved, ends)),
+    )
+
+
+def _compared(records: Sequence[Record], i: int, solution: Solution) -> _Compared:
+    record = records[i]
+    assert record.velocity is not None
+    t = record.velocity.t
+    keep = t >= float(record.main.t[0])
+    stamps = np.union1d(record.main.t[:1], t[keep])
+    p = np.concatenate([solution.theta, solution.initial[i]])
+    motion, at = simulate_explicit(p, record.t_in, record.tau, stamps), np.searchsorted(stamps, t[keep])
+    nu, by = motion.nu[at], motion.nu_by[at]
+    shifts = by_shifts(record, solution.theta, solution.initial[i], t[keep])
+    states = np.zeros((len(nu), 2 * len(records)))
+    states[:, 2 * i : 2 * i + 2] = by[:, 5:]
+    return _Compared(
+        record.velocity.values[keep] - nu,
+        nu,
+        _acceleration(solution.theta, record, t[keep], nu),
+        np.hstack([by[:, :5][:, solution.free], states]),
+        shifts.velocity * record.slack[shifts.which],
+        float(np.median(np.diff(t))),
+    )
+
+
+def _acceleration(theta: Array, record: Record, t: Array, nu: Array) -> Array:
+    b, a, c, d, delay = theta
+    held = np.maximum(np.searchsorted(record.t_in, t - delay, side="right") - 1, 0)
+    acceleration: Array = b * record.tau[held] - a * nu - c * np.abs(nu) * nu + d
+    return acceleration
+
+
+def _side_by_side(tables: Sequence[Array]) -> Array:
+    """Return the block diagonal of *tables*: every stretch has shifts of its own."""
+    whole = np.zeros((sum(len(t) for t in tables), sum(t.shape[1] for t in tables)))
+    row = column = 0
+    for t in tables:
+        whole[row : row + len(t), column : column + t.shape[1]] = t
+        row, column = row + len(t), column + t.shape[1]
+    return whole
+
+
+def _root(covariance: Array) -> Array:
+    """Return ``R`` (p, p) with ``R R' = covariance``, whose rank may be lower."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _scatter(error: Array, table: Array) -> float:
+    """Return the standard deviation of what *table* (n, p) cannot explain at all."""
+    left = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
+    return float(np.sqrt(left @ left / max(len(left) - table.shape[1], 1)))
+
+
+def _ridged(error: Array, known: Array, table: Array, sigma: float) -> tuple[Array, Array]:
+    """Fit *error* by ``known z + table y`` with ``z ~ N(0, 1)``; return (z, y) and their covariance."""
+    size = known.shape[1]
+    A = np.vstack([np.hstack([known, table]), sigma * np.eye(size, size + table.shape[1])])
+    inverse = np.linalg.pinv(A, rcond=1e-12)
+    return inverse @ np.concatenate([error, np.zeros(size)]), sigma**2 * inverse @ inverse.T

@@ -1,0 +1,117 @@
+"""The pulse ahead before throttle is stepped, on vehicles whose thrust saturates and on one whose does not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import NotAsFound, PreconditionFailed
+from gcs_autotune.link import MemoryLink, Session, open_craft
+from gcs_autotune.manoeuvres import Envelope, Flown, Sequencer, ThrustCheck
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow.preflight import see_throttle_is_free, sign_check_for
+from sitl import open_vehicle
+from sitl.effects import parse_effect
+
+from .harbour import Harbour, Meddler
+
+WORKING = 0.8
+"""Throttle that a tune of Charlie's speed goes up to; the check tries half of it, then all."""
+
+
+def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple[ThrustCheck, Flown]:
+    """Fly the check; for its first *stuck* seconds the throttle output stands at its upper stop."""
+    flying_since: list[float] = []
+
+    def meddling(t: float, message: Any) -> Iterable[Any]:
+        if message.get_type() == "SERVO_OUTPUT_RAW" and flying_since and t < flying_since[0] + stuck:
+            message.servo3_raw = 1980
+        yield message
+
+    effects = [parse_effect(effect)] if effect else []
+    server = open_vehicle("charlie", seed=1, effects=effects, parameters=parameters)
+    craft = open_craft(Session(MemoryLink(Meddler(server, meddling))))
+    craft.session.pause(45.0)  # its position filter is ready then
+    craft.set_mode("MANUAL")
+    craft.arm()
+    check = sign_check_for("surge", craft.firmware, craft.servos, WORKING, needs_speed=False)
+    assert isinstance(check, ThrustCheck)
+    flying_since.append(server.now)
+    return check, Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(check)
+
+
+def pulses(flown: Flown) -> list[float]:
+    return [float(mark.detail["X"]) for mark in flown.trial.marks if mark.kind == "pulse"]
+
+
+def test_free_thrust_passes_on_the_first_half_pulse() -> None:
+    check, flown = pulse()
+    assert flown.outcome.ending == "completed"
+    assert check.answer is not None
+    assert check.answer.command == WORKING / 2
+    assert check.answer.obeyed == pytest.approx(1.0, abs=0.02)
+    assert check.answer.moved > 0.2
+    assert flown.outcome.reason.endswith("X acts the right way")
+
+
+def test_thrust_that_saturates_below_the_pulse_but_drives_passes_with_less_speed_gained() -> None:
+    free, _ = pulse()
+    check, flown = pulse(effect="saturation@throttle.limit=0.3")
+    assert flown.outcome.ending == "completed"
+    assert free.answer is not None
+    assert check.answer is not None
+    assert 0.06 < check.answer.moved < 0.75 * free.answer.moved
+    assert check.answer.obeyed == pytest.approx(1.0, abs=0.02), (
+        "the outputs are what was commanded: the limit is hidden"
+    )
+
+
+@pytest.mark.parametrize("limit", [0.02, 0.1])
+def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_with_what_the_output_did(
+    limit: float,
+) -> None:
+    check, flown = pulse(effect=f"saturation@throttle.limit={limit}")
+    assert flown.outcome.ending == "aborted"
+    assert pulses(flown) == [WORKING / 2, WORKING]
+    assert check.answer is not None
+    assert check.answer.moved < 0.06
+    assert re.search(r"though SERVO3 went to 1(889|890) us: it is dead, or too weak", flown.outcome.reason)
+
+
+def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> None:
+    check, flown = pulse(MOT_THR_MAX=10.0)
+    assert flown.outcome.ending == "aborted"
+    assert check.answer is not None
+    assert check.answer.obeyed == pytest.approx(0.25, abs=0.02)
+    assert "+0.40 of full X was commanded, but the outputs show +0.10: SERVO3 is cut off" in flown.outcome.reason
+    assert "MOT_THR_MAX" in flown.outcome.reason
+
+
+def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse() -> None:
+    check, flown = pulse(stuck=4.0)
+    assert flown.outcome.ending == "aborted"
+    assert check.answer is None
+    assert pulses(flown) == []
+    assert "X stands at +0.96 of full output without any command: SERVO3 is saturated" in flown.outcome.reason
+
+
+def test_a_throttle_that_goes_on_standing_at_its_stop_is_said_to_be_not_neutral() -> None:
+    with pytest.raises(NotAsFound, match=r"not neutral after 5 s: X \+0\.96 of full output; take over by hand"):
+        pulse(stuck=60.0)
+
+
+def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_throttle_that_does(tmp_path) -> None:
+    harbour = Harbour(tmp_path, parameters={"MOT_THR_MAX": 25.0})
+    with pytest.raises(PreconditionFailed, match=r"MOT_THR_MAX is 25 %: .* up to 80%.* Give --throttle 0\.25"):
+        harbour.tune(axis="speed")
+    harbour.assert_as_found()
+    assert not list((harbour.directory / "trials").glob("*.csv"))
+
+
+def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none() -> None:
+    craft = open_craft(Session(MemoryLink(open_vehicle("charlie", parameters={"MOT_THR_MAX": 80.0}))))
+    see_throttle_is_free(craft, "surge", WORKING)
+    see_throttle_is_free(craft, "yaw", 1.0)
