@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["scipy_stats"]
+__all__ = ["scipy_signal", "scipy_stats"]
+
+
+def scipy_signal() -> Any:
+    """Return ``scipy.signal``, which brings ``scipy.stats`` with it."""
+    import scipy.signal
+
+    return scipy.signal
 
 
 def scipy_stats() -> Any:

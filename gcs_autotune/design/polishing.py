@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.matching import NOISE_LIMIT, Problem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.design.result import ModelFunction, StepMetrics
+from gcs_autotune.design.scatter import sobol
 from gcs_autotune.design.selection import Candidate, is_tolerable, judge, most_overshoot
 from gcs_autotune.design.step_metrics import noise_floor
 
@@ -87,7 +87,7 @@ def _polished(
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
     cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise)
     best, least = chosen, worth * cost.of(chosen.settings)
-    scatter = qmc.Sobol(len(problem.gains), scramble=False).random_base2(SCATTER)
+    scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
     x = min((_descend(cost, begin) for begin in begins), key=cost)
     for _ in range(ROUNDS):

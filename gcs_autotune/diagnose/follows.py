@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.trial import Channel
 
 __all__ = ["follows", "held_share", "on_grid"]
@@ -44,7 +44,7 @@ def follows(follower: Array, leader: Array, *, integrated: bool = False) -> floa
     index = np.arange(n)
     for lag in LAGS:
         a = math.exp(-1.0 / lag)
-        lagged = lfilter([0.0, 1.0 - a], [1.0, -a], leader)
+        lagged = scipy_signal().lfilter([0.0, 1.0 - a], [1.0, -a], leader)
         own = [np.ones(n), a**index, index / n] if integrated else [np.ones(n), a**index]
         without = _left(np.column_stack(own), follower)
         if without > 1e-18 * float(follower @ follower):

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from gcs_autotune.diagnose.result import Portrait, Signature
 from gcs_autotune.diagnose.whiteness import Test, tests_of, whiteness_of
 from gcs_autotune.identify.colour import autocorrelation
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.result import Trace
+from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["portraits_of", "signature_of"]
@@ -139,7 +139,7 @@ def _spectrum(rests: Sequence[Rest]) -> tuple[Array, Array] | None:
         return None
     step = float(np.median(np.diff(t)))
     grid = np.arange(t[0], t[-1], step)
-    f, power = welch(np.interp(grid, t, e), fs=1.0 / step, nperseg=min(256, len(grid)))
+    f, power = scipy_signal().welch(np.interp(grid, t, e), fs=1.0 / step, nperseg=min(256, len(grid)))
     return f[1:], power[1:]
 
 

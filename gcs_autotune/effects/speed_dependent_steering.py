@@ -7,11 +7,11 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from gcs_autotune.effects.actuator import Actuator, Array, steers
 from gcs_autotune.effects.effect import Applied, Curve, Drive, Quantity, Scene
 from gcs_autotune.effects.held import redrawn
+from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel
 
@@ -149,8 +149,8 @@ def _smooth(speed: Channel) -> tuple[Array, Array]:
     for window in WINDOWS:
         if 3 * window > len(values):
             break
-        smooth: Array = savgol_filter(values, window, 2)
-        own = float(savgol_coeffs(window, 2)[window // 2])
+        smooth: Array = scipy_signal().savgol_filter(values, window, 2)
+        own = float(scipy_signal().savgol_coeffs(window, 2)[window // 2])
         half = window // 2
         left_out = (values - smooth)[half : len(values) - half] / (1.0 - own)
         error = float(np.mean(left_out**2))
