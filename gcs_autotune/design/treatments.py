@@ -133,7 +133,10 @@ def _bent(draft: Draft, own: Applied) -> tuple[str, str]:
     if draft.law.startswith("rover"):
         expo = float(np.clip(own["share"], -1.0, 1.0))
         advice = f"with thrusters MOT_THST_EXPO about {expo:.2f} straightens it; then tune again"
-    return "margins hold for small and for large outputs, whose gains differ", advice
+    return (
+        "margins hold from small outputs to half of full, whose gains differ; at full it is twice as strong at most",
+        advice,
+    )
 
 
 def _stall(draft: Draft, own: Applied) -> tuple[str, str]:

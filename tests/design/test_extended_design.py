@@ -82,6 +82,20 @@ def test_each_part_of_the_actuator_obeys_its_law() -> None:
     assert lag[-1] == pytest.approx(1.0 - math.exp(-1.0), rel=1e-9)
 
 
+def test_margins_of_a_bent_actuator_do_not_depend_on_the_size_of_relay_that_told_its_curve() -> None:
+    """The same square law, told by relays of half and of 0.9 of full: its gain per force is the same."""
+    told = [Actuator(square=1.0, reference=reference) for reference in (0.5, 0.9)]
+    per_force = [max(a.slopes()) / a.static(np.array([0.5]))[0] for a in told]
+    assert per_force[0] == pytest.approx(per_force[1])
+
+
+def test_at_full_output_a_bent_actuator_has_at_most_twice_the_gain_that_margins_were_held_for() -> None:
+    for share in (0.2, 0.6, 1.0):
+        actuator = Actuator(square=share, reference=0.9)
+        low, high = actuator.static(np.array([0.999, 1.001]))
+        assert (high - low) / 0.002 <= 2.0 * max(actuator.slopes()) + 1e-5
+
+
 def test_a_settled_actuator_gives_the_force_its_inverse_was_asked_for() -> None:
     actuator = Actuator(dead_zone=0.1, play=0.04, square=0.6, astern=0.7)
     for force in (0.3, -0.3, 0.02):
