@@ -62,13 +62,16 @@ class _Compared:
     step: float
 
 
-def agreement(records: Sequence[Record], solution: Solution) -> Agreement:
-    """Compare the velocity of every record with *solution*, a fit of the positions alone."""
+def agreement(records: Sequence[Record], solution: Solution) -> Agreement | None:
+    """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
     fitted = np.vstack([p.J for p in parts]) @ _root(inflated(solution))
     known = np.hstack([fitted, _side_by_side([p.shifts for p in parts])])
+    known = known[:, np.isfinite(known).all(axis=0)]  # what the fit does not know at all cannot be corrected by it
     table = np.column_stack([nu, -slope, np.ones_like(nu)])
+    if not (np.isfinite(error).all() and np.isfinite(table).all()):
+        return None
     sigma = _scatter(error, np.hstack([known, table]))
     found, covariance = _ridged(error, known, table, sigma)
     moved = known @ _ridged(error, known, table[:, :0], sigma)[0]
@@ -126,7 +129,9 @@ def _side_by_side(tables: Sequence[Array]) -> Array:
 
 
 def _root(covariance: Array) -> Array:
-    """Return ``R`` (p, p) with ``R R' = covariance``, whose rank may be lower."""
+    """Return ``R`` (p, p) with ``R R' = covariance``, whose rank may be lower; NaN where that is not finite."""
+    if not np.isfinite(covariance).all():
+        return np.full_like(covariance, np.nan)
     values, vectors = np.linalg.eigh(covariance)
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root

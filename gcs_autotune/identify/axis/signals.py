@@ -72,6 +72,8 @@ def objection(records: Sequence[Record], solution: Solution) -> str:
         if record.velocity is None:
             return f"run '{record.run}' has none"
     found = agreement(records, solution)
+    if found is None:
+        return "the motion fitted without it runs away, which leaves nothing to compare it with"
     std = found.std
     if abs(found.gain) > max(GAIN, SURELY * std[0]):
         return f"its scale differs by {100.0 * found.gain:+.1f} %"
