@@ -159,6 +159,9 @@ class Search:
             listed = merged(listed, rewired(self.problem, present, choices))
         rough = self._rough(listed[:SHORT_LIST], present, stage)
         rough.sort(key=lambda f: f[1].cost + price_of(f[1], present))
+        if rough and rough[0][1].cost < present.cost:
+            rough += self._rough(_taken_for(rough[0][0].own, listed[SHORT_LIST:]), present, stage)
+            rough.sort(key=lambda f: f[1].cost + price_of(f[1], present))
         ends = in_parallel(lambda i: self._finished(*rough[i]), min(RUNNERS, len(rough)), self.jobs)
         best = min(ends, key=lambda f: f.cost + price_of(f, present), default=present)
         raised = correlation_of(best)
@@ -327,6 +330,11 @@ def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
         if low <= value <= high:
             found.append(Applied(slug, place, {name: value}, dict(entry.constants(place, scene))))
     return found
+
+
+def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:
+    """Return those of *passed_over* that *own* is easily mistaken for, at its place: a screening may misjudge them."""
+    return [c for c in passed_over if c.own.slug in BOOK[own.slug].mistaken_for and c.own.place == own.place]
 
 
 def replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:

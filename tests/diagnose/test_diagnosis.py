@@ -10,7 +10,10 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.screen import Candidate
+from gcs_autotune.diagnose.search import _taken_for
 from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.trial import Channel
@@ -118,3 +121,12 @@ def test_every_entry_of_the_book_says_what_it_is_and_what_separates_it():
         assert entry.separated_by
         assert set(entry.mistaken_for) <= set(BOOK)
         assert set(entry.yields_to) <= set(BOOK)
+
+
+def test_what_a_promising_cause_is_easily_mistaken_for_is_fitted_too_however_little_it_promised():
+    def candidate(slug, place):
+        return Candidate(Applied(slug, place, {}), None, 0.0, np.zeros(0))
+
+    passed_over = [candidate(*c) for c in (("rudder-stall", "N"), ("rudder-stall", "delta"), ("dead-zone", "N"))]
+    taken = _taken_for(Applied("saturation", "N", {"limit": 1.0}), passed_over)
+    assert [(c.own.slug, c.own.place) for c in taken] == [("rudder-stall", "N")]
