@@ -9,6 +9,7 @@ An effect overrides the hooks it needs and nothing else; the chain from commands
 ``observe``      true signals made what the sensors report
 ``learn``        for disturbances that no simulation foretells: parameters from what is left over ...
 ``judge``        ... and the residual as that disturbance leaves it
+``normal``       ... and, where that has heavy tails by construction, the noise behind it
 ===============  ==========================================================================================
 
 The simulator has effects of the same slugs and parameter names, written apart from these on purpose.
