@@ -157,11 +157,14 @@ class Search:
         )
         if astray and self.given is None and lost(present, self.problem.scene.spread):
             listed = merged(listed, rewired(self.problem, present, choices))
-        rough = self._rough(listed[:SHORT_LIST], present, stage)
-        rough.sort(key=lambda f: f[1].cost + price_of(f[1], present))
-        if rough and rough[0][1].cost < present.cost:
-            rough += self._rough(_taken_for(rough[0][0].own, listed[SHORT_LIST:]), present, stage)
+        rough: list[tuple[Candidate, Fitted]] = []
+        fresh, passed_over = listed[:SHORT_LIST], listed[SHORT_LIST:]
+        while fresh:
+            rough += self._rough(fresh, present, stage)
             rough.sort(key=lambda f: f[1].cost + price_of(f[1], present))
+            better = bool(rough) and rough[0][1].cost < present.cost
+            fresh = _taken_for(rough[0][0].own, passed_over) if better else []
+            passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
         ends = in_parallel(lambda i: self._finished(*rough[i]), min(RUNNERS, len(rough)), self.jobs)
         best = min(ends, key=lambda f: f.cost + price_of(f, present), default=present)
         raised = correlation_of(best)
