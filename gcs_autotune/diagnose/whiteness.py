@@ -131,9 +131,10 @@ def _drift(series: list[Array], name: str, memory: int) -> Test:
 
 
 def _normal(fitted: Fitted, name: str) -> list[Array]:
-    """Return what is left of a signal, on the scale of the noise behind it where rounding hides that."""
-    mine = [e for e in fitted.effects if BOOK[e.slug].overrides("normal") and name in columns_of(e.place)]
-    if not mine:
+    """Return what is left of a signal, on the scale of the noise behind it where rounding, and only that, hides it."""
+    judging = [e for e in fitted.effects if BOOK[e.slug].overrides("judge")]
+    mine = [e for e in judging if BOOK[e.slug].overrides("normal") and name in columns_of(e.place)]
+    if not mine or not all(BOOK[e.slug].overrides("normal") for e in judging):
         return _series(fitted, name)
     found, level = [], fitted.levels[name]
     for r in fitted.rests:
