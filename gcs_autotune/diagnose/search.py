@@ -7,7 +7,6 @@ found, every earlier one has to hold its place against its rivals.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -15,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.ahead import look_ahead
+from gcs_autotune.diagnose.attempts import fitted_roughly, fitted_to_the_end
+from gcs_autotune.diagnose.bases import without_one_signal
 from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value
 from gcs_autotune.diagnose.judging import (
     ALIKE,
@@ -29,14 +30,13 @@ from gcs_autotune.diagnose.judging import (
 )
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
+from gcs_autotune.diagnose.usual import name_as_usual
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.effects.effect import Applied
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import Stretch, without
+from gcs_autotune.identify.extended.stretches import Stretch
 
 __all__ = ["Search", "begin_search"]
 
@@ -48,9 +48,6 @@ MOST_CAUSES = 6
 
 SHORT_LIST, RUNNERS = 18, 5
 """Candidates fitted roughly, and of these to the end."""
-
-ROUGH = 8
-"""Trials of a rough fit."""
 
 DONE = 0.5
 """Whiteness at which the search is over."""
@@ -75,7 +72,7 @@ class Search:
     tried: int = 0
     steps: list[Found] = field(default_factory=list)
     renamed: list[tuple[str, str]] = field(default_factory=list)
-    _alone: list[Fitted] | None = None
+    _alone: Sequence[Fitted] | None = None
     _former: Fitted | None = None
     """The base that a better one took the place of: the better may be none of the craft's, so causes begin at both."""
 
@@ -91,7 +88,7 @@ class Search:
         while len(self.steps) < MOST_CAUSES and self._one_more():
             if len(self.steps) > 1:
                 self._reconsider()
-        self._usual_names()
+        name_as_usual(self)
 
     def _one_more(self) -> bool:
         """Take one more step (or two, where only two causes together pay); whether anything was found."""
@@ -107,31 +104,6 @@ class Search:
         if accepted is not None:
             self._take(accepted)
         return accepted is not None
-
-    def _usual_names(self) -> None:
-        """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
-        for own in self.fitted.effects[:]:
-            usual = self._as_likely(own, BOOK[own.slug].yields_to)
-            if usual is not None:
-                self.fitted, self.present_unseen = usual[1], self.unseen(usual[1])
-                self.renamed.append((usual[0].slug, own.slug))
-        for own in self.fitted.effects:
-            for slug, entry in BOOK.items():
-                if own.slug in entry.yields_to and self._as_likely(own, (slug,)) is not None:
-                    self.renamed.append((own.slug, slug))
-
-    def _as_likely(self, own: Applied, slugs: Sequence[str]) -> tuple[Applied, Fitted] | None:
-        """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *own*."""
-        for slug in slugs:
-            for other in _in_other_words(own, slug, self.problem.scene):
-                if any((e.slug, e.place) == (other.slug, other.place) for e in self.fitted.effects):
-                    continue
-                effects = tuple(other if e is own else e for e in self.fitted.effects)
-                now = self.fitted
-                fit = self.problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
-                if fit is not None and fit.cost < self.fitted.cost + ALIKE:
-                    return other, fit
-        return None
 
     def _take(self, judged: Judged) -> None:
         self.fitted = judged.fitted
@@ -165,7 +137,7 @@ class Search:
             better = bool(rough) and rough[0][1].cost < present.cost
             fresh = _taken_for(rough[0][0].own, passed_over) if better else []
             passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
-        ends = in_parallel(lambda i: self._finished(*rough[i]), min(RUNNERS, len(rough)), self.jobs)
+        ends = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), min(RUNNERS, len(rough)), self.jobs)
         best = min(ends, key=lambda f: f.cost + price_of(f, present), default=present)
         raised = correlation_of(best)
 
@@ -178,39 +150,12 @@ class Search:
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Candidate, Fitted]]:
         self._say(stage + ": fitting", 0, len(listed))
         fits = in_parallel(
-            lambda i: self._begun(listed[i]), len(listed), self.jobs, lambda i, n: self._say(stage + ": fitting", i, n)
+            lambda i: fitted_roughly(self.problem, listed[i]),
+            len(listed),
+            self.jobs,
+            lambda i, n: self._say(stage + ": fitting", i, n),
         )
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
-
-    def _begun(self, candidate: Candidate) -> Fitted | None:
-        """Fit roughly, from the model adapted to first order; from the model as it is when that leads nowhere, and
-        from other values of the effect when that is still no better than without it.
-        """
-        begin, fit = candidate.begin, self.problem.fit
-        theta, effects, initial = self.problem.moved(begin, candidate.adapted)
-        found = fit(theta, (*effects, candidate.own), initial, trials=ROUGH, shift=begin.shift)
-        if found is None or found.cost > begin.cost:
-            for own in (candidate.own, *candidate.also):
-                again = fit(begin.theta, (*begin.effects, own), begin.initial, trials=ROUGH, shift=begin.shift)
-                found = again if found is None or (again is not None and again.cost < found.cost) else found
-                if found is not None and found.cost <= begin.cost:
-                    break
-        return found
-
-    def _finished(self, candidate: Candidate, rough: Fitted) -> Fitted:
-        """Fit to the end; an effect that acts on commands also from other values, as its cost has many valleys."""
-        best = rough
-        if BOOK[candidate.own.slug].overrides("drive") and candidate.own.values:
-            for own in candidate.also:
-                effects = replaced(rough.effects, own)
-                other = self.problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
-                best = other if other is not None and other.cost < best.cost else best
-        fit = self.problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
-        best = fit if fit is not None and fit.cost <= best.cost else best
-        if any(BOOK[e.slug].overrides("normal") for e in best.effects):
-            again = self.problem.fit(best.theta, best.effects, best.initial, trials=1, shift=best.shift)
-            best = again if again is not None and again.cost < best.cost else best
-        return best
 
     def judged(
         self,
@@ -268,30 +213,16 @@ class Search:
         """Predict what the folds leave out."""
         return held_out(self.problem, self.folds, self.fold_states, fitted, refit=refit, test_states=self.test_states)
 
-    def _others(self) -> list[Fitted]:
-        """Return other places for bookkeeping fits to begin: the base fitted to all signals but one.
-
-        Where one of these leads to a better base for all signals, that becomes the base.
-        """
+    def _others(self) -> Sequence[Fitted]:
+        """Return other places for bookkeeping fits to begin; a better base found on the way becomes the base."""
         if self._alone is None:
-            self._alone = []
-            better = self.base
-            names = list(self.problem.scene.signals)
-            for name in names if len(names) > 1 and self.given is None else ():
-                try:
-                    _, alone = fit_base(self.problem.form, without(self.problem.stretches, name))
-                except AutotuneError:
-                    continue
-                again = self.problem.states(alone.theta, (), self.base.initial)
-                if again is None:
-                    continue
-                alone_fit = self.problem.fit(again.theta, (), again.initial, trials=0, shift=again.shift)
-                self._alone += [] if alone_fit is None else [alone_fit]
-                whole = self.problem.fit(again.theta, (), again.initial, shift=again.shift)
-                better = whole if whole is not None and whole.cost < better.cost - ALIKE else better
-            if better is not self.base:
-                self._former, self.base, self.fitted = self.base, better, better
-                self.base_unseen = self.present_unseen = self.unseen(better)
+            self._alone = ()
+            if self.given is None:
+                bases = without_one_signal(self.problem, self.base)
+                self._alone = bases.alone
+                if bases.best is not self.base:
+                    self._former, self.base, self.fitted = self.base, bases.best, bases.best
+                    self.base_unseen = self.present_unseen = self.unseen(bases.best)
         return self._alone
 
     def _say(self, stage: str, done: int, total: int) -> None:
@@ -321,28 +252,9 @@ def begin_search(
     return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress, jobs=jobs), words
 
 
-def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
-    """Return the effect called *slug* at every place, its one number that of *own*; none when they have more."""
-    entry = BOOK[slug]
-    if len(own.values) != 1 or len(entry.parameters) != 1:
-        return []
-    name, value = entry.parameters[0].name, next(iter(own.values.values()))
-    found = []
-    for place in entry.places(scene):
-        low, high = entry.bounds(place, scene).get(name, (-math.inf, math.inf))
-        if low <= value <= high:
-            found.append(Applied(slug, place, {name: value}, dict(entry.constants(place, scene))))
-    return found
-
-
 def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:
     """Return those of *passed_over* that *own* is easily mistaken for, at its place: a screening may misjudge them."""
     return [c for c in passed_over if c.own.slug in BOOK[own.slug].mistaken_for and c.own.place == own.place]
-
-
-def replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:
-    """Return *effects* with the one of the same slug and place replaced."""
-    return tuple(own if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)
 
 
 def _contradicts(present: Sequence[Applied], own: Applied) -> bool:

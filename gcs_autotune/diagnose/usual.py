@@ -1,0 +1,57 @@
+"""Causes by their most usual name: where two explain the runs equally well, the one met more often is named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from gcs_autotune.diagnose.judging import ALIKE
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+
+if TYPE_CHECKING:
+    from gcs_autotune.diagnose.search import Search
+
+__all__ = ["name_as_usual"]
+
+
+def name_as_usual(search: Search) -> None:
+    """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
+    for own in search.fitted.effects[:]:
+        usual = _as_likely(search.problem, search.fitted, own, BOOK[own.slug].yields_to)
+        if usual is not None:
+            search.fitted, search.present_unseen = usual[1], search.unseen(usual[1])
+            search.renamed.append((usual[0].slug, own.slug))
+    for own in search.fitted.effects:
+        for slug, entry in BOOK.items():
+            if own.slug in entry.yields_to and _as_likely(search.problem, search.fitted, own, (slug,)) is not None:
+                search.renamed.append((own.slug, slug))
+
+
+def _as_likely(problem: Problem, now: Fitted, own: Applied, slugs: Sequence[str]) -> tuple[Applied, Fitted] | None:
+    """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *own*."""
+    for slug in slugs:
+        for other in _in_other_words(own, slug, problem.scene):
+            if any((e.slug, e.place) == (other.slug, other.place) for e in now.effects):
+                continue
+            effects = tuple(other if e is own else e for e in now.effects)
+            fit = problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
+            if fit is not None and fit.cost < now.cost + ALIKE:
+                return other, fit
+    return None
+
+
+def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
+    """Return the effect called *slug* at every place, its one number that of *own*; none when they have more."""
+    entry = BOOK[slug]
+    if len(own.values) != 1 or len(entry.parameters) != 1:
+        return []
+    name, value = entry.parameters[0].name, next(iter(own.values.values()))
+    found = []
+    for place in entry.places(scene):
+        low, high = entry.bounds(place, scene).get(name, (-math.inf, math.inf))
+        if low <= value <= high:
+            found.append(Applied(slug, place, {name: value}, dict(entry.constants(place, scene))))
+    return found
