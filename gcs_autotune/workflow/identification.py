@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,9 +22,12 @@ __all__ = ["Identified", "delay_of", "identify"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
-    """The model of one axis; ``curved`` the same with the bent or dead actuator that the record calls for, or None."""
+    """The model of one axis, the ``runs`` it was fitted to, and ``curved``: the same model with the bent or dead
+    actuator that the record calls for, or None.
+    """
 
     fit: AxisFit
+    runs: Sequence[Trial]
     curved: Fit | None = None
 
 
@@ -32,7 +36,7 @@ def identify(voyage: Voyage, step: Trial | None = None) -> Identified:
 
     step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
     """
-    return Identified(_by_throttle_steps(voyage)) if voyage.axis.dof == "surge" else _by_relays(voyage, step)
+    return _by_throttle_steps(voyage) if voyage.axis.dof == "surge" else _by_relays(voyage, step)
 
 
 def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
@@ -63,9 +67,9 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
     if s.structure is None:
         curved = think(craft, lambda: fit_thrust_curve(trials, plain, step))
     if curved is not None:
-        tale.say(told(curved, plain))
+        tale.say(told(curved, plain, step))
         save_model(curved, voyage.record.path / "model_with_thrust_curve.json")
-    return Identified(plain, curved)
+    return Identified(plain, trials, curved)
 
 
 def _plain(voyage: Voyage, trials: list[Trial]) -> AxisFit:
@@ -73,7 +77,7 @@ def _plain(voyage: Voyage, trials: list[Trial]) -> AxisFit:
     return think(voyage.craft, lambda: fit_axis(trials, dof=dof, structure=s.structure, delay=delay_of(s)))
 
 
-def _by_throttle_steps(voyage: Voyage) -> AxisFit:
+def _by_throttle_steps(voyage: Voyage) -> Identified:
     s, trials = voyage.settings, list[Trial]()
     for n, stage in enumerate(("first throttle steps", "second throttle steps")):
         voyage.come_about()
@@ -81,4 +85,4 @@ def _by_throttle_steps(voyage: Voyage) -> AxisFit:
     voyage.tale.say("identifying")
     fit = think(voyage.craft, lambda: fit_surge(trials, structure=s.structure, delay=delay_of(s)))
     voyage.tale.fit = fit
-    return fit
+    return Identified(fit, trials)

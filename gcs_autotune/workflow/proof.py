@@ -18,12 +18,14 @@ from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import AxisFit
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.given import Given
+from gcs_autotune.workflow.identification import Identified
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.surge_curve import reduction_of
+from gcs_autotune.workflow.thrust_curve import reduction_with_curve
 
 __all__ = [
     "Known",
@@ -58,18 +60,26 @@ SWEEP = math.radians(75.0)
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What experiments, or a given model, tell of the craft: the model in fractions of full, its actuator, noise."""
+    """What experiments, or a given model, tell of the craft: the model in fractions of full, its actuator, and the
+    noise of its velocity (SI)."""
 
     model: SingleDof
     actuator: Actuator
     noise_std: float
 
 
-def known_of(source: AxisFit | Given) -> Known:
-    """Return what a fit, or a model given by file, tells before the loop itself is flown."""
-    if isinstance(source, AxisFit):
-        reduction = reduction_of(source)
-        return Known(source.model, Actuator() if reduction is None else reduction.actuator, source.noise_std)
+def known_of(source: Identified | Given, axis: Axis) -> Known:
+    """Return what experiments, or a model given by file, tell of *axis* before the loop itself is flown.
+
+    What a model leaves unexplained is no noise: of what was flown the noise is that between neighbouring samples.
+    """
+    if isinstance(source, Identified):
+        fit, curved = source.fit, source.curved
+        reduction = reduction_of(fit) if curved is None else reduction_with_curve(curved, axis)
+        noise = min(noise_in(run, fit.model.axis.velocity) for run in source.runs)
+        if reduction is None:
+            return Known(fit.model, Actuator(), noise)
+        return Known(reduction.model, reduction.actuator, noise)
     reduction, full = source.reduction, source.full_scale or 1.0
     model, _ = in_fractions(reduction.model, reduction.covariance, full)
     return Known(model, reduction.actuator.in_fractions(full), source.noise_std)

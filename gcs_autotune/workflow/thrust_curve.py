@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gcs_autotune.design import Proposal, Spec, design_from
+from gcs_autotune.design import Proposal, Reduction, Spec, design_from, reduce
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
@@ -22,7 +23,20 @@ from gcs_autotune.identify import AxisFit, Fit, fit
 from gcs_autotune.identify.result import Parameter
 from gcs_autotune.trial import Trial
 
-__all__ = ["CURVE", "DEAD", "design_with_curve", "fit_thrust_curve", "fitted", "left", "number", "pays", "told"]
+__all__ = [
+    "CURVE",
+    "DEAD",
+    "design_with_curve",
+    "fit_thrust_curve",
+    "fitted",
+    "left",
+    "number",
+    "pays",
+    "reduction_with_curve",
+    "told",
+]
+
+Array = NDArray[np.float64]
 
 CURVE = "quadratic-actuator"
 DEAD = "dead-zone"
@@ -87,14 +101,14 @@ def left(found: Fit | AxisFit) -> float:
     return 100.0 - found.fit_percent
 
 
-def told(found: Fit, plain: AxisFit) -> str:
-    """Return the finding in a sentence."""
+def told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
+    """Return the finding in a sentence. *step*: the one that was looked at too."""
     share = number(found, CURVE)
     if any(name.startswith(DEAD) for name in found.parameters):
         speak = f"of an actuator that does nothing below {number(found, DEAD).value:.1%} of full"
         if share.value > _STDS * share.std:
             speak += f", beyond which {share.value:.0%} of the force goes with the square of the command"
-        return f"the oscillations and the step together speak {speak}"
+        return f"the {'three oscillations' if step is None else 'oscillations and the step together'} speak {speak}"
     return (
         "the two oscillations speak of an actuator that is weak for small commands "
         f"({share.value:.0%} of the force goes with the square of the command): with that the model explains "
@@ -104,9 +118,20 @@ def told(found: Fit, plain: AxisFit) -> str:
 
 def design_with_curve(found: Fit, axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
     """Return gains designed with the curve in the loop; errors as those of :func:`gcs_autotune.design.design_from`."""
+    model, units, covariance = _parts(found)
+    return design_from(model, axis, present, spec, inputs=units, names=tuple(found.parameters), covariance=covariance)
+
+
+def reduction_with_curve(found: Fit, axis: Axis) -> Reduction:
+    """Return what a loop of *axis* is designed with when the curve is known."""
+    model, units, covariance = _parts(found)
+    return reduce(model, axis.dof, units, law=axis.law, names=tuple(found.parameters), covariance=covariance)
+
+
+def _parts(found: Fit) -> tuple[ExtendedModel, dict[str, str], Array]:
+    """Return the model, the unit of its inputs and the covariance of its numbers (p, p)."""
     std = np.array([parameter.std for parameter in found.parameters.values()])
-    covariance = np.nan_to_num(found.correlation) * np.outer(std, std)
     model = found.model
     assert isinstance(model, ExtendedModel)
-    units = dict.fromkeys(model.base.form.inputs, "1")
-    return design_from(model, axis, present, spec, inputs=units, names=tuple(found.parameters), covariance=covariance)
+    covariance: Array = np.nan_to_num(found.correlation) * np.outer(std, std)
+    return model, dict.fromkeys(model.base.form.inputs, "1"), covariance

@@ -135,9 +135,9 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
         if given is None:
             found = identify(voyage)
             voyage.come_about()
-            known = known_of(found.fit)
+            known = known_of(found, axis)
         else:
-            known = known_of(given)
+            known = known_of(given, axis)
         proof = proof_of_velocity(axis.dof, settings, voyage.throttle, voyage.speed, known, voyage.present)
     else:
         proof = proof_about_rest(settings, axis, voyage.speed)

@@ -79,7 +79,9 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
     found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
-    assert "does nothing below 12" in told(found, plain)
+    assert "the oscillations and the step together speak of an actuator that does nothing below 12" in told(
+        found, plain, dying_swing(0.0, DEAD_BAND)
+    )
 
 
 def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):

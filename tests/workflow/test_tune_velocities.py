@@ -9,6 +9,7 @@ import pytest
 from gcs_autotune.identify.surge import CURVE
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Unattended, experiment
+from sitl.effects import parse_effect
 
 from .harbour import Ear, Harbour
 
@@ -63,6 +64,25 @@ def test_a_turn_rate_loop_is_tuned_without_its_angle_gain(tmp_path) -> None:
     changed = {n for n, v in harbour.parameters.items() if dict(harbour.vehicle.parameters.values)[n] != v}
     assert changed == set(story.proposal.new)
     assert "ATC_STR_ANG_P" not in changed
+
+
+def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_third_oscillation(tmp_path) -> None:
+    harbour = Harbour(tmp_path, "blueboat", effects=[parse_effect("dead-zone@N.width=0.12")])
+    story = harbour.tune(axis="yaw")
+    assert [trial.name for trial in story.relays] == ["relay-1", "relay-2", "relay-3"]
+    assert any(
+        "the three oscillations speak of an actuator that does nothing below 12" in said for said in harbour.said
+    )
+    assert story.ending == "kept"
+    assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
+
+
+def test_what_a_straight_model_leaves_of_bent_thrust_is_not_taken_for_noise_of_the_turn_rate(tmp_path) -> None:
+    harbour = Harbour(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
+    story = harbour.tune(axis="yaw")
+    assert 100.0 - story.fit.fit_percent > 10.0
+    assert story.ending == "kept"
+    assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
 
 
 def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
