@@ -9,10 +9,13 @@ from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
-__all__ = ["fitted_roughly", "fitted_to_the_end"]
+__all__ = ["ROUGH", "fitted_roughly", "fitted_to_the_end"]
 
 ROUGH = 8
 """Trials of a rough fit."""
+
+MOMENTS, FEW = 6, 3
+"""Chosen: moments tried on either side of the one found, and trials of each."""
 
 
 def fitted_roughly(problem: Problem, candidate: Candidate) -> Fitted | None:
@@ -32,19 +35,40 @@ def fitted_roughly(problem: Problem, candidate: Candidate) -> Fitted | None:
 
 
 def fitted_to_the_end(problem: Problem, candidate: Candidate, rough: Fitted) -> Fitted:
-    """Return the fit; an effect that acts on commands is tried at other values too, as its cost has many valleys."""
+    """Return the fit. Where the cost has many valleys, other values are tried too: of effects that act on commands,
+    and moments about the one found.
+    """
     best = rough
     if BOOK[candidate.own.slug].overrides("drive") and candidate.own.values:
         for own in candidate.also:
             effects = _replaced(rough.effects, own)
             other = problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
             best = other if other is not None and other.cost < best.cost else best
-    fit = problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
-    best = fit if fit is not None and fit.cost <= best.cost else best
+    best = _settled(problem, best)
+    for name in BOOK[candidate.own.slug].happens_at:
+        best = _at_another_moment(problem, candidate.own, name, best)
     if any(BOOK[e.slug].overrides("normal") for e in best.effects):
         again = problem.fit(best.theta, best.effects, best.initial, trials=1, shift=best.shift)
         best = again if again is not None and again.cost < best.cost else best
     return best
+
+
+def _settled(problem: Problem, best: Fitted) -> Fitted:
+    fit = problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
+    return fit if fit is not None and fit.cost <= best.cost else best
+
+
+def _at_another_moment(problem: Problem, own: Applied, name: str, best: Fitted) -> Fitted:
+    """Return the best fit with the moment *name* of an effect some of the craft's time constants earlier or later."""
+    now = next(e for e in best.effects if (e.slug, e.place) == (own.slug, own.place))
+    others = []
+    for k in range(1, MOMENTS + 1):
+        for moment in (now[name] - k * problem.scene.pace, now[name] + k * problem.scene.pace):
+            effects = _replaced(best.effects, now.with_values({name: moment}))
+            fit = problem.fit(best.theta, effects, best.initial, trials=FEW, learn=False, shift=best.shift)
+            others += [] if fit is None else [fit]
+    other = min(others, key=lambda f: f.cost, default=best)
+    return _settled(problem, other) if other.cost < best.cost else best
 
 
 def _replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:

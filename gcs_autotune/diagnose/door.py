@@ -13,7 +13,7 @@ from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.pieces import FAR, foretells, holds_over, horizon_for
 from gcs_autotune.diagnose.result import Diagnosis
-from gcs_autotune.diagnose.search import Search, begin_search
+from gcs_autotune.diagnose.search import Search, begin_search, explains_all
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
 from gcs_autotune.diagnose.telling import METRIC, WHITE, told_of
 from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
@@ -96,35 +96,40 @@ def diagnose(
     whole = held or stretches
     if horizon is not None:
         stretches, held = within(stretches, horizon), within(held, horizon)
-    search, words = _search(base_form, stretches, held, model, slugs, progress, jobs)
+    search, pieces = _search(base_form, stretches, held, model, slugs, progress, jobs), ""
     search.run()
     shorter = horizon_for(search) if horizon is None and _lost(search) else None
     if shorter is not None:
-        again, other = _search(
-            base_form, within(stretches, shorter), within(held, shorter), model, slugs, progress, jobs
-        )
+        again = _search(base_form, within(stretches, shorter), within(held, shorter), model, slugs, progress, jobs)
         again.run()
         if again.fitted.effects != again.base.effects and holds_over(again, whole):
-            search, words = again, f"{other}; in pieces of {shorter:.3g} s"
+            search, pieces = again, f"; in pieces of {shorter:.3g} s"
             doubts.append(_short_sighted(shorter))
         else:
             shorter = None
     if held and model is None and shorter is None and _contradicted(search):
         # What the runs to fit do not show the runs to predict do: all are looked at together, parts left out in turn.
-        both, other = _search(base_form, [*stretches, *held], [], model, slugs, progress, jobs)
+        both = _search(base_form, [*stretches, *held], [], model, slugs, progress, jobs)
         both.run()
         if both.fitted.effects:
-            search, words = both, other
+            search = both
             doubts.append(_needed_all())
     doubts = [*early, *doubts, *parameters_off(search)]
     sure = shorter is None and (horizon is None or math.isinf(horizon) or foretells(search, whole))
-    return told_of(search, words, doubts, together, others, time.perf_counter() - begun, sure=sure)
+    return told_of(
+        search, search.parts.words + pieces, doubts, together, others, time.perf_counter() - begun, sure=sure
+    )
 
 
 def _contradicted(search: Search) -> bool:
-    """Whether nothing was found nor is left, and yet the runs kept apart are predicted far worse than those fitted."""
-    if search.fitted.effects or _lost(search) or not search.base_unseen.complete:
+    """Whether nothing was found in the runs to fit, and yet the runs kept apart are predicted far worse than those.
+
+    Nothing: they show nothing, or all they show is explained by a cause whose numbers they cannot tell.
+    """
+    if search.fitted.effects or not search.base_unseen.complete:
         return False
+    if _lost(search):
+        return any(explains_all(search.problem, step) for step in search.steps)
     errors = rms_of(search.base_unseen.rests)
     return any(errors[n] > FAR * level for n, level in search.fitted.levels.items() if n in errors)
 
@@ -132,7 +137,8 @@ def _contradicted(search: Search) -> bool:
 def _needed_all() -> Doubt:
     return Doubt(
         "validation-was-needed",
-        "the runs to fit show nothing, yet do not predict the runs kept apart; the causes were found in all together",
+        "what the runs to fit show, if anything, does not predict the runs kept apart; the causes were found in all "
+        "together",
         "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
     )
 
@@ -166,7 +172,7 @@ def _search(
     slugs: Sequence[str],
     progress: Progress | None,
     jobs: int,
-) -> tuple[Search, str]:
+) -> Search:
     given = None
     if model is None:
         problem, fitted = fit_base(form, stretches)

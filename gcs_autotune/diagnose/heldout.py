@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
 
-__all__ = ["Fold", "HeldOut", "folds_of", "held_out", "p_value", "rms_of"]
+__all__ = ["Fold", "HeldOut", "Parts", "held_out", "p_value", "parts_of", "rms_of"]
 
 Array = NDArray[np.float64]
 
@@ -29,11 +31,10 @@ FEWEST = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """Stretches to fit, stretches to predict, and where their initial states stand in the whole problem's."""
+    """Stretches to fit, stretches to predict."""
 
     train: tuple[Stretch, ...]
     test: tuple[Stretch, ...]
-    train_at: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,57 +45,92 @@ class HeldOut:
     complete: bool
 
 
-def folds_of(stretches: Sequence[Stretch], unseen: Sequence[Stretch] = ()) -> tuple[list[Fold], list[Stretch], str]:
-    """Return the folds, the stretches they index, and in words what is held out.
+@dataclass(frozen=True, slots=True, eq=False)
+class Parts:
+    """What is left out in turn: folds, initial states of what each fits and tests, and in ``words`` what it is.
 
-    With *unseen* runs one fold; with several runs each (or each group of runs) in turn; else blocks of the only run.
+    ``kind``: runs ``"apart"`` from those fitted, whole ``"runs"`` left out, or ``"blocks"`` of them.
     """
-    if unseen:
-        return (
-            [Fold(tuple(stretches), tuple(unseen), tuple(range(len(stretches))))],
-            list(stretches),
-            ("runs not used for fitting: " + ", ".join(dict.fromkeys(s.run for s in unseen))),
+
+    kind: Literal["apart", "runs", "blocks"]
+    folds: tuple[Fold, ...]
+    starts: tuple[tuple[Array, ...], ...]
+    tests: tuple[tuple[Array, ...], ...]
+    words: str
+
+    def set_right(self, problem: Problem, fitted: Fitted) -> Parts:
+        """Return them with every stretch beginning where its signals say that *fitted* takes for spoilt, set right."""
+        stretches = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
+        right = {at: unspoilt(fitted.effects, s) for at, s in stretches.items()}
+        if all(right[at] is s for at, s in stretches.items()):
+            return self
+        states = dict(zip(right, problem.first_states(list(right.values())), strict=True))
+        return replace(
+            self,
+            starts=tuple(tuple(states[id(s)] for s in fold.train) for fold in self.folds),
+            tests=tuple(tuple(states[id(s)] for s in fold.test) for fold in self.folds),
         )
+
+
+def parts_of(problem: Problem, unseen: Sequence[Stretch] = (), *, in_blocks: bool = False) -> Parts:
+    """Return what is left out of a problem's stretches.
+
+    With *unseen* runs these; with several runs each (or each group of runs) in turn; of the only run, or *in_blocks*
+    of every run, a part in turn.
+    """
+    stretches = problem.stretches
     runs = list(dict.fromkeys(s.run for s in stretches))
+    if unseen:
+        fold = Fold(tuple(stretches), tuple(unseen))
+        names = ", ".join(dict.fromkeys(s.run for s in unseen))
+        return _begun(problem, "apart", [fold], f"runs not used for fitting: {names}")
+    if len(runs) > 1 and in_blocks:
+        pieces = [s.pieces(MOST_FOLDS) for s in stretches]
+        label = [k for own in pieces for k in range(len(own))]
+        words = f"{max(label) + 1} blocks of every run left out in turn"
+        return _begun(problem, "blocks", _labelled([p for own in pieces for p in own], label), words)
     if len(runs) > 1:
-        pool, count = list(stretches), min(len(runs), MOST_FOLDS)
+        count = min(len(runs), MOST_FOLDS)
         group = {run: i % count for i, run in enumerate(runs)}
-        label = [group[s.run] for s in pool]
         words = (
             f"each of {len(runs)} runs left out in turn" if count == len(runs) else f"{count} groups of runs in turn"
         )
-    else:
-        longest = max(range(len(stretches)), key=lambda i: len(stretches[i].record.stamps))
-        pieces = stretches[longest].pieces(MOST_FOLDS)
-        pool = [*pieces, *(s for i, s in enumerate(stretches) if i != longest)]
-        count, label = len(pieces), [i % len(pieces) for i in range(len(pool))]
-        words = f"{count} blocks of the run left out in turn"
+        return _begun(problem, "runs", _labelled(stretches, [group[s.run] for s in stretches]), words)
+    longest = max(range(len(stretches)), key=lambda i: len(stretches[i].record.stamps))
+    blocks = stretches[longest].pieces(MOST_FOLDS)
+    pool = [*blocks, *(s for i, s in enumerate(stretches) if i != longest)]
+    folds = _labelled(pool, [i % len(blocks) for i in range(len(pool))])
+    return _begun(problem, "blocks", folds, f"{len(blocks)} blocks of the run left out in turn")
+
+
+def _labelled(pool: Sequence[Stretch], label: Sequence[int]) -> list[Fold]:
+    """Return a fold for every label, which is tested while the others are fitted."""
     folds = []
-    for k in range(count):
-        train = tuple(i for i in range(len(pool)) if label[i] != k)
-        test = tuple(s for i, s in enumerate(pool) if label[i] == k)
+    for k in range(max(label) + 1):
+        train = tuple(s for s, own in zip(pool, label, strict=True) if own != k)
+        test = tuple(s for s, own in zip(pool, label, strict=True) if own == k)
         if train and test:
-            folds.append(Fold(tuple(pool[i] for i in train), test, train))
-    return folds, pool, words
+            folds.append(Fold(train, test))
+    return folds
 
 
-def held_out(
-    problem: Problem,
-    folds: Sequence[Fold],
-    starts: Sequence[tuple[Array, ...]],
-    fitted: Fitted,
-    *,
-    refit: bool,
-    test_states: Sequence[tuple[Array, ...]],
-) -> HeldOut:
+def _begun(problem: Problem, kind: Literal["apart", "runs", "blocks"], folds: Sequence[Fold], words: str) -> Parts:
+    stretches = list({id(s): s for fold in folds for s in (*fold.train, *fold.test)}.values())
+    states = {id(s): x for s, x in zip(stretches, problem.first_states(stretches), strict=True)}
+    starts = tuple(tuple(states[id(s)] for s in fold.train) for fold in folds)
+    tests = tuple(tuple(states[id(s)] for s in fold.test) for fold in folds)
+    return Parts(kind, tuple(folds), starts, tests, words)
+
+
+def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> HeldOut:
     """Predict what each fold leaves out by a model fitted to the rest of it.
 
-    starts : initial states of each fold's training stretches to begin from; test_states : likewise of what it tests.
     refit : the model is fitted anew on each fold, beginning at *fitted*; False: it is taken as it is.
     """
     rests: list[Rest] = []
     complete = True
-    for k, (fold, initial, states) in enumerate(zip(folds, starts, test_states, strict=True)):
+    parts = parts.set_right(problem, fitted)
+    for k, (fold, initial, states) in enumerate(zip(parts.folds, parts.starts, parts.tests, strict=True)):
         theta, effects, shift = fitted.theta, fitted.effects, fitted.shift
         if refit:
             again = problem.on(fold.train).fit(theta, effects, initial, trials=8, shift=shift)

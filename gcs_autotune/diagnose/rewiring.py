@@ -1,7 +1,7 @@
-"""Commands that reach the wrong place, or the wrong way round: the base model itself has to be found anew.
+"""Commands that reach the wrong place, signals the wrong way round: the base model itself has to be found anew.
 
 With such a slip the base fits nothing, so that nothing can be learnt from small changes about it: each way of wiring
-the commands is tried by fitting the base to commands wired that way.
+is tried by fitting the base to runs wired that way.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.diagnose.screen import Candidate
+from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Drive
 from gcs_autotune.errors import AutotuneError
@@ -31,13 +32,13 @@ def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
 
 
 def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applied]]) -> list[Candidate]:
-    """Return every slip in the wiring of commands with the base model found anew under it."""
+    """Return every slip in the wiring of commands, or of signals of all runs, with the base found anew under it."""
     found = []
     for choice in choices:
         entry, own = BOOK[choice[0].slug], choice[0]
         if entry.family != "bookkeeping" or not entry.overrides("drive") or own.values:
             continue
-        stretches = [_through(own, s) for s in problem.stretches]
+        stretches = [unspoilt([] if "@" in own.place else [own], _through(own, s)) for s in problem.stretches]
         if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
             continue
         try:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.ahead import look_ahead
 from gcs_autotune.diagnose.attempts import fitted_roughly, fitted_to_the_end
 from gcs_autotune.diagnose.bases import without_one_signal
-from gcs_autotune.diagnose.heldout import Fold, HeldOut, folds_of, held_out, p_value
+from gcs_autotune.diagnose.footholds import footholds
+from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.judging import (
     ALIKE,
     SIGNIFICANCE,
@@ -38,7 +39,7 @@ from gcs_autotune.effects.effect import Applied
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch
 
-__all__ = ["Search", "begin_search"]
+__all__ = ["Search", "begin_search", "explains_all"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -62,9 +63,7 @@ class Search:
 
     problem: Problem
     fitted: Fitted
-    folds: Sequence[Fold]
-    fold_states: Sequence[tuple[Array, ...]]
-    test_states: Sequence[tuple[Array, ...]]
+    parts: Parts
     slugs: Sequence[str]
     given: Fitted | None = None
     progress: Progress | None = None
@@ -96,6 +95,8 @@ class Search:
         white = whiteness_of(tests_of(self.problem, self.fitted))
         slugs = [s for s in self.slugs if BOOK[s].overrides("learn")] if self.steps and white > DONE else None
         found = self.step(stage, slugs=slugs)
+        if found.accepted is None:
+            found = self._by_blocks(found) or found
         taken: tuple[Found, ...] = (found,)
         if found.accepted is None and white < SIGNIFICANCE:
             taken = look_ahead(self, found, stage) or taken
@@ -104,6 +105,26 @@ class Search:
         if accepted is not None:
             self._take(accepted)
         return accepted is not None
+
+    def _by_blocks(self, found: Found) -> Found | None:
+        """Leave out blocks of every run instead of runs, and judge again; None where that changes nothing.
+
+        Where each run shows one size of command only, no run is foretold by the others although one cause explains
+        all of them.
+        """
+        if self.parts.kind != "runs" or not explains_all(self.problem, found):
+            return None
+        former = self.parts, self.base_unseen, self.present_unseen
+        self.parts = parts_of(self.problem, in_blocks=True)
+        self.base_unseen = self.unseen(self.base, refit=self.given is None)
+        self.present_unseen = self.unseen(self.fitted)
+        present = self.fitted
+        again = ordered([self.judged(j.own, j.fitted, present, self.tried) for j in found.judged if j.evidence > 0.0])
+        winner = winner_of(again, self.tried, present)
+        if winner is None:
+            self.parts, self.base_unseen, self.present_unseen = former
+            return None
+        return Found(tuple(again), winner)
 
     def _take(self, judged: Judged) -> None:
         self.fitted = judged.fitted
@@ -127,13 +148,15 @@ class Search:
         listed = screen(
             self.problem, grounds, others, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs
         )
-        if astray and self.given is None and lost(present, self.problem.scene.spread):
-            listed = merged(listed, rewired(self.problem, present, choices))
         rough: list[tuple[Candidate, Fitted]] = []
+        if astray and lost(present, self.problem.scene.spread):
+            if self.given is None:
+                listed = merged(listed, rewired(self.problem, present, choices))
+            self._say(stage + ": pieces", 0, 1)
+            rough = footholds(self.problem, present, self.slugs if slugs is None else slugs, self.jobs)
         fresh, passed_over = listed[:SHORT_LIST], listed[SHORT_LIST:]
         while fresh:
-            rough += self._rough(fresh, present, stage)
-            rough.sort(key=lambda f: f[1].cost + price_of(f[1], present))
+            rough = _best_of_each([*rough, *self._rough(fresh, present, stage)], present)
             better = bool(rough) and rough[0][1].cost < present.cost
             fresh = _taken_for(rough[0][0].own, passed_over) if better else []
             passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
@@ -210,8 +233,8 @@ class Search:
     # -- helpers
 
     def unseen(self, fitted: Fitted, *, refit: bool = True) -> HeldOut:
-        """Predict what the folds leave out."""
-        return held_out(self.problem, self.folds, self.fold_states, fitted, refit=refit, test_states=self.test_states)
+        """Predict what is left out."""
+        return held_out(self.problem, self.parts, fitted, refit=refit)
 
     def _others(self) -> Sequence[Fitted]:
         """Return other places for bookkeeping fits to begin; a better base found on the way becomes the base."""
@@ -239,22 +262,32 @@ def begin_search(
     given: Fitted | None = None,
     progress: Progress | None = None,
     jobs: int = 1,
-) -> tuple[Search, str]:
-    """Return a search ready to run, and in words what its errors are measured on.
+) -> Search:
+    """Return a search ready to run.
 
     unseen : stretches of runs kept apart; without any, parts of the problem's are left out in turn.
     """
-    folds, pool, words = folds_of(problem.stretches, unseen)
-    states = problem.first_states([*pool, *unseen])
-    at = {id(s): i for i, s in enumerate([*pool, *unseen])}
-    starts = [tuple(states[i] for i in fold.train_at) for fold in folds]
-    tests = [tuple(states[at[id(s)]] for s in fold.test) for fold in folds]
-    return Search(problem, fitted, folds, starts, tests, slugs, given=given, progress=progress, jobs=jobs), words
+    parts = parts_of(problem, unseen)
+    return Search(problem, fitted, parts, slugs, given=given, progress=progress, jobs=jobs)
+
+
+def explains_all(problem: Problem, found: Found) -> bool:
+    """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
+    ends = (j.fitted for j in found.judged if j.evidence > 0.0)
+    return any(whiteness_of(tests_of(problem, end)) >= SIGNIFICANCE for end in ends)
 
 
 def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:
     """Return those of *passed_over* that *own* is easily mistaken for, at its place: a screening may misjudge them."""
     return [c for c in passed_over if c.own.slug in BOOK[own.slug].mistaken_for and c.own.place == own.place]
+
+
+def _best_of_each(rough: Sequence[tuple[Candidate, Fitted]], present: Fitted) -> list[tuple[Candidate, Fitted]]:
+    """Return the best fit of each effect and place, the best first."""
+    best: dict[tuple[str, str], tuple[Candidate, Fitted]] = {}
+    for candidate, fit in sorted(rough, key=lambda f: f[1].cost + price_of(f[1], present)):
+        best.setdefault((candidate.own.slug, candidate.own.place), (candidate, fit))
+    return list(best.values())
 
 
 def _contradicts(present: Sequence[Applied], own: Applied) -> bool:

@@ -54,7 +54,7 @@ def surrogate_of(
     base = form if form is not None else plain_form(flown, dof)
     stretches, doubts = stretches_of(flown, base, use)
     problem, fitted = fit_base(base, stretches)
-    search, _ = begin_search(problem, fitted, (), effects)
+    search = begin_search(problem, fitted, (), effects)
     search.run()
     found = search.fitted
     for name, level in found.levels.items():

@@ -223,6 +223,8 @@ class Effect:
     separated_by: ClassVar[str]
     fixed: ClassVar[tuple[str, ...]] = ()
     """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
+    happens_at: ClassVar[tuple[str, ...]] = ()
+    """Parameters that are moments of the run: a fit may settle a swing too early or too late."""
     yields_to: ClassVar[tuple[str, ...]] = ()
     """Slugs named before this one where runs cannot tell them apart: the more usual cause."""
     grows_with: ClassVar[tuple[str, ...]] = ()

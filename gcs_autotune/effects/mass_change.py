@@ -27,6 +27,7 @@ class MassChange(Effect):
         Quantity("ratio", "1", "inertia after over inertia before"),
         Quantity("time", "s", "when, after the start of the run"),
     )
+    happens_at: ClassVar[tuple[str, ...]] = ("time",)
     grows_with: ClassVar[tuple[str, ...]] = ("ratio",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     shown_by: ClassVar[str] = "residual against time: right up to a moment, then every acceleration off by one factor"
