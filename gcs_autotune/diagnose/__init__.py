@@ -9,10 +9,14 @@ workers      work shared among processes
 tables       tables of identified parameters (table_reading)
 result       what comes out
 screen       which effects are worth a fit
-heldout      errors on data left out
+attempts     one candidate fitted: roughly, to the end
+bases        other bases to begin at
+rewiring     wiring tried the other way round, the base found anew
+footholds    causes of short pieces, where whole runs are lost
+heldout      errors on data left out (unspoilt)
 whiteness    is anything left?
 judging      evidence, gain, who wins
-search       cause after cause, with second thoughts (ahead, rewiring)
+search       cause after cause, with second thoughts (ahead, usual)
 telling      from a finished search to a :class:`Diagnosis`
 signature    what is left, in words and pictures
 ===========  =======================================================================

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import Effect
 from sitl.effects.table import make_effect
 from sitl.tank import Hull, tow
 
-__all__ = ["HULL", "Hidden", "towed"]
+__all__ = ["BOAT", "HULL", "Hidden", "sailed", "squares", "towed"]
 
 HULL = Hull(("yaw",), {"yaw": 2.0}, {"yaw": 1.0})
-UNITS = {"psi": "rad", "r": "rad/s", "N": "N m"}
+BOAT = Hull(("surge", "sway", "yaw"), {"surge": 5.0, "sway": 7.0, "yaw": 2.0}, {"surge": 2.0, "sway": 9.0, "yaw": 1.0})
+UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m", "N": "N m", "X": "N"}
 
+Array = NDArray[np.float64]
 Hidden = tuple[str, str, dict[str, float]] | Effect
 """An effect hidden: slug, place and values of one the simulator has, or one made for the test."""
 
@@ -38,6 +41,62 @@ def towed(
             noise={"psi": noise, "r": noise},
             seed=10 * seed + k,
         )
-        t = columns.pop("t")
-        found.append(Trial(f"run{k}", {n: Channel(n, UNITS[n], t, v) for n, v in columns.items()}))
+        found.append(_filed(f"run{k}", columns))
     return found
+
+
+def squares(
+    *sizes: float, period: float, effects: Sequence[Hidden] = (), drag: float = 1.0, noise: float = 0.005, seed: int = 1
+) -> list[Trial]:
+    """Return a run of square waves of each size [N m], halves and quarters of the *period* [s] in between."""
+    hull = Hull(("yaw",), {"yaw": 2.0}, {"yaw": drag})
+    return [
+        _filed(
+            f"run{k}",
+            tow(
+                hull,
+                {"N": _square(size, period)},
+                duration=30.0,
+                interval=0.1,
+                measured=("psi", "r"),
+                effects=[e if isinstance(e, Effect) else make_effect(*e) for e in effects],
+                noise={"psi": noise, "r": noise},
+                seed=10 * seed + k,
+            ),
+        )
+        for k, size in enumerate(sizes)
+    ]
+
+
+def _square(size: float, period: float) -> list[tuple[float, float]]:
+    steps, t, way = [], 0.0, 1.0
+    for k in range(round(60.0 / period) + 1):
+        steps.append((t, way * size))
+        t, way = t + period / (2.0, 4.0, 3.0)[k % 3], -way
+    return [step for step in steps if step[0] < 30.0]
+
+
+def sailed(*effects: Hidden, seed: int = 1) -> list[Trial]:
+    """Return two runs of a boat under way, turned by random steps, with everything measured."""
+    rng = np.random.default_rng(seed)
+    measured = ("u", "v", "r", "psi", "x", "y")
+    found = []
+    for k in range(2):
+        steps: Sequence[float] = np.repeat(rng.uniform(-1.0, 1.0, 10), 25)
+        columns = tow(
+            BOAT,
+            {"N": steps, "X": np.repeat(rng.uniform(1.0, 3.0, 5), 50)},
+            duration=25.0,
+            interval=0.1,
+            measured=measured,
+            effects=[e if isinstance(e, Effect) else make_effect(*e) for e in effects],
+            noise=dict.fromkeys(measured, 0.005),
+            seed=10 * seed + k,
+        )
+        found.append(_filed(f"run{k}", columns))
+    return found
+
+
+def _filed(name: str, columns: dict[str, Array]) -> Trial:
+    t = columns.pop("t")
+    return Trial(name, {n: Channel(n, UNITS[n], t, v) for n, v in columns.items()})

@@ -1,0 +1,87 @@
+"""Bases that lose the craft altogether: footholds in pieces, wiring tried anew, what runs of one size can tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from runs_in_the_tank import sailed, squares, towed
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.search import begin_search
+from gcs_autotune.diagnose.unspoilt import unspoilt
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.models.coupled import Form
+
+DRAGLESS = Form("plain", "yaw without drag", ("yaw",), ("N_rdot",), {}, {"N": (("N", 1.0),)}, coriolis=False)
+
+
+def named(told) -> list[str]:
+    return [cause.applied.slug for cause in told.causes]
+
+
+def test_drag_is_found_from_a_base_that_has_none_and_drifts_away_within_seconds() -> None:
+    runs = squares(0.5, 1.0, period=5.0, drag=8.0)
+    told = diagnose(runs, form=DRAGLESS)
+    assert (told.verdict, named(told)) == ("effect-found", ["linear-drag"])
+    assert told.causes[0].parameters["coefficient"].value == pytest.approx(8.0, rel=0.02)
+
+
+def test_a_rudder_stalled_so_deep_that_more_helm_turns_the_craft_back_is_found() -> None:
+    stalled = ("rudder-stall", "N", {"angle": 0.4, "drop": 1.5})
+    told = diagnose(squares(0.35, 0.5, 0.6, period=6.0, effects=[stalled]))
+    assert told.verdict == "effect-found"
+    assert named(told) == ["rudder-stall"]
+    assert told.causes[0].parameters["angle"].value == pytest.approx(0.4, rel=0.05)
+
+
+def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out() -> None:
+    runs = squares(0.3, 1.0, period=6.0, effects=[("saturation", "N", {"limit": 0.6})])
+    form = plain_form(runs)
+    problem, base = fit_base(form, stretches_of(runs, form)[0])
+    search = begin_search(problem, base, [], ["saturation", "input-delay"])
+    assert search.parts.kind == "runs"
+    found = replace(search.step("cause 1"), accepted=None)
+    again = search._by_blocks(found)
+    assert again is not None
+    assert again.accepted is not None
+    assert again.accepted.own.slug == "saturation"
+    assert search.parts.kind == "blocks"
+    assert search.parts.words == "4 blocks of every run left out in turn"
+    assert all({s.run for s in fold.test} == {"run0", "run1"} for fold in search.parts.folds)
+    assert search._by_blocks(found) is None
+
+
+def test_a_limit_that_only_the_runs_kept_apart_tell_is_found_in_all_together_and_that_is_said() -> None:
+    *runs, unseen = squares(0.8, 1.0, 0.3, period=6.0, effects=[("saturation", "N", {"limit": 0.6})])
+    told = diagnose(runs, unseen=[unseen])
+    assert "saturation" in {slug for group in (*told.indistinguishable, named(told)) for slug in group}
+    assert "validation-was-needed" in {doubt.slug for doubt in told.doubts}
+
+
+def test_a_change_of_mass_is_dated_right_although_a_swing_too_late_fits_nearly_as_well() -> None:
+    change = ("mass-change", "yaw", {"ratio": 0.6, "time": 13.0})
+    told = diagnose(squares(1.0, 1.0, period=2.6, effects=[change]), effects=["mass-change", "gain-drift"])
+    assert named(told) == ["mass-change"]
+    assert told.causes[0].parameters["time"].value == pytest.approx(13.0, abs=0.3)
+
+
+def test_signals_are_read_as_they_were_before_a_wrong_sign_or_unit() -> None:
+    (run, *_) = towed()
+    form = plain_form([run])
+    (stretch,) = stretches_of([run], form)[0]
+    wrong = [Applied("sign-error", "psi", {}), Applied("unit-error", "r", {"factor": 180.0 / math.pi})]
+    right = unspoilt(wrong, stretch)
+    np.testing.assert_allclose(right.record.signals["psi"].values, -stretch.record.signals["psi"].values)
+    np.testing.assert_allclose(right.record.signals["r"].values, stretch.record.signals["r"].values * math.pi / 180.0)
+    assert unspoilt([Applied("sign-error", "psi@another", {})], stretch) is stretch
+
+
+def test_a_heading_that_counts_the_other_way_is_found_on_a_boat_whose_way_over_ground_is_measured() -> None:
+    told = diagnose(sailed(("sign-error", "psi", {})), effects=["sign-error", "channel-swap", "unit-error"])
+    assert told.verdict == "effect-found"
+    assert [(c.applied.slug, c.applied.place) for c in told.causes] == [("sign-error", "psi")]
