@@ -43,6 +43,7 @@ __all__ = ["Search", "begin_search", "explains_all"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+Attempt = tuple[Candidate, Fitted]
 
 MOST_CAUSES = 6
 """Causes looked for, at most: a craft over telemetry has three or four of its own."""
@@ -148,29 +149,38 @@ class Search:
         listed = screen(
             self.problem, grounds, others, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs
         )
-        rough: list[tuple[Candidate, Fitted]] = []
-        if astray and lost(present, self.problem.scene.spread):
-            if self.given is None:
-                listed = merged(listed, rewired(self.problem, present, choices))
-            self._say(stage + ": pieces", 0, 1)
-            rough = footholds(self.problem, present, self.slugs if slugs is None else slugs, self.jobs)
+        is_lost = astray and lost(present, self.problem.scene.spread)
+        if is_lost and self.given is None:
+            listed = merged(listed, rewired(self.problem, present, choices))
+        rough: list[Attempt] = []
         fresh, passed_over = listed[:SHORT_LIST], listed[SHORT_LIST:]
         while fresh:
             rough = _best_of_each([*rough, *self._rough(fresh, present, stage)], present)
             better = bool(rough) and rough[0][1].cost < present.cost
             fresh = _taken_for(rough[0][0].own, passed_over) if better else []
             passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
-        ends = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), min(RUNNERS, len(rough)), self.jobs)
-        best = min(ends, key=lambda f: f.cost + price_of(f, present), default=present)
+        ends = self._ends(rough[:RUNNERS])
+        if is_lost and not any(self._leaves_nothing(fit) for _, fit in ends):
+            self._say(stage + ": in pieces", 0, 1)
+            held = footholds(self.problem, present, self.slugs if slugs is None else slugs, self.jobs)
+            ends = _best_of_each([*ends, *self._ends(held)], present)[:RUNNERS]
+        best = min((fit for _, fit in ends), key=lambda f: f.cost + price_of(f, present), default=present)
         raised = correlation_of(best)
 
         def judged_one(i: int) -> Judged:
-            return self.judged(rough[i][0].own, ends[i], present, len(choices), raised, quick=quick)
+            return self.judged(ends[i][0].own, ends[i][1], present, len(choices), raised, quick=quick)
 
         judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.jobs))
         return Found(tuple(judged), None if quick else winner_of(judged, len(choices), present))
 
-    def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[tuple[Candidate, Fitted]]:
+    def _ends(self, rough: Sequence[Attempt]) -> list[Attempt]:
+        fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.jobs)
+        return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
+
+    def _leaves_nothing(self, fit: Fitted) -> bool:
+        return whiteness_of(tests_of(self.problem, fit)) >= SIGNIFICANCE
+
+    def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[Attempt]:
         self._say(stage + ": fitting", 0, len(listed))
         fits = in_parallel(
             lambda i: fitted_roughly(self.problem, listed[i]),
@@ -282,10 +292,10 @@ def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate
     return [c for c in passed_over if c.own.slug in BOOK[own.slug].mistaken_for and c.own.place == own.place]
 
 
-def _best_of_each(rough: Sequence[tuple[Candidate, Fitted]], present: Fitted) -> list[tuple[Candidate, Fitted]]:
+def _best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
     """Return the best fit of each effect and place, the best first."""
-    best: dict[tuple[str, str], tuple[Candidate, Fitted]] = {}
-    for candidate, fit in sorted(rough, key=lambda f: f[1].cost + price_of(f[1], present)):
+    best: dict[tuple[str, str], Attempt] = {}
+    for candidate, fit in sorted(attempts, key=lambda f: f[1].cost + price_of(f[1], present)):
         best.setdefault((candidate.own.slug, candidate.own.place), (candidate, fit))
     return list(best.values())
 
