@@ -60,7 +60,7 @@ _OLD_IDS = {"MAV_GCS_SYSID": _same("SYSID_MYGCS", _INT16), "MAV_SYSID": _same("S
 
 _POSITION: dict[str, _Word] = {
     "PSC_POSZ_P": _same("PSC_D_POS_P"),
-    **{f"PSC_VELZ_{x}": _same(f"PSC_D_VEL_{x}") for x in ("P", "I", "D", "FF", "D_FF", "FLTE", "FLTD", "FLTT", "PDMX")},
+    **{f"PSC_VELZ_{x}": _same(f"PSC_D_VEL_{x}") for x in ("P", "I", "D", "FF", "FLTE", "FLTD")},
     "PSC_VELZ_IMAX": _times("PSC_D_VEL_IMAX", 0.01),
     **{f"PSC_ACCZ_{x}": _times(f"PSC_D_ACC_{x}", 0.1) for x in ("P", "I", "D", "FF", "D_FF")},
     **{f"PSC_ACCZ_{x}": _same(f"PSC_D_ACC_{x}") for x in ("FLTE", "FLTD", "FLTT", "SMAX")},
@@ -92,10 +92,10 @@ GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
 
 _LATER = "MAV_OPTIONS MAV_TELEM_DELAY RC_FS_TIMEOUT"
 _LATER_ON = {
-    "rover": f"{_LATER} ARMING_NEED_LOC ATC_STR_DEC_MAX RCMAP_FORWARD RCMAP_LATERAL",
+    "rover": f"{_LATER} ARMING_NEED_LOC ATC_STR_DEC_MAX",
     "sub": f"{_LATER} FLTMODE1 FLTMODE2 FLTMODE3 FLTMODE4 FLTMODE5 FLTMODE6 FS_THR_ENABLE FS_THR_VALUE PILOT_SPEED "
-    "PSC_VELZ_D_FF PSC_VELZ_FLTT PSC_VELZ_PDMX RC1_OPTION RC2_OPTION RC3_OPTION RC4_OPTION RC5_OPTION RC6_OPTION "
-    "RC7_OPTION RC8_OPTION RCMAP_FORWARD RCMAP_LATERAL RCMAP_PITCH RCMAP_ROLL RCMAP_THROTTLE RCMAP_YAW SURFACE_MAX_THR",
+    "RC1_OPTION RC2_OPTION RC3_OPTION RC4_OPTION RC5_OPTION RC6_OPTION RC7_OPTION RC8_OPTION "
+    "RCMAP_FORWARD RCMAP_LATERAL RCMAP_PITCH RCMAP_ROLL RCMAP_THROTTLE RCMAP_YAW SURFACE_MAX_THR",
 }
 """Firmware -> parameters that 4.5 and 4.6 do not have yet (from the list of a running 4.6.3)."""
 

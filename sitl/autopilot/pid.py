@@ -13,7 +13,8 @@ class Pid:
 
     ``out = P*e + I*int(e) + D*LPF(de/dt)`` with ``e = LPF_FLTE(LPF_FLTT(target) - measured)``; ``|I| <= IMAX``,
     ``|P+D| <= PDMX`` when that is positive. Feed-forward is kept apart in ``feed_forward``. The SMAX slew-rate
-    limiter is off at its default and is not simulated. The last parts stay readable for PID_TUNING.
+    limiter is off at its default and is not simulated. The last parts stay readable for PID_TUNING. A loop on
+    velocities (AC_PID_Basic) has no D_FF, FLTT and PDMX, which then do nothing.
     """
 
     def __init__(self, parameters: ParameterStore, prefix: str) -> None:
@@ -43,16 +44,17 @@ class Pid:
             self._error = target - measured
             self._derivative = 0.0
         else:
-            self.target += low_pass_share(values[self._fltt], dt) * (target - self.target)
+            self.target += low_pass_share(values.get(self._fltt, 0.0), dt) * (target - self.target)
             self._error += low_pass_share(values[self._flte], dt) * (self.target - measured - self._error)
             slope = (self._error - last_error) / dt
             self._derivative += low_pass_share(values[self._fltd], dt) * (slope - self._derivative)
         self.measured = measured
-        self.feed_forward = self.target * values[self._ff] + (self.target - last_target) / dt * values[self._dff]
+        self.feed_forward = self.target * values[self._ff]
+        self.feed_forward += (self.target - last_target) / dt * values.get(self._dff, 0.0)
         self._integrate(dt, limited)
         self.p_part = self._error * values[self._p]
         self.d_part = self._derivative * values[self._d]
-        self._limit_p_and_d(values[self._pdmx])
+        self._limit_p_and_d(values.get(self._pdmx, 0.0))
         return self.p_part + self.integrator + self.d_part
 
     def _integrate(self, dt: float, limited: bool) -> None:
