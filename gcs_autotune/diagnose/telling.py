@@ -15,6 +15,7 @@ from gcs_autotune.diagnose.nameless import outdone_by
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
+from gcs_autotune.diagnose.usual import other_places
 from gcs_autotune.diagnose.whiteness import correlation_of
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Leftover
@@ -91,7 +92,7 @@ def told_of(
         noise=dict(final.levels),
         tried=search.tried,
         seconds=seconds,
-        doubts=tuple(doubts),
+        doubts=(*doubts, *other_places(search, order)),
     )
 
 

@@ -10,11 +10,12 @@ from gcs_autotune.diagnose.judging import ALIKE
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Scene
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.result import Doubt
 
 if TYPE_CHECKING:
     from gcs_autotune.diagnose.search import Search
 
-__all__ = ["name_as_usual"]
+__all__ = ["name_as_usual", "other_places"]
 
 
 def name_as_usual(search: Search) -> None:
@@ -28,6 +29,36 @@ def name_as_usual(search: Search) -> None:
         for slug, entry in BOOK.items():
             if own.slug in entry.yields_to and _as_likely(search.problem, search.fitted, own, (slug,)) is not None:
                 search.renamed.append((own.slug, slug))
+
+
+def other_places(search: Search, order: Sequence[Applied]) -> list[Doubt]:
+    """Return a doubt for every cause of *order* that would explain the runs as well at another place.
+
+    A heading in degrees or a turn rate divided by 57.3: between two columns, runs tell only that they disagree.
+    """
+    found = []
+    for step in search.steps:
+        own = None if step.accepted is None else step.accepted
+        if own is None or not any((e.slug, e.place) == (own.own.slug, own.own.place) for e in order):
+            continue
+        same = [j for j in step.judged if j.own.slug == own.own.slug and j.own.place != own.own.place]
+        alike = [j.own for j in same if abs(j.fitted.cost - own.fitted.cost) < ALIKE]
+        if alike:
+            found.append(_elsewhere(own.own, alike))
+    return found
+
+
+def _elsewhere(own: Applied, alike: Sequence[Applied]) -> Doubt:
+    others = " or ".join(f"{e.place}{_numbers(e)}" for e in alike)
+    return Doubt(
+        "another-place",
+        f"{own.slug} of {own.place}{_numbers(own)} explains these runs no better than {own.slug} of {others}",
+        f"look at the columns: {BOOK[own.slug].separated_by}",
+    )
+
+
+def _numbers(own: Applied) -> str:
+    return "".join(f", {name} {value:.4g}" for name, value in own.values.items())
 
 
 def _as_likely(problem: Problem, now: Fitted, own: Applied, slugs: Sequence[str]) -> tuple[Applied, Fitted] | None:

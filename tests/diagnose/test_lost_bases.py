@@ -85,3 +85,12 @@ def test_a_heading_that_counts_the_other_way_is_found_on_a_boat_whose_way_over_g
     told = diagnose(sailed(("sign-error", "psi", {})), effects=["sign-error", "channel-swap", "unit-error"])
     assert told.verdict == "effect-found"
     assert [(c.applied.slug, c.applied.place) for c in told.causes] == [("sign-error", "psi")]
+
+
+def test_of_two_columns_that_disagree_by_a_unit_either_may_be_wrong_and_that_is_said() -> None:
+    told = diagnose(towed(("unit-error", "psi", {"factor": 180.0 / math.pi})), effects=["unit-error", "time-scale"])
+    assert named(told) == ["unit-error"]
+    (doubt,) = (d for d in told.doubts if d.slug == "another-place")
+    assert {"psi", "r"} <= set(doubt.cause.replace(",", "").split())
+    assert "0.01745" in doubt.cause
+    assert "57.3" in doubt.cause
