@@ -17,7 +17,7 @@ heldout      errors on data left out (unspoilt)
 whiteness    is anything left?
 judging      evidence, gain, who wins
 search       cause after cause, with second thoughts (ahead, usual)
-telling      from a finished search to a :class:`Diagnosis`
+telling      from a finished search to a :class:`Diagnosis` (lateness)
 signature    what is left, in words and pictures
 ===========  =======================================================================
 

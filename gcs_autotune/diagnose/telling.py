@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
 from gcs_autotune.diagnose.judging import ALIKE, LUCK, Judged
+from gcs_autotune.diagnose.lateness import differ_only_at_first
 from gcs_autotune.diagnose.nameless import outdone_by
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import Search
@@ -171,12 +172,12 @@ def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], .
 def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
     """Whether these runs cannot tell *other* from *best*.
 
-    It pays on unseen data too, and its evidence is as good; or it is as likely and only pays for numbers that the runs
-    say nothing about.
+    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
+    it is as likely and only pays for numbers that the runs say nothing about.
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False
-    if best.evidence - other.evidence < ALIKE:
+    if best.evidence - other.evidence < ALIKE or differ_only_at_first(best, other, search.problem.scene.pace):
         return True
     return best.likelihood - other.likelihood < ALIKE and _is_vague(search, other)
 
