@@ -97,9 +97,7 @@ def test_of_two_columns_that_disagree_by_a_unit_either_may_be_wrong_and_that_is_
 
 
 def test_late_sensors_and_late_commands_are_named_together_as_only_the_time_before_the_runs_could_tell() -> None:
-    told = diagnose(
-        towed(("measurement-delay", "psi+r", {"delay": 0.5}), noise=0.02),
-        effects=["input-delay", "measurement-delay", "gyro-bias"],
-    )
+    runs = towed(("measurement-delay", "psi+r", {"delay": 0.5}), noise=0.02)
+    told = diagnose(runs, effects=["input-delay", "measurement-delay", "gyro-bias"])
     assert told.verdict == "effect-found"
     assert any({"input-delay", "measurement-delay"} <= set(group) for group in told.indistinguishable)
