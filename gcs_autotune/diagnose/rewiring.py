@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs_autotune.diagnose.attempts import ROUGH
 from gcs_autotune.diagnose.screen import Candidate
 from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.effects import BOOK
@@ -42,7 +43,7 @@ def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applie
         if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
             continue
         try:
-            _, alone = fit_base(problem.form, stretches)
+            _, alone = fit_base(problem.form, stretches, trials=ROUGH)
         except AutotuneError:
             continue
         begin = replace(present, theta=alone.theta, initial=alone.initial)

@@ -36,8 +36,8 @@ def base_limits(form: Form) -> Limits:
     return Limits(low, high)
 
 
-def fit_base(form: Form, stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]:
-    """Fit *form* from several starts and return the problem and the best fit.
+def fit_base(form: Form, stretches: Sequence[Stretch], *, trials: int = 30) -> tuple[Problem, Fitted]:
+    """Fit *form* from several starts, *trials* steps each, and return the problem and the best fit.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def fit_base(form: Form, stretches: Sequence[Stretch]) -> tuple[Problem, Fitted]
         starts = list(ground.starts(limits))
     for theta in starts:
         low, high = limits.of(form.parameters)
-        found = problem.fit(np.clip(theta, low, high), (), ground.initial)
+        found = problem.fit(np.clip(theta, low, high), (), ground.initial, trials=trials)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
     if best is None:
