@@ -160,7 +160,7 @@ class Search:
             fresh = _taken_for(rough[0][0].own, passed_over) if better else []
             passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
         ends = self._ends(rough[:RUNNERS])
-        if is_lost and not any(self._leaves_nothing(fit) for _, fit in ends):
+        if is_lost and not any(_leaves_nothing(self.problem, fit) for _, fit in ends):
             self._say(stage + ": in pieces", 0, 1)
             held = footholds(self.problem, present, self.slugs if slugs is None else slugs, self.jobs)
             ends = _best_of_each([*ends, *self._ends(held)], present)[:RUNNERS]
@@ -176,9 +176,6 @@ class Search:
     def _ends(self, rough: Sequence[Attempt]) -> list[Attempt]:
         fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.jobs)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
-
-    def _leaves_nothing(self, fit: Fitted) -> bool:
-        return whiteness_of(tests_of(self.problem, fit)) >= SIGNIFICANCE
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[Attempt]:
         self._say(stage + ": fitting", 0, len(listed))
@@ -283,8 +280,11 @@ def begin_search(
 
 def explains_all(problem: Problem, found: Found) -> bool:
     """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
-    ends = (j.fitted for j in found.judged if j.evidence > 0.0)
-    return any(whiteness_of(tests_of(problem, end)) >= SIGNIFICANCE for end in ends)
+    return any(_leaves_nothing(problem, j.fitted) for j in found.judged if j.evidence > 0.0)
+
+
+def _leaves_nothing(problem: Problem, fit: Fitted) -> bool:
+    return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
 def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:
