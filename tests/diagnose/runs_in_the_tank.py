@@ -46,15 +46,14 @@ def towed(
 
 
 def squares(
-    *sizes: float, period: float, effects: Sequence[Hidden] = (), drag: float = 1.0, noise: float = 0.005, seed: int = 1
+    *sizes: float, period: float, effects: Sequence[Hidden] = (), noise: float = 0.005, seed: int = 1
 ) -> list[Trial]:
     """Return a run of square waves of each size [N m], halves and quarters of the *period* [s] in between."""
-    hull = Hull(("yaw",), {"yaw": 2.0}, {"yaw": drag})
     return [
         _filed(
             f"run{k}",
             tow(
-                hull,
+                HULL,
                 {"N": _square(size, period)},
                 duration=30.0,
                 interval=0.1,
