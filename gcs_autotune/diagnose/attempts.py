@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gcs_autotune.diagnose.judging import price_of
 from gcs_autotune.diagnose.screen import Candidate
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
-__all__ = ["ROUGH", "fitted_roughly", "fitted_to_the_end"]
+__all__ = ["ROUGH", "RUNNERS", "Attempt", "best_of_each", "fitted_roughly", "fitted_to_the_end"]
+
+Attempt = tuple[Candidate, Fitted]
 
 ROUGH = 8
 """Trials of a rough fit."""
 
+RUNNERS = 5
+"""Candidates of a step fitted to the end."""
+
 MOMENTS, FEW = 6, 3
 """Chosen: moments tried on either side of the one found, and trials of each."""
+
+
+def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
+    """Return the best fit of each effect and place, the best first."""
+    best: dict[tuple[str, str], Attempt] = {}
+    for candidate, fit in sorted(attempts, key=lambda f: f[1].cost + price_of(f[1], present)):
+        best.setdefault((candidate.own.slug, candidate.own.place), (candidate, fit))
+    return list(best.values())
 
 
 def fitted_roughly(problem: Problem, candidate: Candidate) -> Fitted | None:

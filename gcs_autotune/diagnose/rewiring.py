@@ -1,11 +1,12 @@
 """Commands that reach the wrong place, signals the wrong way round: the base model itself has to be found anew.
 
 With such a slip the base fits nothing, so that nothing can be learnt from small changes about it: each way of wiring
-is tried by fitting the base to runs wired that way.
+that suits short pieces of the runs is tried by fitting the base to runs wired that way.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -17,14 +18,20 @@ from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Drive
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.coupled.objective import Limits
+from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.base import base_limits, fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.models.coupled import Form
 
 __all__ = ["lost", "merged", "rewired"]
 
 LOST = 0.3
 """Error of some signal, in shares of its motion, at which wiring is suspected."""
+
+TRIED = 5
+"""Wirings the base is fitted under, at most."""
 
 
 def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
@@ -33,8 +40,14 @@ def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
 
 
 def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applied]]) -> list[Candidate]:
-    """Return every slip in the wiring of commands, or of signals of all runs, with the base found anew under it."""
-    found = []
+    """Return the likeliest slips in the wiring of commands, or of signals of all runs, with the base found anew under
+    each.
+
+    A wiring that suits short pieces of the runs worse than the one given is none: there no base gets lost.
+    """
+    limits = base_limits(problem.form)
+    likely: list[tuple[float, Applied, list[Stretch]]] = []
+    as_given: float | None = None
     for choice in choices:
         entry, own = BOOK[choice[0].slug], choice[0]
         if entry.family != "bookkeeping" or not entry.overrides("drive") or own.values:
@@ -42,6 +55,12 @@ def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applie
         stretches = [unspoilt([] if "@" in own.place else [own], _through(own, s)) for s in problem.stretches]
         if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
             continue
+        as_given = _misfit(problem.form, problem.stretches, limits) if as_given is None else as_given
+        misfit = _misfit(problem.form, stretches, limits)
+        if misfit <= as_given and math.isfinite(misfit):
+            likely.append((misfit, own, stretches))
+    found = []
+    for _, own, stretches in sorted(likely, key=lambda w: w[0])[:TRIED]:
         try:
             _, alone = fit_base(problem.form, stretches, trials=ROUGH)
         except AutotuneError:
@@ -49,6 +68,10 @@ def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applie
         begin = replace(present, theta=alone.theta, initial=alone.initial)
         found.append(Candidate(own, begin, alone.cost, np.zeros(present.jacobian.shape[1])))
     return found
+
+
+def _misfit(form: Form, stretches: Sequence[Stretch], limits: Limits) -> float:
+    return ground_of(form, [s.record for s in stretches]).misfit(limits)
 
 
 def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:

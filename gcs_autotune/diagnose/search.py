@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.ahead import look_ahead
-from gcs_autotune.diagnose.attempts import fitted_roughly, fitted_to_the_end
+from gcs_autotune.diagnose.attempts import RUNNERS, Attempt, best_of_each, fitted_roughly, fitted_to_the_end
 from gcs_autotune.diagnose.bases import without_one_signal
-from gcs_autotune.diagnose.footholds import footholds
+from gcs_autotune.diagnose.begin_in_pieces import LostBase, begin_in_pieces
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.judging import (
     ALIKE,
@@ -43,13 +43,12 @@ __all__ = ["Search", "begin_search", "explains_all"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
-Attempt = tuple[Candidate, Fitted]
 
 MOST_CAUSES = 6
 """Causes looked for, at most: a craft over telemetry has three or four of its own."""
 
-SHORT_LIST, RUNNERS = 18, 5
-"""Candidates fitted roughly, and of these to the end."""
+SHORT_LIST, RIVALS = 18, 9
+"""Candidates fitted roughly; and where only those count that may beat a cause already found."""
 
 DONE = 0.5
 """Whiteness at which the search is over."""
@@ -72,6 +71,7 @@ class Search:
     tried: int = 0
     steps: list[Found] = field(default_factory=list)
     renamed: list[tuple[str, str]] = field(default_factory=list)
+    lost: LostBase | None = None
     _alone: Sequence[Fitted] | None = None
     _former: Fitted | None = None
     """The base that a better one took the place of: the better may be none of the craft's, so causes begin at both."""
@@ -85,17 +85,23 @@ class Search:
 
     def run(self) -> None:
         """Look for causes until none pays, then call each by its most usual name."""
-        while len(self.steps) < MOST_CAUSES and self._one_more():
-            if len(self.steps) > 1:
-                self._reconsider()
+        self.until_none_pays()
+        begin_in_pieces(self)
         name_as_usual(self)
 
-    def _one_more(self) -> bool:
+    def until_none_pays(self, first: Found | None = None) -> None:
+        """Take one step after the other; *first*: the next one, judged already."""
+        while len(self.steps) < MOST_CAUSES and self._one_more(first):
+            first = None
+            if len(self.steps) > 1:
+                self._reconsider()
+
+    def _one_more(self, judged: Found | None) -> bool:
         """Take one more step (or two, where only two causes together pay); whether anything was found."""
         stage = f"cause {len(self.steps) + 1}"
         white = whiteness_of(tests_of(self.problem, self.fitted))
         slugs = [s for s in self.slugs if BOOK[s].overrides("learn")] if self.steps and white > DONE else None
-        found = self.step(stage, slugs=slugs)
+        found = self.step(stage, slugs=slugs) if judged is None else judged
         if found.accepted is None:
             found = self._by_blocks(found) or found
         taken: tuple[Found, ...] = (found,)
@@ -113,7 +119,9 @@ class Search:
         Where each run shows one size of command only, no run is foretold by the others although one cause explains
         all of them.
         """
-        if self.parts.kind != "runs" or not explains_all(self.problem, found):
+        if self.parts.kind != "runs" or _leaves_nothing(self.problem, self.fitted):
+            return None
+        if not explains_all(self.problem, found):
             return None
         former = self.parts, self.base_unseen, self.present_unseen
         self.parts = parts_of(self.problem, in_blocks=True)
@@ -134,9 +142,18 @@ class Search:
     # -- one step
 
     def step(
-        self, stage: str, against: Fitted | None = None, *, slugs: Sequence[str] | None = None, quick: bool = False
+        self,
+        stage: str,
+        against: Fitted | None = None,
+        *,
+        slugs: Sequence[str] | None = None,
+        quick: bool = False,
+        most: int = SHORT_LIST,
     ) -> Found:
-        """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone."""
+        """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone.
+
+        slugs : of candidates, all of the search's when None. most : fitted roughly.
+        """
         present = self.fitted if against is None else against
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
         others = self._others() if astray else []
@@ -153,27 +170,30 @@ class Search:
         if is_lost and self.given is None:
             listed = merged(listed, rewired(self.problem, present, choices))
         rough: list[Attempt] = []
-        fresh, passed_over = listed[:SHORT_LIST], listed[SHORT_LIST:]
+        fresh, passed_over = listed[:most], listed[most:]
         while fresh:
-            rough = _best_of_each([*rough, *self._rough(fresh, present, stage)], present)
+            rough = best_of_each([*rough, *self._rough(fresh, present, stage)], present)
             better = bool(rough) and rough[0][1].cost < present.cost
             fresh = _taken_for(rough[0][0].own, passed_over) if better else []
             passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
-        ends = self._ends(rough[:RUNNERS])
-        if is_lost and not any(_leaves_nothing(self.problem, fit) for _, fit in ends):
-            self._say(stage + ": in pieces", 0, 1)
-            held = footholds(self.problem, present, self.slugs if slugs is None else slugs, self.jobs)
-            ends = _best_of_each([*ends, *self._ends(held)], present)[:RUNNERS]
+        ends = self.ends_of(rough[:RUNNERS])
+        if is_lost and not quick and self.lost is None:
+            self.lost = LostBase(present, tuple(ends), len(choices))
+        return self.judged_all(ends, present, len(choices), quick)
+
+    def judged_all(self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False) -> Found:
+        """Judge fits made on top of *present*, of so many *tried*."""
         best = min((fit for _, fit in ends), key=lambda f: f.cost + price_of(f, present), default=present)
         raised = correlation_of(best)
 
         def judged_one(i: int) -> Judged:
-            return self.judged(ends[i][0].own, ends[i][1], present, len(choices), raised, quick=quick)
+            return self.judged(ends[i][0].own, ends[i][1], present, tried, raised, quick=quick)
 
         judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.jobs))
-        return Found(tuple(judged), None if quick else winner_of(judged, len(choices), present))
+        return Found(tuple(judged), None if quick else winner_of(judged, tried, present))
 
-    def _ends(self, rough: Sequence[Attempt]) -> list[Attempt]:
+    def ends_of(self, rough: Sequence[Attempt]) -> list[Attempt]:
+        """Fit to the end what was fitted roughly."""
         fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.jobs)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
@@ -215,9 +235,15 @@ class Search:
     # -- second thoughts
 
     def _reconsider(self) -> None:
-        """Let every earlier cause defend its place against its rivals, the others given."""
-        for own in self.fitted.effects[:]:
-            if own not in self.fitted.effects:
+        """Let every earlier cause defend its place against its rivals, the others given.
+
+        The newest has just won it, and does so again only where an earlier one has changed since.
+        """
+        newest, won = self.steps[-1].accepted, self.fitted
+        last = None if newest is None else (newest.own.slug, newest.own.place)
+        for key in sorted([(e.slug, e.place) for e in self.fitted.effects], key=lambda k: k == last):
+            own = next((e for e in self.fitted.effects if (e.slug, e.place) == key), None)
+            if own is None or (key == last and self.fitted is won):
                 continue
             rest = tuple(e for e in self.fitted.effects if e is not own)
             now = self.fitted
@@ -229,7 +255,7 @@ class Search:
             if not is_needed(likelihood, kept, without, self.tried):
                 self.fitted, self.present_unseen = without, self.unseen(without)
                 continue
-            again = self.step(f"second thoughts on {own.slug}", without, quick=True)
+            again = self.step(f"second thoughts on {own.slug}", without, quick=True, most=RIVALS)
             rival = next((j for j in again.judged if j.own.slug != own.slug), None)
             if rival is None:
                 continue
@@ -290,14 +316,6 @@ def _leaves_nothing(problem: Problem, fit: Fitted) -> bool:
 def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:
     """Return those of *passed_over* that *own* is easily mistaken for, at its place: a screening may misjudge them."""
     return [c for c in passed_over if c.own.slug in BOOK[own.slug].mistaken_for and c.own.place == own.place]
-
-
-def _best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
-    """Return the best fit of each effect and place, the best first."""
-    best: dict[tuple[str, str], Attempt] = {}
-    for candidate, fit in sorted(attempts, key=lambda f: f[1].cost + price_of(f[1], present)):
-        best.setdefault((candidate.own.slug, candidate.own.place), (candidate, fit))
-    return list(best.values())
 
 
 def _contradicts(present: Sequence[Applied], own: Applied) -> bool:

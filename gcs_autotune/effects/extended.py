@@ -173,6 +173,8 @@ class ExtendedSimulator:
         self.added = tuple(added)
         extended = replace(form, inputs={**form.inputs, **{n: () for n in more if n not in form.inputs}})
         self.form = extended.freeing(*(n for n in added if n not in form.parameters)) if added else extended
+        self._at = {n: k for k, n in enumerate(self.form.parameters)}
+        self._of_base = [self._at[n] for n in form.parameters]
         wanted = dict.fromkeys((*self.free, *(self.added if self.free_effects else ())))
         self._columns = tuple(wanted)
         self._simulator = Simulator(self.form, self._columns, self.free_states, patience=PATIENCE)
@@ -213,21 +215,18 @@ class ExtendedSimulator:
         seen = self._observe(effects, truth)
         if not sensitivities:
             return {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
-        columns = self._through_sensors(effects, truth, seen, by)
-        tables: list[Mapping[str, Array]] = list(columns)
-        within = len(self.free)
+        passed = self._through_sensors(effects, truth, seen, by)
+        own = []
         for k, (i, name) in enumerate(self.free_effects):
-            found = self._effect_column(k, i, name, theta, effects, x_0, passage, truth, seen, columns)
+            found = self._effect_column(k, i, name, theta, effects, x_0, passage, truth, seen, passed)
             if found is None:
                 return None
-            tables.insert(within + k, found)
-        keep = [*range(within + len(self.free_effects))]
-        keep += range(len(tables) - len(self.free_states), len(tables))
-        chosen = [tables[j] for j in keep]
+            own.append(found)
+        within, states = len(self.free), len(self._columns)
         return {
             n: (
                 seen.signals[n][at],
-                np.column_stack([c[n][at] for c in chosen]) if chosen else np.empty((len(at), 0)),
+                np.hstack([passed[n][at, :within], *(c[n][at, None] for c in own), passed[n][at, states:]]),
             )
             for n, at in passage.at.items()
         }
@@ -244,11 +243,12 @@ class ExtendedSimulator:
 
     def extended_theta(self, theta: Array, effects: Sequence[Applied]) -> Array:
         """Return the parameters (e,) of the form with the effects' derivatives added."""
-        values = dict(zip(self.base.parameters, theta.tolist(), strict=True))
+        found = np.zeros(len(self._at))
+        found[self._of_base] = theta
         for entry, own in zip(self.entries, effects, strict=True):
             for name, value in entry.derivatives(own).items():
-                values[name] = values.get(name, 0.0) + value
-        return np.array([values[n] for n in self.form.parameters])
+                found[self._at[name]] += value
+        return found
 
     def _move(
         self,
@@ -271,13 +271,11 @@ class ExtendedSimulator:
             drive = entry.drive(own, drive)
         inputs = [drive.channels[n] for n in self.form.inputs]
         table = np.column_stack(inputs) if inputs else np.zeros((len(drive.t), 0))
-        found = self._simulator.run(
-            self.extended_theta(theta, effects), x_0, drive.t, table, stamps, sensitivities=sensitivities
-        )
+        extended = self.extended_theta(theta, effects)
+        found = self._simulator.run(extended, x_0, drive.t, table, stamps, sensitivities=sensitivities)
         if found is None:
             return None
         X, S = found
-        extended = self.extended_theta(theta, effects)
         signals, by = {}, {}
         for name in self._wanted(passage, everything):
             signals[name], by[name] = self._simulator.outputs(extended, X, S, name)
@@ -296,23 +294,22 @@ class ExtendedSimulator:
 
     def _through_sensors(
         self, effects: Sequence[Applied], truth: Observed, seen: Observed, by: Mapping[str, Array]
-    ) -> list[dict[str, Array]]:
-        """Return the kernel's sensitivities, one table per column, as the sensors pass them on."""
-        q = len(self._columns) + len(self.free_states)
-        if not any(entry.overrides("observe") for entry in self.entries):
-            return [{n: columns[:, j] for n, columns in by.items()} for j in range(q)]
-        tables = []
-        for j in range(q):
+    ) -> Mapping[str, Array]:
+        """Return the kernel's sensitivities of every signal, (s, q), as the sensors pass them on."""
+        if not self._sensors:
+            return by
+        passed = {n: np.zeros((len(seen.t), len(self._columns) + len(self.free_states))) for n in seen.signals}
+        for j in range(len(self._columns) + len(self.free_states)):
             size = max((float(np.abs(c[:, j]).max()) for c in by.values()), default=0.0)
             if size == 0.0:
-                tables.append({n: np.zeros(len(seen.t)) for n in seen.signals})
                 continue
             h = NUDGE / size
             nudged = self._observe(
                 effects, replace(truth, signals={n: y + h * by[n][:, j] for n, y in truth.signals.items()})
             )
-            tables.append({n: (nudged.signals[n] - y) / h for n, y in seen.signals.items()})
-        return tables
+            for n, y in seen.signals.items():
+                passed[n][:, j] = (nudged.signals[n] - y) / h
+        return passed
 
     def _effect_column(
         self,
@@ -325,7 +322,7 @@ class ExtendedSimulator:
         passage: Passage,
         truth: Observed,
         seen: Observed,
-        columns: Sequence[Mapping[str, Array]],
+        by: Mapping[str, Array],
     ) -> Mapping[str, Array] | None:
         """Return the sensitivity of every signal to one parameter of one effect."""
         own, entry = effects[i], self.entries[i]
@@ -337,9 +334,9 @@ class ExtendedSimulator:
             total: dict[str, Array] = {n: np.zeros(len(seen.t)) for n in seen.signals}
             for derivative, weight in weights.items():
                 if weight != 0.0:
-                    table = columns[self._columns.index(derivative)]
+                    at = self._columns.index(derivative)
                     for n in total:
-                        total[n] = total[n] + weight * table[n]
+                        total[n] = total[n] + weight * by[n][:, at]
             return total
         changed = [*effects[:i], nudged, *effects[i + 1 :]]
         if self._stages[k] == "after":

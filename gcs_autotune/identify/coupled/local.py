@@ -77,7 +77,7 @@ def local_fit(
         sturdy = ground.sturdy(limits)
         begin = ground.regression.solve(sturdy)
         better = ground.on_pieces(begin, sturdy)
-        begin = begin if better is None else better
+        begin = begin if better is None else better[0]
         cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust, effort=MISFIT)
         if cut is not None and (best is None or BETTER * _excess(cut, ground.levels) < _excess(best, ground.levels)):
             return Local(cut, pieces, pieces=True)

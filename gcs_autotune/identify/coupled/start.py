@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -31,6 +32,9 @@ SHORTEST = 12
 
 TRIALS, ROUGH = 25, 1e-4
 """Trials on the pieces, and the relative decrease that ends them: a start need not be exact."""
+
+FEW = 2
+"""Trials that tell whether a form suits the pieces at all."""
 
 LIGHTEST = 0.02
 """Smallest inertia of a start, in units of that whose acceleration takes all of the known forces."""
@@ -66,7 +70,13 @@ class Ground:
         for theta in (self.regression.solve(sturdy), self._plain(sturdy)):
             better = self.on_pieces(theta, sturdy)
             if better is not None:
-                yield better
+                yield better[0]
+
+    def misfit(self, limits: Limits) -> float:
+        """Return what the form leaves of short pieces after a few trials: comparable between records of one size."""
+        sturdy = self.sturdy(limits)
+        end = self.on_pieces(self.regression.solve(sturdy), sturdy, FEW)
+        return math.inf if end is None else end[1]
 
     def sturdy(self, limits: Limits) -> Limits:
         """Return *limits* cut down to a craft that can be simulated: drag that damps, inertia not near zero."""
@@ -87,13 +97,15 @@ class Ground:
                 initial.append(_lagged(x_0, piece, self.form))
         return tuple(pieces), tuple(initial)
 
-    def on_pieces(self, theta: Array, limits: Limits) -> Array | None:
-        """Fit the parameters from *theta* on to short pieces that begin at smoothed states; None if even these fail."""
+    def on_pieces(self, theta: Array, limits: Limits, trials: int = TRIALS) -> tuple[Array, float] | None:
+        """Fit the parameters from *theta* on to short pieces that begin at smoothed states, and return them and the
+        cost; None if even these fail.
+        """
         pieces, initial = self.pieces()
         objective = CoupledObjective(self.form, pieces, self.form.free, theta, initial, fixed_states=True)
         at = partial(objective.at, laws=gaussian_laws(self.levels, robust=True))
-        found = descend(at, objective.pack(), *objective.limits(limits), trials=TRIALS, tolerance=ROUGH)
-        return None if found is None else objective.unpack(found.x)[0]
+        found = descend(at, objective.pack(), *objective.limits(limits), trials=trials, tolerance=ROUGH)
+        return None if found is None else (objective.unpack(found.x)[0], found.cost)
 
     def _plain(self, limits: Limits) -> Array:
         """Return values (p,) of a craft without coupling whose inertia and drag are of the size of its forces."""

@@ -61,6 +61,10 @@ class Simulator:
     free : names of the parameters sensitivities are wanted for, in this order.
     free_states : names of the initial states (``u``, ``psi``, ``x`` ...) likewise; they come after the parameters.
     patience : steps per stamp before a simulation is given up as hopelessly stiff.
+
+    Attributes
+    ----------
+    states : names of the state vector: positions, velocities, then lagged inputs if there is a lag.
     """
 
     def __init__(
@@ -76,7 +80,11 @@ class Simulator:
         self.free = tuple(free)
         self.free_states = tuple(free_states)
         self.program = program_of(form)
+        self.states = states_of(form)
         names = form.parameters
+        self._current = tuple(n for n in ("V_x", "V_y") if n in names)
+        self._deviation = {n: i for i, n in enumerate(names) if n in COEFFICIENTS}
+        self._solved: tuple[bytes, tuple[Array, Array]] | None = None
         self._free = np.array([self.free.index(n) if n in self.free else -1 for n in names], dtype=np.int64)
         self._states = np.array(
             [len(self.free) + self.free_states.index(n) if n in self.free_states else -1 for n in self.states],
@@ -85,16 +93,14 @@ class Simulator:
         self._none = np.full_like(self._free, -1)
         self._pace = 1.0
 
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Names of the state vector: positions, velocities, then lagged inputs if there is a lag."""
-        return states_of(self.form)
-
     def matrices(self, theta: Array) -> tuple[Array, Array]:
         """Return M (6, 6) and the inverse (k, k) of its active part; ``LinAlgError`` when it has none."""
-        M = inertia_matrix(self.form, theta)
-        active = self.program.active
-        return M, np.ascontiguousarray(np.linalg.inv(M[np.ix_(active, active)]))
+        key = theta.tobytes()
+        if self._solved is None or self._solved[0] != key:
+            M = inertia_matrix(self.form, theta)
+            active = self.program.active
+            self._solved = key, (M, np.ascontiguousarray(np.linalg.inv(M[np.ix_(active, active)])))
+        return self._solved[1]
 
     def run(
         self, theta: Array, x_0: Array, t_in: Array, inputs: Array, t_out: Array, *, sensitivities: bool = True
@@ -151,7 +157,7 @@ class Simulator:
         Velocities are over ground: a current is added to those through the water. With a deviating compass they and the
         heading are as it shows them, see :mod:`.compass`.
         """
-        deviation = {n: i for i, n in enumerate(self.form.parameters) if n in COEFFICIENTS}
+        deviation = self._deviation
         if not deviation or signal not in ("u", "v", "psi") or "psi" not in self.states:
             return self._over_ground(theta, X, S, signal)
         still = (np.zeros(len(X)), np.zeros((len(X), S.shape[2] if len(S) else 0)))
@@ -163,7 +169,7 @@ class Simulator:
     def _over_ground(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         names = self.states
         value, by = X[:, names.index(signal)], S[:, names.index(signal)] if len(S) else np.empty((len(X), 0))
-        current = [n for n in ("V_x", "V_y") if n in self.form.parameters]
+        current = self._current
         if signal not in ("u", "v") or not current:
             return value, by
         psi = X[:, names.index("psi")] if "psi" in names else np.zeros(len(X))
