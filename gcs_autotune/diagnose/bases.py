@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gcs_autotune.diagnose.attempts import ROUGH
 from gcs_autotune.diagnose.judging import ALIKE
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.extended.base import fit_base
@@ -30,7 +31,7 @@ def without_one_signal(problem: Problem, base: Fitted) -> Bases:
     names = list(problem.scene.signals)
     for name in names if len(names) > 1 else ():
         try:
-            _, rest = fit_base(problem.form, without(problem.stretches, name))
+            _, rest = fit_base(problem.form, without(problem.stretches, name), trials=ROUGH)
         except AutotuneError:
             continue
         again = problem.states(rest.theta, (), base.initial)

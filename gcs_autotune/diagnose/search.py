@@ -255,12 +255,10 @@ class Search:
             if not is_needed(likelihood, kept, without, self.tried):
                 self.fitted, self.present_unseen = without, self.unseen(without)
                 continue
-            again = self.step(f"second thoughts on {own.slug}", without, quick=True, most=RIVALS)
+            rivals = [s for s in self.slugs if not BOOK[s].overrides("learn")]
+            again = self.step(f"second thoughts on {own.slug}", without, slugs=rivals, quick=True, most=RIVALS)
             rival = next((j for j in again.judged if j.own.slug != own.slug), None)
-            if rival is None:
-                continue
-            ahead = kept.cost - rival.fitted.cost - price_of(rival.fitted, kept)
-            if ahead > ALIKE and not BOOK[rival.own.slug].overrides("learn"):
+            if rival is not None and kept.cost - rival.fitted.cost - price_of(rival.fitted, kept) > ALIKE:
                 self._take(rival)
 
     # -- helpers

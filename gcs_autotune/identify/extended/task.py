@@ -25,6 +25,11 @@ __all__ = ["Task", "judged_by", "typical_of"]
 
 Array = NDArray[np.float64]
 
+Left = tuple[list[Rest], list[Array], float]
+
+REMEMBERED = 2
+"""Places whose residuals are kept."""
+
 REACH = 1.5
 """How far a shift of input stamps may go, in units of ``Stretch.dating``: to the end of what the messages allow, and a
 little beyond for an autopilot that acts on its next loop only."""
@@ -71,6 +76,7 @@ class Task:
         self.problem, self.theta, self.effects, self.initial = problem, theta, effects, initial
         self.shift, self.dated = shift, problem.dating > 0.0
         self.levels: dict[str, float] = {}
+        self._recent: dict[bytes, Left | None] = {}
         scene = problem.scene
         self.free_effects = tuple(
             (i, name)
@@ -135,7 +141,16 @@ class Task:
             initial.append(mine)
         return theta, effects, initial, float(x[-1]) if self.dated else 0.0
 
-    def rests(self, x: Array, *, sensitivities: bool) -> tuple[list[Rest], list[Array], float] | None:
+    def _at(self, x: Array) -> Left | None:
+        """Return :meth:`rests` with sensitivities; a search ends at one of the last places it looked at."""
+        key = x.tobytes()
+        if key not in self._recent:
+            while len(self._recent) >= REMEMBERED:
+                del self._recent[next(iter(self._recent))]
+            self._recent[key] = self.rests(x, sensitivities=True)
+        return self._recent[key]
+
+    def rests(self, x: Array, *, sensitivities: bool) -> Left | None:
         """Return what is left of every signal, Jacobians of the prediction (n, own columns), and penalties."""
         theta, effects, initial, shift = self.unpack(x)
         rests, tables, penalty = [], [], 0.0
@@ -165,7 +180,7 @@ class Task:
 
     def local(self, x: Array) -> Local | None:
         """Return cost, gradient and curvature at *x*; None when the motion runs away."""
-        found = self.rests(x, sensitivities=True)
+        found = self._at(x)
         if found is None:
             return None
         rests, tables, cost = found
@@ -213,11 +228,12 @@ class Task:
         runs = self.problem.stretches
         left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
         self.effects = tuple(BOOK[e.slug].learn(e, left) if BOOK[e.slug].overrides("learn") else e for e in effects)
+        self._recent.clear()
         self.theta, self.initial, self.shift, self.levels = theta, tuple(initial), shift, levels
 
     def fitted(self, x: Array, converged: bool) -> Fitted | None:
         """Return the fit that ended at *x*."""
-        found = self.rests(x, sensitivities=True)
+        found = self._at(x)
         if found is None:
             return None
         rests, tables, cost = found
