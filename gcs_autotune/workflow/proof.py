@@ -37,6 +37,8 @@ __all__ = [
     "proof_of_velocity",
 ]
 
+FILTERED = ("surge",)
+"""Degrees of freedom whose velocity is that of a satellite receiver, which is filtered."""
 SHARE_OF_TOP = 0.4
 """The speed step goes from 60 % of the working speed up to it."""
 LEAST_NOISES = 8.0
@@ -71,12 +73,16 @@ class Known:
 def known_of(source: Identified | Given, axis: Axis) -> Known:
     """Return what experiments, or a model given by file, tell of *axis* before the loop itself is flown.
 
-    What a model leaves unexplained is no noise: of what was flown the noise is that between neighbouring samples.
+    What a model leaves unexplained is no noise: of what was flown the noise is that between neighbouring samples. But
+    neighbouring speeds over ground share theirs, the receiver having filtered them: there it is what the fit leaves.
     """
     if isinstance(source, Identified):
         fit, curved = source.fit, source.curved
         reduction = reduction_of(fit) if curved is None else reduction_with_curve(curved, axis)
-        noise = min(noise_in(run, fit.model.axis.velocity) for run in source.runs)
+        velocity = fit.model.axis.velocity
+        noise = min(noise_in(run, velocity) for run in source.runs)
+        if axis.dof in FILTERED:
+            noise = max(noise, fit.noise.get(velocity, 0.0))
         if reduction is None:
             return Known(fit.model, Actuator(), noise)
         return Known(reduction.model, reduction.actuator, noise)
