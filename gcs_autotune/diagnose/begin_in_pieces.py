@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from gcs_autotune.diagnose.attempts import RUNNERS, Attempt, best_of_each
 from gcs_autotune.diagnose.footholds import footholds
-from gcs_autotune.diagnose.judging import SIGNIFICANCE, price_of
-from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
+from gcs_autotune.diagnose.judging import leaves_nothing, price_of
 from gcs_autotune.identify.extended.fitting import Fitted
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ class LostBase:
 def begin_in_pieces(search: Search) -> None:
     """Begin *search* again with causes found in pieces, where its base was lost and it left much behind."""
     lost = search.lost
-    if lost is None or whiteness_of(tests_of(search.problem, search.fitted)) >= SIGNIFICANCE:
+    if lost is None or leaves_nothing(search.problem, search.fitted):
         return
     held = footholds(search.problem, lost.base, search.slugs, search.jobs)
     ends = best_of_each([*lost.ends, *search.ends_of(held)], lost.base)[:RUNNERS]

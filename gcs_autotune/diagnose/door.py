@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
+from gcs_autotune.diagnose.judging import explains_all
 from gcs_autotune.diagnose.pieces import FAR, foretells, holds_over, horizon_for
 from gcs_autotune.diagnose.result import Diagnosis
-from gcs_autotune.diagnose.search import Search, begin_search, explains_all
+from gcs_autotune.diagnose.search import Search, begin_search
 from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
 from gcs_autotune.diagnose.telling import METRIC, WHITE, told_of
 from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of

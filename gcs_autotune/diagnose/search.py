@@ -17,20 +17,20 @@ from gcs_autotune.diagnose.ahead import look_ahead
 from gcs_autotune.diagnose.attempts import RUNNERS, Attempt, best_of_each, fitted_roughly, fitted_to_the_end
 from gcs_autotune.diagnose.bases import without_one_signal
 from gcs_autotune.diagnose.begin_in_pieces import LostBase, begin_in_pieces
+from gcs_autotune.diagnose.by_blocks import judged_by_blocks
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.judging import (
-    ALIKE,
     SIGNIFICANCE,
     Found,
     Judged,
     error_ratio,
-    is_needed,
     ordered,
     price_of,
     winner_of,
 )
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
+from gcs_autotune.diagnose.second_thoughts import reconsider
 from gcs_autotune.diagnose.usual import name_as_usual
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.workers import in_parallel
@@ -39,7 +39,7 @@ from gcs_autotune.effects.effect import Applied
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch
 
-__all__ = ["Search", "begin_search", "explains_all"]
+__all__ = ["Search", "begin_search"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -47,8 +47,8 @@ Progress = Callable[[str, int, int], None]
 MOST_CAUSES = 6
 """Causes looked for, at most: a craft over telemetry has three or four of its own."""
 
-SHORT_LIST, RIVALS = 18, 9
-"""Candidates fitted roughly; and where only those count that may beat a cause already found."""
+SHORT_LIST = 18
+"""Candidates fitted roughly."""
 
 DONE = 0.5
 """Whiteness at which the search is over."""
@@ -94,7 +94,7 @@ class Search:
         while len(self.steps) < MOST_CAUSES and self._one_more(first):
             first = None
             if len(self.steps) > 1:
-                self._reconsider()
+                reconsider(self)
 
     def _one_more(self, judged: Found | None) -> bool:
         """Take one more step (or two, where only two causes together pay); whether anything was found."""
@@ -103,39 +103,18 @@ class Search:
         slugs = [s for s in self.slugs if BOOK[s].overrides("learn")] if self.steps and white > DONE else None
         found = self.step(stage, slugs=slugs) if judged is None else judged
         if found.accepted is None:
-            found = self._by_blocks(found) or found
+            found = judged_by_blocks(self, found) or found
         taken: tuple[Found, ...] = (found,)
         if found.accepted is None and white < SIGNIFICANCE:
             taken = look_ahead(self, found, stage) or taken
         self.steps.extend(taken)
         accepted = taken[-1].accepted
         if accepted is not None:
-            self._take(accepted)
+            self.take(accepted)
         return accepted is not None
 
-    def _by_blocks(self, found: Found) -> Found | None:
-        """Leave out blocks of every run instead of runs, and judge again; None where that changes nothing.
-
-        Where each run shows one size of command only, no run is foretold by the others although one cause explains
-        all of them.
-        """
-        if self.parts.kind != "runs" or _leaves_nothing(self.problem, self.fitted):
-            return None
-        if not explains_all(self.problem, found):
-            return None
-        former = self.parts, self.base_unseen, self.present_unseen
-        self.parts = parts_of(self.problem, in_blocks=True)
-        self.base_unseen = self.unseen(self.base, refit=self.given is None)
-        self.present_unseen = self.unseen(self.fitted)
-        present = self.fitted
-        again = ordered([self.judged(j.own, j.fitted, present, self.tried) for j in found.judged if j.evidence > 0.0])
-        winner = winner_of(again, self.tried, present)
-        if winner is None:
-            self.parts, self.base_unseen, self.present_unseen = former
-            return None
-        return Found(tuple(again), winner)
-
-    def _take(self, judged: Judged) -> None:
+    def take(self, judged: Judged) -> None:
+        """Make a judged fit the present model."""
         self.fitted = judged.fitted
         self.present_unseen = judged.unseen or self.unseen(judged.fitted)
 
@@ -232,35 +211,6 @@ class Search:
             p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
         return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
 
-    # -- second thoughts
-
-    def _reconsider(self) -> None:
-        """Let every earlier cause defend its place against its rivals, the others given.
-
-        The newest has just won it, and does so again only where an earlier one has changed since.
-        """
-        newest, won = self.steps[-1].accepted, self.fitted
-        last = None if newest is None else (newest.own.slug, newest.own.place)
-        for key in sorted([(e.slug, e.place) for e in self.fitted.effects], key=lambda k: k == last):
-            own = next((e for e in self.fitted.effects if (e.slug, e.place) == key), None)
-            if own is None or (key == last and self.fitted is won):
-                continue
-            rest = tuple(e for e in self.fitted.effects if e is not own)
-            now = self.fitted
-            without = self.problem.fit(now.theta, rest, now.initial, trials=12, shift=now.shift)
-            if without is None:
-                continue
-            kept = self.fitted
-            likelihood = (without.cost - kept.cost) / correlation_of(kept)
-            if not is_needed(likelihood, kept, without, self.tried):
-                self.fitted, self.present_unseen = without, self.unseen(without)
-                continue
-            rivals = [s for s in self.slugs if not BOOK[s].overrides("learn")]
-            again = self.step(f"second thoughts on {own.slug}", without, slugs=rivals, quick=True, most=RIVALS)
-            rival = next((j for j in again.judged if j.own.slug != own.slug), None)
-            if rival is not None and kept.cost - rival.fitted.cost - price_of(rival.fitted, kept) > ALIKE:
-                self._take(rival)
-
     # -- helpers
 
     def unseen(self, fitted: Fitted, *, refit: bool = True) -> HeldOut:
@@ -300,15 +250,6 @@ def begin_search(
     """
     parts = parts_of(problem, unseen)
     return Search(problem, fitted, parts, slugs, given=given, progress=progress, jobs=jobs)
-
-
-def explains_all(problem: Problem, found: Found) -> bool:
-    """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
-    return any(_leaves_nothing(problem, j.fitted) for j in found.judged if j.evidence > 0.0)
-
-
-def _leaves_nothing(problem: Problem, fit: Fitted) -> bool:
-    return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
 def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:

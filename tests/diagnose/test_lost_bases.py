@@ -11,6 +11,7 @@ from runs_in_the_tank import sailed, squares, towed
 
 from benchmarks.blind.referee import play
 from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.by_blocks import judged_by_blocks
 from gcs_autotune.diagnose.search import begin_search
 from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.effects.effect import Applied
@@ -43,14 +44,14 @@ def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out
     search = begin_search(problem, base, [], ["saturation", "input-delay"])
     assert search.parts.kind == "runs"
     found = replace(search.step("cause 1"), accepted=None)
-    again = search._by_blocks(found)
+    again = judged_by_blocks(search, found)
     assert again is not None
     assert again.accepted is not None
     assert again.accepted.own.slug == "saturation"
     assert search.parts.kind == "blocks"
     assert search.parts.words == "4 blocks of every run left out in turn"
     assert all({s.run for s in fold.test} == {"run0", "run1"} for fold in search.parts.folds)
-    assert search._by_blocks(found) is None
+    assert judged_by_blocks(search, found) is None
 
 
 def test_a_limit_that_only_the_runs_kept_apart_tell_is_found_in_all_together_and_that_is_said() -> None:
