@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gcs_autotune.diagnose.attempts import RUNNERS, Attempt, best_of_each
+from gcs_autotune.diagnose.explained import leaves_nothing
 from gcs_autotune.diagnose.footholds import footholds
-from gcs_autotune.diagnose.judging import leaves_nothing, price_of
+from gcs_autotune.diagnose.judging import price_of
 from gcs_autotune.identify.extended.fitting import Fitted
 
 if TYPE_CHECKING:

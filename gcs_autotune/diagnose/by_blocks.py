@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from gcs_autotune.diagnose.explained import explains_all, leaves_nothing
 from gcs_autotune.diagnose.heldout import parts_of
-from gcs_autotune.diagnose.judging import Found, explains_all, leaves_nothing, ordered, winner_of
+from gcs_autotune.diagnose.judging import Found, ordered, winner_of
 
 if TYPE_CHECKING:
     from gcs_autotune.diagnose.search import Search

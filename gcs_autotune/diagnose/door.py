@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.explained import explains_all
 from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
-from gcs_autotune.diagnose.judging import explains_all
 from gcs_autotune.diagnose.pieces import FAR, foretells, holds_over, horizon_for
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.search import Search, begin_search

@@ -10,10 +10,9 @@ import numpy as np
 
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
-from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.fitting import Fitted
 
 __all__ = [
     "ALIKE",
@@ -22,9 +21,7 @@ __all__ = [
     "Found",
     "Judged",
     "error_ratio",
-    "explains_all",
     "is_needed",
-    "leaves_nothing",
     "ordered",
     "price_of",
     "winner_of",
@@ -113,16 +110,6 @@ def ordered(judged: Sequence[Judged]) -> list[Judged]:
     slugs = {j.own.slug for j in alike}
     alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
     return [*alike, *ranked[len(alike) :]]
-
-
-def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
-    """Whether what a fit leaves of the runs it was fitted to may be noise."""
-    return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
-
-
-def explains_all(problem: Problem, found: Found) -> bool:
-    """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
-    return any(leaves_nothing(problem, j.fitted) for j in found.judged if j.evidence > 0.0)
 
 
 def error_ratio(before: HeldOut, after: HeldOut) -> float:
