@@ -55,6 +55,8 @@ _MEMORYLESS = {"saturation", "dead-zone", "backlash", "quadratic-actuator", "rud
 _CONSTANT = {"input-bias", "gyro-bias", "net-buoyancy", "tether-pull"}
 _SLOWED = {"quadratic-drag", "linear-drag", "advance-speed-loss", "ground-effect"}
 _COMPLETE = {"unit-error", "sign-error", "channel-swap"}
+_OF_PROPELLERS = {"advance-speed-loss"}
+"""No rudder has them."""
 _CLASHES = (_LATE, _MEMORYLESS, _CONSTANT, _SLOWED, _COMPLETE)
 """Two effects of one of these sets are too much alike to ask for both."""
 
@@ -126,9 +128,13 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
 def _single(rng: Rng, slug: str) -> Case | None:
     recipe = RECIPES[slug]
     hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
-    if hidden.turns and not turns_round(hidden.craft):
+    if _cannot_be(hidden) or (hidden.turns and not turns_round(hidden.craft)):
         return None
     return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
+
+
+def _cannot_be(hidden: Hidden) -> bool:
+    return hidden.slug in _OF_PROPELLERS and hidden.place == "delta"
 
 
 def _foreign(rng: Rng, slug: str) -> Case | None:
@@ -157,7 +163,7 @@ def _double(rng: Rng, slug: str) -> Case | None:
     if any({one, two} <= clash for clash in _CLASHES):
         return None
     pair = [RECIPES[one].draw(rng, craft), RECIPES[two].draw(rng, craft)]
-    if pair[0].place == pair[1].place and pair[0].place in craft.signals:
+    if any(map(_cannot_be, pair)) or (pair[0].place == pair[1].place and pair[0].place in craft.signals):
         return None
     voyage = _voyage(rng, pair)
     sizes = _sizes(rng, craft, 1.0)

@@ -19,8 +19,9 @@ from scipy.optimize import least_squares
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.laws.about_rest import linearisations, peak_demand
+from gcs_autotune.design.margins import Plant, margins_of_each, worst
 from gcs_autotune.design.model_function import settling_time, wanted_step
-from gcs_autotune.design.open_loop import constant, margins_of, open_loop, slow, worst
+from gcs_autotune.design.open_loop import slow
 from gcs_autotune.design.plant import Region
 from gcs_autotune.design.result import Margins, ModelFunction
 from gcs_autotune.design.spec import Spec
@@ -106,15 +107,14 @@ class Problem:
     def margins(self, settings: Settings, wanted: ModelFunction, models: Sequence[SingleDof]) -> list[Margins]:
         """Return the margins of each of *models*, the worse of at rest and moving as *wanted* moves."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
-        found = []
+        plants, counts = [], []
         for m in models:
             drags = self.law.drags(m, wanted, self.step, self.speed)
             gains = self.law.slopes(self.actuator, m, self.step, settings, self.speed)
-            loops = (
-                open_loop(constant(g) * controller, m.alpha, d, m.delay + self.delay) for d in drags for g in gains
-            )
-            found.append(worst([margins_of(loop) for loop in loops]))
-        return found
+            plants += [Plant(g, m.alpha, d, m.delay + self.delay) for d in drags for g in gains]
+            counts.append(len(drags) * len(gains))
+        each = iter(margins_of_each(controller, plants))
+        return [worst([next(each) for _ in range(count)]) for count in counts]
 
     def demand(self, model: SingleDof, wanted: ModelFunction) -> tuple[float, float]:
         """Return (share of the actuator, largest rate of change) that following *wanted* exactly takes."""

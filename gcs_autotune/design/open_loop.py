@@ -1,4 +1,4 @@
-"""A loop opened at the actuator, and how far it is from instability."""
+"""A loop opened at the actuator: rational functions of s and a delay."""
 
 from __future__ import annotations
 
@@ -9,31 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.result import Margins
-
 if TYPE_CHECKING:
     from control import TransferFunction
 
 __all__ = [
-    "NO_CROSSING",
     "OpenLoop",
     "Rational",
     "constant",
     "first_order",
     "integrator",
-    "margins_of",
     "open_loop",
+    "pade",
     "second_order",
     "slow",
-    "worst",
 ]
 
-NO_CROSSING = 1000.0
-"""What a margin is called when no crossing limits it (a ratio, or seconds); finite, so that files can hold it."""
-
 PADE_ORDER = 4
-GRID = np.logspace(-3.0, 2.7, 700)
-"""Frequencies [rad/s] at which margins are looked for; boats and ROVs live in the middle of it."""
 
 Array = NDArray[np.float64]
 
@@ -81,7 +72,7 @@ class OpenLoop:
         """Return the poles of the closed loop [rad/s], with a Pade delay of *order*."""
         num, den = self.rational.num, self.rational.den
         if self.delay > 0.0:
-            top, bottom = _pade(self.delay, order)
+            top, bottom = pade(self.delay, order)
             num, den = np.convolve(num, top), np.convolve(den, bottom)
         poles: NDArray[np.complex128] = np.roots(np.polyadd(num, den)).astype(np.complex128)
         return poles
@@ -90,7 +81,7 @@ class OpenLoop:
         """Return python-control's transfer function, with a Pade delay of *order*."""
         from control import TransferFunction
 
-        top, bottom = _pade(self.delay, order)
+        top, bottom = pade(self.delay, order)
         return TransferFunction(np.convolve(self.rational.num, top), np.convolve(self.rational.den, bottom))
 
 
@@ -128,42 +119,6 @@ def second_order(cutoff: float) -> Rational:
     return Rational(np.array([1.0]), np.array([1.0 / w**2, math.sqrt(2.0) / w, 1.0]))
 
 
-def margins_of(loop: OpenLoop) -> Margins:
-    """Return gain, phase and delay margin; all zero when the closed loop is unstable.
-
-    The gain margin counts both ways: how much more *or less* gain (a craft that answers weaker) the loop stands.
-    """
-    if not np.all(loop.closed_loop_poles().real < 0.0):
-        return Margins(0.0, 0.0, 0.0, stable=False)
-    value = loop.response(GRID)
-    size = np.log(np.abs(value))
-    gain = NO_CROSSING
-    for i in np.flatnonzero((value.imag[:-1] * value.imag[1:] <= 0.0) & (value.real[:-1] < 0.0)):
-        rise = value.imag[i + 1] - value.imag[i]
-        share = -value.imag[i] / rise if rise else 0.0
-        gain = min(gain, math.exp(abs(size[i] + share * (size[i + 1] - size[i]))))
-    phase, delay = math.pi, NO_CROSSING
-    for i in np.flatnonzero(size[:-1] * size[1:] <= 0.0):
-        rise = size[i + 1] - size[i]
-        share = -size[i] / rise if rise else 0.0
-        crossing = value[i] + share * (value[i + 1] - value[i])
-        omega = GRID[i] + share * (GRID[i + 1] - GRID[i])
-        angle = float(np.angle(-crossing))
-        phase = min(phase, abs(angle))
-        delay = min(delay, (angle % math.tau) / float(omega))
-    return Margins(gain, phase, delay, stable=True)
-
-
-def worst(margins: list[Margins]) -> Margins:
-    """Return the least of each margin over several loops."""
-    return Margins(
-        min(m.gain for m in margins),
-        min(m.phase for m in margins),
-        min(m.delay for m in margins),
-        all(m.stable for m in margins),
-    )
-
-
 def _split(den: Array) -> tuple[Array, int]:
     """Return *den* without its poles at zero, and how many there are."""
     count = len(den) - 1 - int(np.flatnonzero(den)[-1])
@@ -175,7 +130,7 @@ def _raise(polynomial: Array, power: int) -> Array:
     return np.concatenate([polynomial, np.zeros(power)])
 
 
-def _pade(delay: float, order: int) -> tuple[Array, Array]:
+def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:
     """Pade approximation of ``exp(-delay*s)``: numerator and denominator in falling powers."""
     if delay <= 0.0:
         return np.ones(1), np.ones(1)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.laws import Settings
+from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import (
     NOISE_LIMIT,
     Problem,
@@ -14,7 +15,6 @@ from gcs_autotune.design.matching import (
     output_noise,
 )
 from gcs_autotune.design.model_function import model_function, omega_for_settling, settling_time
-from gcs_autotune.design.open_loop import worst
 from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.result import Margins, ModelFunction, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design.margins import NO_CROSSING, Plant, margins_of, margins_of_each
 from gcs_autotune.design.open_loop import (
-    NO_CROSSING,
     OpenLoop,
     Rational,
     constant,
     first_order,
     integrator,
-    margins_of,
     open_loop,
     second_order,
 )
@@ -60,6 +59,17 @@ def test_a_loop_that_needs_its_gain_has_a_margin_downwards() -> None:
     edge = next(k for k in np.linspace(1.0, 0.01, 400) if np.max(np.roots([1.0, 8 * k, 8 * k, 2 * k]).real) > 0.0)
     assert not margins_of(loop).stable
     assert margins_of(triple).gain == pytest.approx(1.0 / edge, rel=0.05)
+
+
+def test_many_loops_of_one_controller_have_the_margins_each_has_alone() -> None:
+    controller = rational([0.4, 0.2], [0.1, 1.0, 0.0])
+    plants = [Plant(g, a, d, late) for g in (0.3, 3.0, 300.0) for a in (0.5, 2.0) for d, late in ((0.7, 0.2), (0, 0))]
+    each = margins_of_each(controller, plants)
+    alone = [margins_of(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay)) for p in plants]
+    assert {m.stable for m in each} == {True, False}
+    for found, wanted in zip(each, alone, strict=True):
+        assert found.stable == wanted.stable
+        assert (found.gain, found.phase, found.delay) == pytest.approx((wanted.gain, wanted.phase, wanted.delay))
 
 
 def test_adding_loops_that_share_an_integrator_does_not_double_it() -> None:
