@@ -7,7 +7,8 @@ import pytest
 
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel, passage_of
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects.simulator import passage_of
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.models.coupled.form import Form
 from gcs_autotune.trial import Channel

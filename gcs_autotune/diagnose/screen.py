@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Effect, Leftover, Observed
-from gcs_autotune.effects.extended import ExtendedSimulator, in_order
+from gcs_autotune.effects.simulator import ExtendedSimulator, in_order
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
 __all__ = ["Candidate", "candidates", "screen"]

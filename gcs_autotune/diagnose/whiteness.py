@@ -20,7 +20,7 @@ from gcs_autotune.diagnose.history import memories
 from gcs_autotune.diagnose.ringing import rings
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Leftover, columns_of
-from gcs_autotune.effects.extended import ExtendedSimulator
+from gcs_autotune.effects.simulator import ExtendedSimulator
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.colour import autocorrelation
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by

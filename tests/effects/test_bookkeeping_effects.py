@@ -10,7 +10,8 @@ import pytest
 
 from gcs_autotune.effects import BOOK, Applied, Scene
 from gcs_autotune.effects.effect import Drive, Observed
-from gcs_autotune.effects.extended import ExtendedModel, passage_of
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects.simulator import passage_of
 from gcs_autotune.models.coupled import CoupledModel, form_from
 
 SLUGS = ("time-scale", "time-offset", "unit-error", "sign-error", "channel-swap")

@@ -11,7 +11,8 @@ from water_bench import BOAT, COASTER, DIVER, HOVERER, SLIPPERY, SPINNER, T_OUT,
 
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.extended import ExtendedModel, ExtendedSimulator
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects.simulator import ExtendedSimulator
 
 TURN = np.pi
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.extended import in_order
+from gcs_autotune.effects.simulator import in_order
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.extended.fitted import Fitted, Rest

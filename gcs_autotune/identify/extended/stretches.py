@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects.effect import Scene
-from gcs_autotune.effects.extended import Passage, passage_of
+from gcs_autotune.effects.simulator import Passage, passage_of
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.axis.record import INPUTS, MIN_SAMPLES, dating_of
 from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of, prepare_coupled, signals_of, within_horizon

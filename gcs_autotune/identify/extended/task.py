@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.actuator import horizon
 from gcs_autotune.effects.effect import Applied, Leftover, Scene
-from gcs_autotune.effects.extended import STEP, ExtendedSimulator
+from gcs_autotune.effects.simulator import STEP, ExtendedSimulator
 from gcs_autotune.identify.coupled.objective import free_states
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
