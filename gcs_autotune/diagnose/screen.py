@@ -7,11 +7,12 @@ after everything the model could adapt (its own parameters, initial states) has 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.unspoilt import turned
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Effect, Leftover, Observed
@@ -74,8 +75,7 @@ def screen(
 
     fits : where fits may begin: the present model first; others : where those of bookkeeping may begin as well.
     """
-    every = [*fits, *others]
-    grounds = [_Ground(problem, fitted) for fitted in every]
+    grounds = [_Ground(problem, fitted) for fitted in (*fits, *others)]
 
     def best_of(i: int) -> list[tuple[int, Applied, float, Array]]:
         entry = BOOK[choices[i][0].slug]
@@ -89,7 +89,8 @@ def screen(
     for best in in_parallel(best_of, len(choices), jobs, progress):
         if best:
             k, own, promised, adapted = best[0]
-            listed.append(Candidate(own, every[k], promised, adapted, tuple(other[1] for other in best[1:])))
+            begin = _begun(problem, grounds[k].fitted, own)
+            listed.append(Candidate(own, begin, promised, adapted, tuple(other[1] for other in best[1:])))
     return sorted(listed, key=lambda c: c.promised)
 
 
@@ -146,6 +147,10 @@ class _Ground:
         """
         if entry.overrides("learn"):
             return self._learnt(own)
+        begin = _begun(self.problem, self.fitted, own)
+        return (self if begin is self.fitted else _Ground(self.problem, begin))._from_here(entry, own)
+
+    def _from_here(self, entry: Effect, own: Applied) -> Candidate | None:
         changed = self._residual_with(own)
         best = None if changed is None else self._promised(own, changed)
         growing = tuple(n for n in entry.grows_with if n in own.values)
@@ -215,6 +220,13 @@ class _Ground:
             self.truths[i] = alone.truth(self.fitted.theta, self.fitted.effects, initial, passage)
         truth = self.truths[i]
         return None if truth is None else simulator.seen(effects, truth, passage)
+
+
+def _begun(problem: Problem, fitted: Fitted, own: Applied) -> Fitted:
+    """Return the fit that *own* is added to: the same, but for whole turns of headings it would have read otherwise."""
+    initial = turned(own, problem.stretches, fitted.initial)
+    same = all(new is old for new, old in zip(initial, fitted.initial, strict=True))
+    return fitted if same else replace(fitted, initial=initial)
 
 
 def _grown(entry: Effect, own: Applied, growing: Sequence[str], share: float) -> Applied:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from runs_in_the_tank import sailed, squares, towed
 
+from benchmarks.blind.case import draw_case
 from benchmarks.blind.referee import play
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.by_blocks import judged_by_blocks
@@ -98,3 +99,11 @@ def test_late_sensors_and_late_commands_are_named_together_as_only_the_time_befo
     told = diagnose(runs, effects=["input-delay", "measurement-delay", "gyro-bias"])
     assert told.verdict == "effect-found"
     assert any({"input-delay", "measurement-delay"} <= set(group) for group in told.indistinguishable)
+
+
+def test_a_heading_in_degrees_that_says_radians_is_found_although_the_fit_took_it_for_thirteen_turns() -> None:
+    """A blind case that ended `unexplained` before headings were put back by whole turns."""
+    case = draw_case("single", 9103, 2, "unit-error")
+    effects = ["unit-error", "sign-error", "compass-deviation"]
+    told = diagnose(list(case.runs), unseen=list(case.unseen), effects=effects)
+    assert (told.verdict, named(told)) == ("effect-found", ["unit-error"])
