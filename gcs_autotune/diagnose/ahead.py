@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from gcs_autotune.diagnose.judging import Found, Judged, price_of, winner_of
+from gcs_autotune.effects import BOOK
 
 if TYPE_CHECKING:
     from gcs_autotune.diagnose.search import Search
@@ -33,8 +34,12 @@ class _Path:
     steps: tuple[Found, ...]
 
     def followed(self, search: Search, stage: str) -> _Path | None:
-        """Return the path with the likeliest next cause; None when nothing adds to it."""
-        step = search.step(f"{stage} and another", self.taken[-1].fitted, quick=True)
+        """Return the path with the likeliest next cause; None when nothing adds to it.
+
+        No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
+        """
+        slugs = [s for s in search.slugs if not BOOK[s].overrides("learn")]
+        step = search.step(f"{stage} and another", self.taken[-1].fitted, slugs=slugs, quick=True)
         if not step.judged or step.judged[0].evidence <= 0.0:
             return None
         return _Path((*self.taken, step.judged[0]), (*self.steps, step))

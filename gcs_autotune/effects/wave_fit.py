@@ -1,7 +1,8 @@
 """Is there a narrow band in what is left over, which one, and is it no answer of the craft to its own motion?
 
 A predicting filter gains by any colour a wrong model leaves, so a band must prove itself: damped less than a quarter,
-several periods long, better than noise that is merely red, and no answer of the craft to itself:
+several periods long, better than noise that is merely red, seen through some noise of the sensors, and no answer of
+the craft to itself:
 not in proportion to the predicted motion, its rate, its square, nor to what it was some periods ago, or rung up by it.
 """
 
@@ -32,6 +33,10 @@ FASTEST = 0.7
 """Highest frequency looked at, in shares of half the sample rate."""
 BETTER = 10.0
 """Minus twice the log-likelihood a band must gain over red noise."""
+SMOOTH = 0.005
+"""Chosen: where the filter leaves less than this share of every signal's remainder, the record was smoothed: its next
+sample follows from the last ones whatever is wrong with the model (a ship in a basin left 0.001, waves with their
+sensors' noise a tenth and more)."""
 PARTS, MEMORY = 8, 4
 """Parts of a period in which, and periods back to which, the craft's own motion is held against the band."""
 OWN, CHANCE = 0.1, 2.0
@@ -93,6 +98,8 @@ def band_of(left: Sequence[Leftover], *, velocity: str, lag: float) -> Band | No
     if zeta > NARROW or not 1.03 * low < omega < 0.97 * high or _broad(kin, low) - value < BETTER:
         return None
     laws = {s: own.law(omega, zeta, math.exp(r)) for (s, own), r in zip(kin.items(), p[2:], strict=True)}
+    if max(_foreseen(law, kin[s].records) for s, law in laws.items()) < SMOOTH:
+        return None
     gain = own = allowed = 0.0
     for s, law in laws.items():
         more, regressors = _own_gain(law, kin[s].records, groups[s])
@@ -184,6 +191,13 @@ def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover
     error, X = white[:, 0], white[:, 1:]
     rest = error - X @ np.linalg.lstsq(X, error, rcond=1e-10)[0]
     return len(error) * math.log(float(error @ error) / max(float(rest @ rest), 1e-300)), X.shape[1]
+
+
+def _foreseen(law: Oscillator, records: Sequence[Record]) -> float:
+    """Return the rms of one-step prediction errors, in shares of the records'."""
+    white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
+    every = np.concatenate([e for _, e in records])
+    return math.sqrt(float(np.mean(white**2)) / max(float(np.mean(every**2)), 1e-300))
 
 
 def _with_motion(law: Oscillator, x: Leftover) -> Array:

@@ -444,6 +444,22 @@ def test_colours_that_are_no_narrow_band_of_their_own_are_not_waves(kind: str, s
     assert learnt["amplitude"] == 0.0
 
 
+def test_what_is_left_of_a_smoothed_record_is_no_wave_though_each_sample_follows_from_the_last() -> None:
+    """The zig-zags of a ship model, filtered by the basin, ended as waves."""
+    rng = np.random.default_rng(7)
+    swell, push = np.zeros(3000), rng.normal(size=3000)
+    for i in range(2, 3000):
+        swell[i] = 2.0 * 0.997 * np.cos(0.03) * swell[i - 1] - 0.997**2 * swell[i - 2] + push[i]
+    error = np.convolve(swell, np.hanning(40) / np.hanning(40).sum(), "valid")
+    error *= 0.1 / np.std(error)
+    seen = error + rng.normal(0.0, 0.01, len(error))
+    found = [
+        BOOK["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(e, "r")])
+        for e in (error, seen)
+    ]
+    assert [own["amplitude"] > 0.0 for own in found] == [False, True]
+
+
 def test_only_the_own_motion_tells_ringing_from_waves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_autotune.effects.wave_fit.OWN", 1.0)
     error, motion = colours(1)["ringing after its own motion"]
