@@ -50,6 +50,8 @@ def margins_of(loop: OpenLoop) -> Margins:
 
 def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margins]:
     """Return what :func:`margins_of` says of *controller* (velocity to output) around each of *plants*."""
+    if not plants:
+        return []
     stable = _are_stable(controller, plants)
     response = controller.at(_S)
     return _read_off(np.array([p.gain * response * _response(p.alpha, p.drag, p.delay) for p in plants]), stable)

@@ -67,6 +67,7 @@ def test_many_loops_of_one_controller_have_the_margins_each_has_alone() -> None:
     each = margins_of_each(controller, plants)
     alone = [margins_of(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay)) for p in plants]
     assert {m.stable for m in each} == {True, False}
+    assert margins_of_each(controller, []) == []
     for found, wanted in zip(each, alone, strict=True):
         assert found.stable == wanted.stable
         assert (found.gain, found.phase, found.delay) == pytest.approx((wanted.gain, wanted.phase, wanted.delay))
