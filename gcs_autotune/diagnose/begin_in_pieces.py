@@ -37,6 +37,7 @@ def begin_in_pieces(search: Search) -> None:
     lost = search.lost
     if lost is None or leaves_nothing(search.problem, search.fitted):
         return
+    search.say("in pieces", 0, 1)
     held = footholds(search.problem, lost.base, search.slugs, search.jobs)
     ends = best_of_each([*lost.ends, *search.ends_of(held)], lost.base)[:RUNNERS]
     if all(any(fit is old for _, old in lost.ends) for _, fit in ends):

@@ -141,9 +141,9 @@ class Search:
         choices = candidates(self.problem, present.effects, self.slugs if slugs is None else slugs)
         choices = [c for c in choices if not _contradicts(present.effects, c[0])]
         self.tried = max(self.tried, len(choices))
-        self._say(stage + ": screening", 0, len(choices))
+        self.say(stage + ": screening", 0, len(choices))
         listed = screen(
-            self.problem, grounds, others, choices, lambda i, n: self._say(stage + ": screening", i, n), self.jobs
+            self.problem, grounds, others, choices, lambda i, n: self.say(stage + ": screening", i, n), self.jobs
         )
         is_lost = astray and lost(present, self.problem.scene.spread)
         if is_lost and self.given is None:
@@ -177,12 +177,12 @@ class Search:
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def _rough(self, listed: Sequence[Candidate], present: Fitted, stage: str) -> list[Attempt]:
-        self._say(stage + ": fitting", 0, len(listed))
+        self.say(stage + ": fitting", 0, len(listed))
         fits = in_parallel(
             lambda i: fitted_roughly(self.problem, listed[i]),
             len(listed),
             self.jobs,
-            lambda i, n: self._say(stage + ": fitting", i, n),
+            lambda i, n: self.say(stage + ": fitting", i, n),
         )
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
@@ -229,7 +229,8 @@ class Search:
                     self.base_unseen = self.present_unseen = self.unseen(bases.best)
         return self._alone
 
-    def _say(self, stage: str, done: int, total: int) -> None:
+    def say(self, stage: str, done: int, total: int) -> None:
+        """Report progress: a stage, how much of it is done, how much there is."""
         if self.progress is not None:
             self.progress(stage, done, total)
 
