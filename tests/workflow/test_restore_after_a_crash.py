@@ -16,6 +16,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, Journal, ParameterLoan, Parameters, Session
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
+from gcs_autotune.workflow.restore import _Restoring
 
 NEW = {"ATC_STR_RAT_P": 0.5, "ATC_STR_RAT_I": 0.4, "ATC_STR_RAT_FF": 1.5}
 CHARLIE = FLEET[0]
@@ -144,6 +145,28 @@ def test_the_radio_lost_while_restoring_is_waited_for(path: Path) -> None:
     borrow(berth, path)
     restore(berth, path, Fault("silence", 0.05, 20.0, sent="PARAM_SET"))
     assert berth.condition().differs_from(found, {}) == []
+
+
+def test_a_vehicle_that_restarts_after_its_mode_was_restored_is_put_back_once_more(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    berth = moored()
+    found = berth.condition()
+    borrow(berth, path)
+    looked = []
+    plain = _Restoring._check_neutral
+
+    def look(self: _Restoring) -> None:
+        plain(self)
+        looked.append(berth.condition().mode)
+        if len(looked) == 1:
+            berth.server.reboot_soon()
+
+    monkeypatch.setattr(_Restoring, "_check_neutral", look)
+    restore(berth, path)
+    assert looked == [found.mode, found.mode]
+    assert berth.condition().differs_from(found, {}) == []
+    assert Journal.read(path).is_settled
 
 
 def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> None:
