@@ -111,6 +111,15 @@ class Craft(Protocol):
         """Whether it is armed, as last heard."""
         ...
 
+    @property
+    def mode(self) -> str:
+        """Its flight mode, as last heard."""
+        ...
+
+    def await_heartbeat(self) -> None:
+        """Wait for the next heartbeat, after which ``armed`` and ``mode`` are of now. Raises ``LinkLost``."""
+        ...
+
     def observe(self) -> Observation:
         """Wait for the next control tick and return it.
 

@@ -115,6 +115,10 @@ class MavlinkCraft:
         """Whether the vehicle is armed."""
         return self.session.armed
 
+    def await_heartbeat(self) -> None:
+        """Wait for the next HEARTBEAT, after which :attr:`armed` and :attr:`mode` are of now; ``LinkLost`` if none."""
+        self.session.await_heartbeat()
+
     @property
     def skid(self) -> bool:
         """Whether it steers by the difference of two thrusters."""

@@ -36,6 +36,7 @@ T = TypeVar("T")
 _SLICE = 0.1
 """Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
 _HEARTBEAT_PERIOD = 1.0
+_THREE_HEARTBEATS = 3.5
 
 
 class Session:
@@ -215,6 +216,17 @@ class Session:
         self._hearing.bear(timeout)
         before = self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
+
+    def await_heartbeat(self) -> None:
+        """Wait for the next HEARTBEAT, after which :attr:`armed` and :attr:`custom_mode` are of now.
+
+        Raises
+        ------
+        LinkLost
+            A vehicle that is there would have sent three in that time.
+        """
+        if not self.await_return(_THREE_HEARTBEATS):
+            raise LinkLost(f"{self.vehicle} is not heard any more on {self.transport.description}")
 
     def outlast(self, patience: float) -> bool:
         """After ``LinkLost`` in a clean-up: wait up to *patience* [s] for the vehicle, once per silence.

@@ -113,6 +113,9 @@ class Sequencer:
         )
 
 
+ROUNDS = 3
+"""Times a craft is put back that does not stay so."""
+
 DISARMED_ITSELF = (
     "although it was found armed, it has disarmed itself (a reboot, a failsafe), and is not armed again without you"
 )
@@ -161,6 +164,21 @@ def _not_as_found(differences: dict[str, str], trouble: BaseException | None) ->
 
 
 def _put_back(craft: Craft, found: Observation) -> dict[str, str]:
+    """Put the craft back, and look again: a late twin of an earlier command, or a restart, may undo it."""
+    for _ in range(ROUNDS):
+        differences = _put_back_once(craft, found)
+        if differences:
+            return differences
+        try:
+            craft.await_heartbeat()
+        except LinkError as error:
+            return {"mode": str(error)}
+        if craft.mode == found.mode and (found.armed or not craft.armed):
+            return {}
+    return {"mode": f"it is in {craft.mode} and {'armed' if craft.armed else 'disarmed'} again and again"}
+
+
+def _put_back_once(craft: Craft, found: Observation) -> dict[str, str]:
     differences: dict[str, str] = {}
     steps: list[tuple[str, Callable[[], None]]] = [("actuators", craft.neutral)]
     if not found.armed:

@@ -22,7 +22,6 @@ from gcs_autotune.link import (
     read_outputs,
     same_float32,
 )
-from gcs_autotune.link.wire import Message
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import connect
@@ -35,8 +34,6 @@ __all__ = ["is_settled", "link_of", "restore_run"]
 
 _PATIENCE = 30.0
 """Chosen: seconds that restoring waits for a vehicle that has fallen silent."""
-_ANOTHER_HEARTBEAT = 3.5
-"""Chosen: seconds in which a vehicle that is there sends three of them."""
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral."""
 
@@ -143,7 +140,7 @@ class _Restoring:
             self._try(name, partial(self._parameters.write, name, value))
         self._put_back_state()
         if not self._differences:
-            self._try("mode", self._check_it_is_still_there)
+            self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
             self._watcher.say(f"it is in {self._command().mode} now (restarted?): once more")
             self._put_back_state()
@@ -170,16 +167,6 @@ class _Restoring:
             self._try("mode", partial(self._command().set_mode, self._state.mode))
         if self._state.armed is False:
             self._try("actuators", self._check_neutral)
-
-    def _check_it_is_still_there(self) -> None:
-        """Wait for a HEARTBEAT after all was done: what restarts meanwhile is in the mode it boots in."""
-        heard: list[Message] = []
-        leave = self._session.listen("HEARTBEAT", heard.append)
-        try:
-            if self._session.wait_for(lambda: heard or None, _ANOTHER_HEARTBEAT) is None:
-                raise LinkLost("nothing was heard after it was set")
-        finally:
-            leave()
 
     @property
     def _disarms(self) -> bool:

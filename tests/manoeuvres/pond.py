@@ -71,6 +71,9 @@ class PondCraft:
     def send(self, command: Command) -> None:
         self.command = command
 
+    def await_heartbeat(self) -> None:
+        """It beats all the time."""
+
     def set_mode(self, mode: str) -> None:
         self.log.append(f"mode {mode}")
         self.mode = mode

@@ -155,6 +155,29 @@ def test_what_could_not_be_put_back_is_said():
     assert craft.mode == "STABILIZE"
 
 
+@pytest.mark.parametrize("times", [1, 9])
+def test_a_mode_that_a_late_twin_of_a_command_undoes_is_restored_again_a_few_times(times):
+    class Twice(PondCraft):
+        left = times
+
+        def await_heartbeat(self):
+            self.mode = "MANUAL" if self.left > 0 else self.mode
+            self.left -= 1
+
+    craft, settled = Twice(), []
+    if times == 1:
+        with visit(craft, SilentWatcher(), lambda: settled.append(craft.mode)):
+            craft.set_mode("ALT_HOLD")
+        assert settled == ["STABILIZE"]
+        return
+    with (
+        pytest.raises(NotAsFound, match="MANUAL and disarmed again and again"),
+        visit(craft, SilentWatcher(), lambda: settled.append(craft.mode)),
+    ):
+        craft.set_mode("ALT_HOLD")
+    assert settled == []
+
+
 def test_a_loop_that_runs_away_stops_the_step_by_itself():
     class Wild(PondCraft):
         def _demand(self):
