@@ -182,7 +182,7 @@ class _Play:
         now = self.berth.condition()
         self._take_its_word(now, stage.ear.said)
         if stage.rebooted_unseen:
-            self._look_again()
+            self._look_again(now)
         differences = self._differences(now, proved)
         outcome.as_found_at_once = not differences
         journal = self.berth.journal
@@ -200,12 +200,14 @@ class _Play:
         if left:
             outcome.failures.append(f"after restoring: {'; '.join(left)}")
 
-    def _look_again(self) -> None:
+    def _look_again(self, now: Condition) -> None:
         """It restarted before the tool had written down how it was found.
 
         What there was to be found is then a vehicle disarmed in the mode it boots in, unless the journal has the mode
-        from before.
+        from before, or the vehicle is in it: the tool may have seen it in time.
         """
+        if now.mode == self.found.mode:
+            return
         firmware = FIRMWARE["ardurover" if self.berth.server.vehicle.data.is_boat else "ardusub"]
         path = self.berth.journal
         told = events(path.read_text(encoding="utf-8")) if path is not None and path.exists() else []
