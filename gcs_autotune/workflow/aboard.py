@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
-from gcs_autotune.errors import WrongVehicle
+from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.watch import Watcher
@@ -88,8 +88,13 @@ def come_aboard(
             for note in session.notes[:told]:
                 watcher.say(note)
             yield craft
-        finally:
+        except BaseException:
+            with suppress(AutotuneError):  # what is under way says what is left to be done
+                _leave(craft)
+            raise
+        else:
             _leave(craft)
+        finally:
             for note in session.notes[told:]:
                 watcher.say(note)
 

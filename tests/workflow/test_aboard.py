@@ -1,0 +1,43 @@
+"""Leaving the craft: trouble on the way out does not hide what is left to be done."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import LinkLost, NotAsFound
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import aboard
+
+
+@pytest.fixture
+def silent_craft(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A craft that falls silent while the sticks are let go of."""
+
+    def silent() -> None:
+        raise LinkLost("silent for 5.0 s")
+
+    session = SimpleNamespace(transport=SimpleNamespace(is_simulated=True), notes=[])
+    craft = SimpleNamespace(release=silent, rates=SimpleNamespace(restore=lambda: None))
+    monkeypatch.setattr(aboard, "connect", lambda *_: nullcontext(session))
+    monkeypatch.setattr(aboard, "open_craft", lambda *_, **__: craft)
+
+
+def come() -> Any:
+    nothing: Any = None
+    return aboard.come_aboard(nothing, nothing, SilentWatcher(), nothing, None, "heading")
+
+
+@pytest.mark.usefixtures("silent_craft")
+def test_a_link_lost_on_leaving_does_not_hide_that_restore_has_work_to_do() -> None:
+    with pytest.raises(NotAsFound, match="gcs-autotune restore"), come():
+        raise NotAsFound("run `gcs-autotune restore`", differences={"mode": "silent"})
+
+
+@pytest.mark.usefixtures("silent_craft")
+def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
+    with pytest.raises(LinkLost), come():
+        pass
