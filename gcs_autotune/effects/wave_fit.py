@@ -195,9 +195,14 @@ def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover
 
 def _foreseen(law: Oscillator, records: Sequence[Record]) -> float:
     """Return the rms of one-step prediction errors, in shares of the records'."""
-    white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
-    every = np.concatenate([e for _, e in records])
+    white, every = _joined(law, records)
     return math.sqrt(float(np.mean(white**2)) / max(float(np.mean(every**2)), 1e-300))
+
+
+def _joined(law: Oscillator, records: Sequence[Record]) -> tuple[Array, Array]:
+    """Return the one-step prediction errors of all *records*, and these themselves (n,)."""
+    white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
+    return white, np.concatenate([e for _, e in records])
 
 
 def _with_motion(law: Oscillator, x: Leftover) -> Array:
@@ -215,8 +220,7 @@ def _with_motion(law: Oscillator, x: Leftover) -> Array:
 
 def _swing(law: Oscillator, records: Sequence[Record]) -> float:
     """Return the rms of the oscillation: what there is, less the white noise."""
-    white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
-    every = np.concatenate([e for _, e in records])
+    white, every = _joined(law, records)
     return math.sqrt(max(float(np.mean(every**2) - np.mean(white**2)), 0.0))
 
 
