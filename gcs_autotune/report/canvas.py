@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["AFTER", "BAND", "BEFORE", "FAINT", "INK", "WANTED", "legend", "new_axes", "new_row", "pens", "to_svg"]
+__all__ = [
+    "AFTER",
+    "BAND",
+    "BEFORE",
+    "FAINT",
+    "INK",
+    "PAPER",
+    "PENS",
+    "WANTED",
+    "legend",
+    "new_axes",
+    "new_row",
+    "pens",
+    "to_svg",
+]
 
 BEFORE = "#d55e00"
 AFTER = "#0072b2"
@@ -22,7 +36,21 @@ WANTED = "#009e73"
 INK = "#222222"
 FAINT = "#8a8a8a"
 BAND = "#9ecae1"
-"""Okabe and Ito's colour-blind-safe set (2008), on white in light and dark pages alike."""
+"""Okabe and Ito's colour-blind-safe set (2008)."""
+GRID = "#e6e6e6"
+PAPER = "#ffffff"
+
+PENS: Mapping[str, str] = {
+    BEFORE: "before",
+    AFTER: "after",
+    WANTED: "wanted",
+    INK: "ink",
+    FAINT: "faint",
+    BAND: "band",
+    GRID: "grid",
+    PAPER: "paper",
+}
+"""Colour -> the page's variable ``--plot-*`` (``style.css``) that stands for it, so that a dark page has dark plots."""
 
 WIDTH = 5.6
 """Figure width [in]; the page scales it to its column."""
@@ -38,7 +66,9 @@ _STYLE: dict[Any, object] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": "#e6e6e6",
+    "grid.color": GRID,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
     "xtick.color": INK,
@@ -119,7 +149,7 @@ def to_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return the figure as an inline SVG element that scales with its column.
 
     Identifiers begin with *name*, so that several figures live in one page; *description* is read out by
-    screen readers.
+    screen readers. The colours of :data:`PENS` follow the page's, dark or light.
     """
     stream = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -134,4 +164,8 @@ def to_svg(figure: Figure, name: str, description: str) -> Markup:
     text = re.sub(r"\n\s*", "\n", text)
     label = f'<svg role="img" aria-label="{escape(description)}" '
     text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'{label}viewBox="\1">', text, count=1, flags=re.DOTALL)
+    text = _COLOUR.sub(lambda found: f"{found[1]}var(--plot-{PENS[found[2]]}, {found[2]})", text)
     return Markup(text.replace("xlink:href", "href"))
+
+
+_COLOUR = re.compile(rf"((?:fill|stroke): ?)({'|'.join(PENS)})\b")

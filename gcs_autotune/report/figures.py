@@ -17,7 +17,7 @@ from markupsafe import Markup
 from gcs_autotune.design.result import Prediction
 from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Trace
-from gcs_autotune.report.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes, pens, to_svg
+from gcs_autotune.report.canvas import AFTER, BAND, BEFORE, FAINT, INK, PAPER, WANTED, legend, new_axes, pens, to_svg
 from gcs_autotune.report.numbers import pretty_unit, to_people
 from gcs_autotune.report.series import Curve, RelaySeries, StepSeries, finite, relay_series, step_series, thin
 from gcs_autotune.report.story import WATCHED, TuneStory, Watched
@@ -157,7 +157,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
             scale * relay.switches.y,
             "o",
             ms=4.5,
-            mfc="white",
+            mfc=PAPER,
             mec=BEFORE,
             mew=1.2,
             label="switching",

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from gcs_autotune.report.tables import Table
+
 __all__ = ["render_page"]
+
+PHONE = 46
+"""Characters of a table's row that a telephone 390 pixels wide shows."""
+LEGIBLE = 14
+"""Characters below which a column of sentences is a column of single words."""
 
 
 def render_page(template: str, context: Mapping[str, Any]) -> str:
@@ -21,7 +28,22 @@ def render_page(template: str, context: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters["glued"] = _glued
+    environment.filters["wide"] = _is_wide
     return environment.get_template(template).render(context) + "\n"
+
+
+def _is_wide(table: Table) -> bool:
+    """Whether a table is wider than a phone: there its rows are shown one below the other."""
+    columns = [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.heads)]
+    return sum(_least_width(cells, a) for cells, a in zip(columns, table.align, strict=True)) > PHONE
+
+
+def _least_width(cells: Sequence[str], align: str) -> int:
+    """Return the characters a column needs: numbers stand in one line, text breaks between words but is still read."""
+    if align == "r":
+        return 2 + max(map(len, cells))
+    longest = max((len(word) for cell in cells for word in cell.split()), default=0)
+    return 2 + max(longest, min(LEGIBLE, max(map(len, cells))))
 
 
 def _glued(text: str) -> str:

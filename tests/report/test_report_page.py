@@ -11,6 +11,7 @@ import pytest
 import report_stories as stories
 from page_reader import Page
 
+from gcs_autotune.report import canvas
 from gcs_autotune.report.html import render_report
 from gcs_autotune.trial import Channel, Mark, Trial
 
@@ -45,6 +46,43 @@ def test_every_page_is_small(name, pages):
 
 def test_the_same_story_gives_the_same_bytes(pages):
     assert render_report(stories.kept()) == pages["kept"]
+
+
+def test_plots_take_the_colours_of_the_page_so_that_a_dark_page_has_dark_plots(pages):
+    figures = re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL)
+    assert len(figures) == 6
+    style = pages["kept"][: pages["kept"].index("</style>")]
+    light, dark = style.split("@media screen and (prefers-color-scheme: dark)", 1)
+    dark = dark[: dark.index("}\n}")]
+    for figure in figures:
+        bare = re.sub(r"var\(--plot-[a-z]+, #[0-9a-f]{6}\)", "", figure)
+        assert not [c for c in canvas.PENS if re.search(rf"(fill|stroke): ?{c}", bare)]
+        assert "var(--plot-ink" in figure
+    for name in canvas.PENS.values():
+        shades = [re.search(rf"--plot-{name}: (#[0-9a-f]+);", part) for part in (light, dark)]
+        assert shades[0][1] != shades[1][1], name
+
+
+def test_no_plot_lies_on_paper_of_its_own(pages):
+    for figure in re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL):
+        patch = re.search(r'<g id="[^"]*patch_1">\s*<path[^>]*>', figure)[0]
+        assert "fill: none" in patch
+
+
+def test_a_table_wider_than_a_telephone_is_shown_row_below_row_with_every_head_beside_its_cell(pages):
+    tables = re.findall(r"<table class=.*?</table>", pages["kept"], flags=re.DOTALL)
+    gains = next(t for t in tables if "ATC_RAT_YAW_P" in t and ">why<" in t)
+    measured = next(t for t in tables if ">lower is better<" in t)
+    assert 'class="wide' in gains
+    assert 'data-head="why"' in gains
+    assert 'class="wide' not in measured
+
+
+def test_on_paper_only_what_is_small_is_kept_on_one_page(pages):
+    paper = re.search(r"@media print \{(.*?)\n\}", pages["kept"], flags=re.DOTALL)[1]
+    kept_whole = re.search(r"([^{}]*)\{ break-inside: avoid; \}", paper)[1]
+    assert "figure" in kept_whole
+    assert "section" not in kept_whole
 
 
 def test_a_clip_or_marker_used_in_a_figure_is_defined_in_the_same_figure(pages):
