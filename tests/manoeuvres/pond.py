@@ -26,7 +26,7 @@ class PondCraft:
         self.firmware = FIRMWARE[firmware]
         self.clock = ManualClock()
         self.gain, self.drag, self.bias = gain, drag, bias
-        self.psi = self.r = self.z = self.w = self.speed = 0.0
+        self.psi = self.r = self.z = self.w = self.speed = self.x = 0.0
         self.mode, self.armed = "STABILIZE" if firmware == "ardusub" else "HOLD", False
         self.command: Command = Actuate()
         self.tick = 0
@@ -54,7 +54,7 @@ class PondCraft:
             psi=self.psi,
             r=self.r,
             z=self.z,
-            x=0.0,
+            x=self.x,
             y=0.0,
             phi=0.0,
             theta=0.0,

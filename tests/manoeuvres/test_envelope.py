@@ -61,12 +61,87 @@ def test_inside_the_envelope_the_nearest_guard_is_named_with_its_share():
     assert (name, share) == ("time", pytest.approx(0.55))
 
 
-def test_signals_the_craft_does_not_have_trip_nothing():
+def test_signals_the_craft_does_not_have_trip_nothing_and_use_up_nothing():
     nan = math.nan
     blind = at_rest(x=nan, y=nan, z=nan, speed=nan, phi=nan, theta=nan, battery_remaining=nan)
-    Watch(TIGHT, blind).check(blind)
+    assert Watch(TIGHT, blind).check(blind) == ("", 0.0)
 
 
 def test_limits_set_to_infinity_are_off():
-    wide = Envelope(*[math.inf] * 4, math.inf, math.inf, math.inf, math.inf, 0.0, 0.0, math.inf)
-    Watch(wide, at_rest()).check(at_rest(t=1e6, psi=1e3, speed=1e3, x=1e6, phi=3.0, theta=3.0))
+    inf = math.inf
+    wide = Envelope(inf, 0.0, inf, inf, inf, inf, inf, inf, 0.0, 0.0, inf)
+    far = at_rest(t=1e6, psi=1e3, z=1e4, speed=1e3, x=1e6, phi=3.0, theta=3.0, battery_remaining=0.5)
+    assert Watch(wide, at_rest()).check(far) == ("", 0.0)
+
+
+TWO_SIDED = {
+    "heading excursion": ("psi", math.radians(40.0)),
+    "depth excursion": ("z", 1.5),
+    "roll": ("phi", 0.5),
+    "pitch": ("theta", 0.4),
+}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["positive", "negative"])
+@pytest.mark.parametrize("name", TWO_SIDED)
+def test_a_guard_of_a_signal_with_a_sign_trips_on_both_sides_of_where_the_manoeuvre_started(name, sign):
+    signal, limit = TWO_SIDED[name]
+    start = {"psi": 0.7, "z": 4.0, "phi": 0.0, "theta": 0.0}
+    watch = Watch(TIGHT, at_rest(**start))
+    inside, outside = ({**start, signal: start[signal] + share * sign * limit} for share in (0.99, 1.01))
+    assert watch.check(at_rest(**inside)) == (name, pytest.approx(0.99))
+    with pytest.raises(GuardTripped) as caught:
+        watch.check(at_rest(**outside))
+    assert caught.value.guard == name
+    assert caught.value.value == pytest.approx(1.01 * limit)
+    assert caught.value.limit == limit
+
+
+@pytest.mark.parametrize(("north", "east"), [(25.0, 20.0), (-25.0, 20.0), (-25.0, -20.0), (25.0, -20.0)])
+def test_the_distance_is_watched_in_every_direction_and_counts_from_home(north, east):
+    home = at_rest(x=100.0, y=-50.0)
+    started_elsewhere = at_rest(x=110.0, y=-40.0, psi=1.0)
+    watch = Watch(TIGHT, started_elsewhere, home)
+    name, share = watch.check(at_rest(x=100.0 + 0.5 * north, y=-50.0 + 0.5 * east, psi=1.0))
+    assert (name, share) == ("distance from start", pytest.approx(0.5 * math.hypot(25.0, 20.0) / 30.0))
+    with pytest.raises(GuardTripped, match="distance from start"):
+        watch.check(at_rest(x=100.0 + north, y=-50.0 + east, psi=1.0))
+
+
+def test_all_but_the_position_counts_from_where_the_manoeuvre_started_not_from_home():
+    home = at_rest(t=-500.0, psi=-3.0, z=0.6)
+    assert Watch(TIGHT, at_rest(), home).check(at_rest()) == ("least depth", pytest.approx(0.5))
+
+
+@pytest.mark.parametrize(
+    ("cruise", "speed", "distance"), [(0.0, 4.0, 300.0), (2.0, 4.0, 300.0), (4.0, 6.0, 400.0), (10.0, 15.0, 1000.0)]
+)
+def test_a_fast_boat_gets_the_speed_and_the_room_its_cruise_takes_unless_they_are_given(cruise, speed, distance):
+    asked = Envelope(cruise=cruise)
+    assert (asked.speed_limit, asked.distance_limit) == (speed, distance)
+    given = Envelope(cruise=cruise, speed=1.5, distance=20.0)
+    assert (given.speed_limit, given.distance_limit) == (1.5, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "signal", "limit"), [("battery voltage", "battery_voltage", 11.0), ("least depth", "z", 0.5)]
+)
+def test_a_lower_limit_is_used_up_as_the_value_falls_to_it_and_broken_below(name, signal, limit):
+    guard = next(g for g in GUARDS if g.name == name)
+    for value, share in ((4.0 * limit, 0.25), (limit, 1.0), (0.999 * limit, math.inf), (0.0, math.inf)):
+        assert guard.share(TIGHT, at_rest(), at_rest(**{signal: value})) == share
+
+
+def test_a_limit_of_nothing_is_broken_by_anything():
+    with pytest.raises(GuardTripped, match="speed"):
+        Watch(Envelope(speed=0.0), at_rest()).check(at_rest(speed=0.01))
+    assert Watch(Envelope(speed=0.0), at_rest()).check(at_rest()) == ("", 0.0)
+
+
+def test_what_tripped_is_said_in_the_units_of_people():
+    with pytest.raises(GuardTripped, match=r"'roll' tripped: 34\.4 deg, limit 28\.6 deg"):
+        Watch(TIGHT, at_rest()).check(at_rest(phi=-0.6))
+    with pytest.raises(GuardTripped, match=r"'battery remaining' tripped: 19 %, limit 20 %"):
+        Watch(TIGHT, at_rest()).check(at_rest(battery_remaining=0.19))
+    with pytest.raises(GuardTripped, match=r"'speed' tripped: 2\.10 m/s, limit 2\.00 m/s"):
+        Watch(TIGHT, at_rest()).check(at_rest(speed=2.1))

@@ -85,6 +85,58 @@ def test_leaving_the_envelope_ends_the_manoeuvre():
     assert kept[0].ending == "aborted"
 
 
+SINKING = Envelope(heading_excursion=10.0, depth_excursion=1.0)
+
+
+@pytest.mark.parametrize(("firmware", "is_watched"), [("ardusub", True), ("ardurover", False)])
+@pytest.mark.parametrize("rate", [0.3, -0.3], ids=["down", "up"])
+def test_an_excursion_in_depth_ends_the_manoeuvre_of_an_rov_and_is_none_of_a_boats(firmware, is_watched, rate):
+    class Drifting(PondCraft):
+        def _advance(self, dt):
+            super()._advance(dt)
+            self.z += rate * dt
+
+    craft, kept = Drifting(firmware=firmware), []
+    _, fly = flight(craft, kept, envelope=SINKING)
+    if not is_watched:
+        assert fly().outcome.ending == "completed"
+        return
+    with pytest.raises(GuardTripped) as caught:
+        fly()
+    assert (caught.value.guard, caught.value.limit) == ("depth excursion", 1.0)
+    assert craft.log[-1] == "neutral"
+
+
+def test_the_distance_counts_from_where_the_visit_began_over_all_its_manoeuvres():
+    craft, kept = PondCraft(), []
+    sequencer, fly = flight(craft, kept, envelope=Envelope(distance=10.0))
+    fly()
+    craft.x = 6.0
+    fly()
+    craft.x = 12.0
+    with pytest.raises(GuardTripped, match=r"distance from start' tripped: 12\.00 m"):
+        sequencer.fly(Step(STEP))
+
+
+def test_home_is_the_first_place_that_is_known():
+    craft, kept = PondCraft(), []
+    craft.x = math.nan
+    sequencer, fly = flight(craft, kept, envelope=Envelope(distance=10.0))
+    fly()
+    craft.x = 100.0
+    fly()
+    craft.x = 111.0
+    with pytest.raises(GuardTripped, match=r"distance from start' tripped: 11\.00 m"):
+        sequencer.fly(Step(STEP))
+
+
+def test_a_manoeuvres_own_envelope_takes_the_place_of_the_visits():
+    craft, kept = PondCraft(), []
+    sequencer, _ = flight(craft, kept)
+    with pytest.raises(GuardTripped, match="heading excursion"):
+        sequencer.fly(Step(STEP), envelope=Envelope(heading_excursion=math.radians(20.0)))
+
+
 def test_after_an_abort_nothing_more_is_flown():
     craft, kept = PondCraft(), []
     craft.fail_at[5] = LinkLost("gone")
@@ -153,6 +205,58 @@ def test_what_could_not_be_put_back_is_said():
         craft.disarm = refuse
     assert caught.value.differences == {"armed state": "still moving"}
     assert craft.mode == "STABILIZE"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OperatorStopped("enough"), LinkLost("gone"), GuardTripped("too far"), ZeroDivisionError("a bug")],
+    ids=repr,
+)
+def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsettled(error):
+    """Two failures at once: `restore` finds its work in the journal, so it must not be called done."""
+    craft, settled = PondCraft(), []
+    mode = craft.set_mode
+
+    def refuse_to_go_back(wanted):
+        if wanted == "STABILIZE":
+            raise CommandDenied("mode refused")
+        mode(wanted)
+
+    with (
+        pytest.raises(NotAsFound, match=r"Then the craft could not be left as found: mode: mode refused") as caught,
+        visit(craft, SilentWatcher(), lambda: settled.append(True)),
+    ):
+        craft.arm()
+        craft.set_mode("ALT_HOLD")
+        craft.set_mode = refuse_to_go_back
+        raise error
+    assert settled == []
+    assert caught.value.__cause__ is error
+    assert str(error) in str(caught.value)
+    assert caught.value.differences == {"mode": "mode refused"}
+    assert not craft.armed
+
+
+def test_after_an_abort_that_was_put_back_the_journal_is_settled_and_the_error_stays():
+    craft, settled = PondCraft(), []
+    with pytest.raises(GuardTripped, match="too far"), visit(craft, SilentWatcher(), lambda: settled.append(True)):
+        craft.arm()
+        raise GuardTripped("too far")
+    assert settled == [True]
+    assert (craft.mode, craft.armed) == ("STABILIZE", False)
+
+
+def test_a_link_that_is_lost_while_putting_back_is_one_difference_and_nothing_more_is_tried():
+    craft, settled = PondCraft(), []
+    with (
+        pytest.raises(NotAsFound) as caught,
+        visit(craft, SilentWatcher(), lambda: settled.append(True)),
+    ):
+        craft.arm()
+        craft.fail_neutral = LinkLost("gone")
+    assert caught.value.differences == {"actuators": "gone"}
+    assert settled == []
+    assert craft.log == ["arm"]
 
 
 @pytest.mark.parametrize("times", [1, 9])
