@@ -12,6 +12,7 @@ from gcs_autotune.firmware.aliases import ALIASES, Alias
 from gcs_autotune.firmware.names import Names, read_named
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain
 from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
+from gcs_autotune.firmware.values import checked, checked_all
 
 __all__ = [
     "ALIASES",
@@ -24,6 +25,8 @@ __all__ = [
     "Output",
     "ParameterSource",
     "ServoMap",
+    "checked",
+    "checked_all",
     "firmware_for",
     "read_named",
     "read_servo_map",

@@ -37,7 +37,7 @@ _SAME_KIND = ("system", "autopilot", "vehicle_type")
 def fingerprint_of(parameters: Parameters) -> dict[str, float]:
     """Return the parameters to know this vehicle again by; none when its board has told a unique id."""
     vehicle = parameters.session.vehicle
-    return {} if vehicle is not None and vehicle.uid else parameters.read_existing(FINGERPRINT)
+    return {} if vehicle is not None and vehicle.uid else parameters.read_existing(FINGERPRINT, as_is=True)
 
 
 def difference(
@@ -56,7 +56,7 @@ def difference(
     if known.get("uid"):
         same = known["uid"] == found.uid
         return "" if same else f"its board is {known['uid']} there, {found.uid or 'untold'} here"
-    held = parameters.read_existing(fingerprint)
+    held = parameters.read_existing(fingerprint, as_is=True)
     strange = [
         f"{n} {v:g} there, {held[n]:g} here"
         for n, v in fingerprint.items()

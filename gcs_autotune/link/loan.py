@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from gcs_autotune.errors import AutotuneError, LinkLost, NoReply, NotAsFound, ParameterNotAccepted, PreconditionFailed
+from gcs_autotune.firmware import checked_all
 from gcs_autotune.link.journal import Journal
 from gcs_autotune.link.parameters import Parameters, same_float32
 
@@ -49,10 +50,10 @@ class ParameterLoan:
         ParameterMissing, TelemetryFault
             One of them does not exist, or is answered with contradicting values; then none is lent.
         PreconditionFailed
-            The journal cannot be written.
+            One holds what could not be put back (not a number), or the journal cannot be written.
         """
         wanted = list(dict.fromkeys(names))
-        new = self._parameters.read_surely([name for name in wanted if name not in self.old])
+        new = checked_all(self._parameters.read_surely([name for name in wanted if name not in self.old]))
         for name, value in new.items():
             self._journal.record("lent", name=name, value=value)
             self.old[name] = value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 
 from gcs_autotune.errors import UsageError
@@ -13,9 +14,9 @@ _NAME = 16
 
 def same_float32(a: float, b: float) -> bool:
     """Whether two numbers are the same 32-bit float, give or take its last bits."""
-    if a == b:
+    if a == b or (math.isnan(a) and math.isnan(b)):
         return True
-    return abs(a - b) <= 4.0 * 2.0**-24 * max(abs(a), abs(b))
+    return math.isfinite(a) and math.isfinite(b) and abs(a - b) <= 4.0 * 2.0**-24 * max(abs(a), abs(b))
 
 
 def encoded(name: str) -> bytes:

@@ -1,7 +1,8 @@
 """The vehicle's parameters: read by name, written and read back, watched for others' hands.
 
 ArduPilot packs every value as a float (C cast), says nothing about unknown names, echoes what it stored and
-saves at once. So: ask by name, repeat, compare the echo, read back, and treat a difference as a refusal.
+saves at once. So: ask by name, repeat, compare the echo, read back, and treat a difference as a refusal. What is read
+to be reckoned with is checked (``firmware.values``); what is only compared or put back is taken ``as_is``.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted
+from gcs_autotune.firmware import checked, checked_all
 from gcs_autotune.link.param_exchange import REPLY, ParamExchange
 from gcs_autotune.link.param_list import read_list
 from gcs_autotune.link.param_value import as_float32, encoded, same_float32
@@ -50,7 +52,7 @@ class Parameters:
         """
         return self.read_all([name])[name]
 
-    def read_all(self, names: Iterable[str]) -> dict[str, float]:
+    def read_all(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
         """Return the values of several parameters, asked for without waiting for each.
 
         Raises
@@ -59,9 +61,11 @@ class Parameters:
             When one or more of them do not exist; the message names all of those.
         NoReply
             The vehicle no longer answers such questions at all, not even for a name that it has.
+        PreconditionFailed
+            One has a value that no vehicle can mean, and is not wanted *as_is*.
         """
         wanted = list(dict.fromkeys(names))
-        found = self.read_existing(wanted)
+        found = self.read_existing(wanted, as_is=as_is)
         missing = [name for name in wanted if name not in found]
         if missing:
             self._check_answers(missing)
@@ -72,10 +76,15 @@ class Parameters:
             )
         return found
 
-    def read_existing(self, names: Iterable[str]) -> dict[str, float]:
+    def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
         """Return the values of those of *names* that the vehicle has.
 
         Three tries of a second each; six when some answers come only after a second try, since the link loses messages.
+
+        Raises
+        ------
+        PreconditionFailed
+            One has a value that no vehicle can mean, and is not wanted *as_is*.
         """
         wanted, heard = list(dict.fromkeys(names)), self._exchange
         for name in wanted:
@@ -89,7 +98,8 @@ class Parameters:
             heard.ask(pending)
             if k > 0 and any(name in heard.fresh for name in pending):
                 tries = 2 * _TRIES
-        return {name: heard.fresh[name] for name in wanted if name in heard.fresh}
+        found = {name: heard.fresh[name] for name in wanted if name in heard.fresh}
+        return found if as_is else checked_all(found)
 
     def read_surely(self, names: Iterable[str]) -> dict[str, float]:
         """Return the values of *names*, each confirmed by a second answer (:mod:`gcs_autotune.link.surely`).
@@ -106,7 +116,7 @@ class Parameters:
     def _check_answers(self, missing: Collection[str]) -> None:
         """Tell a vehicle that has no such parameter from one that has stopped answering."""
         known = next((name for name in self.known if name not in missing), None)
-        if known is not None and not self.read_existing([known]):
+        if known is not None and not self.read_existing([known], as_is=True):
             raise NoReply(
                 f"{self.session.vehicle} is heard, but no longer answers when asked for parameters "
                 f"({', '.join(missing)}); is it restarting, or the link too slow?"
@@ -119,6 +129,8 @@ class Parameters:
         ------
         ParameterMissing
             When none does.
+        PreconditionFailed
+            It has a value that no vehicle can mean.
         """
         wanted, heard = list(names), self._exchange
         heard.forget(wanted)
@@ -128,21 +140,22 @@ class Parameters:
             self.session.wait_for(lambda: heard.first(wanted), REPLY)
             found = heard.first(wanted)
             if found:
-                return found, heard.fresh[found]
+                return found, checked(found, heard.fresh[found])
         raise ParameterMissing(f"{self.session.vehicle} has none of {', '.join(wanted)}", name=wanted[0])
 
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
         """Return, of each group of alternative names, the one that exists (the first, if several) with its value.
 
         A group is not asked for again once one of its names has answered, so names this vehicle does not have cost no
-        waiting. Groups of which nothing exists are missing in the answer.
+        waiting. Groups of which nothing exists are missing in the answer; ``PreconditionFailed`` for a value that no
+        vehicle can mean.
         """
         wanted, heard = [list(dict.fromkeys(group)) for group in groups], self._exchange
         heard.forget(name for group in wanted for name in group)
         for _ in range(_TRIES):
             heard.ask_any([group for group in wanted if not heard.any_settled(group)])
         found = (heard.first(group) for group in wanted)
-        return {name: heard.fresh[name] for name in found if name is not None}
+        return checked_all({name: heard.fresh[name] for name in found if name is not None})
 
     def read_full(self, timeout: float = 120.0) -> dict[str, float]:
         """Return every parameter: the whole list, then what was lost of it by index.

@@ -6,6 +6,7 @@ So a value counts when it was heard twice, and more often than any other, since 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
@@ -38,8 +39,8 @@ def read_surely(parameters: Parameters, names: Iterable[str]) -> dict[str, float
 
     def count(message: Message) -> None:
         name, value = str(message.param_id), float(message.param_value)
-        if name in votes and value == value:
-            votes[name][value] += 1
+        if name in votes:
+            votes[name][math.nan if math.isnan(value) else value] += 1  # one object, so that it is one key
 
     stop = parameters.session.listen("PARAM_VALUE", count)
     try:
@@ -47,7 +48,7 @@ def read_surely(parameters: Parameters, names: Iterable[str]) -> dict[str, float
             pending = [name for name in wanted if _winner(votes[name]) is None]
             if not pending:
                 break
-            parameters.read_all(pending)
+            parameters.read_all(pending, as_is=True)
     finally:
         stop()
     return {name: _decided(name, votes[name]) for name in wanted}

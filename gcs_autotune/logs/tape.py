@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import ParameterMissing
-from gcs_autotune.firmware import Firmware
+from gcs_autotune.firmware import Firmware, checked_all
 
 __all__ = ["Note", "RecordedParameters", "Tape"]
 
@@ -54,16 +54,18 @@ class RecordedParameters:
         ------
         ParameterMissing
             The log does not tell one of them.
+        PreconditionFailed
+            It tells what no vehicle can mean.
         """
         wanted = list(names)
         missing = [n for n in wanted if n not in self.values]
         if missing:
             raise ParameterMissing(f"the log does not tell the parameter {', '.join(missing)}", name=missing[0])
-        return {n: self.values[n] for n in wanted}
+        return checked_all({n: self.values[n] for n in wanted})
 
     def read_existing(self, names: Iterable[str]) -> dict[str, float]:
         """Return those of *names* that the log tells."""
-        return {n: self.values[n] for n in names if n in self.values}
+        return checked_all({n: self.values[n] for n in names if n in self.values})
 
 
 class _Column:

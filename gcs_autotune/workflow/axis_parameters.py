@@ -38,7 +38,7 @@ def read_again(craft: MavlinkCraft, tale: Tale, record: RunDirectory) -> None:
     """Read the parameters once more, whatever happened: the proof of what the vehicle holds now."""
     try:
         with craft.shielded():
-            after = craft.parameters.read_existing(tale.parameters_before)
+            after = craft.parameters.read_existing(tale.parameters_before, as_is=True)
     except AutotuneError as error:
         tale.say(f"the parameters could not be read again: {error}")
     else:

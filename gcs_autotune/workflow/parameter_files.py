@@ -44,7 +44,7 @@ def restore_parameters(
 
 def _put_back(session: Session, wanted: Mapping[str, float], operator: Operator) -> dict[str, tuple[float, float]]:
     parameters = Parameters(session)
-    found = parameters.read_all(wanted)
+    found = parameters.read_all(wanted, as_is=True)
     changes = {n: (found[n], v) for n, v in wanted.items() if not same_float32(found[n], v)}
     shown = ", ".join(f"{n} {old:g} -> {new:g}" for n, (old, new) in changes.items())
     if changes and not operator.ask(f"Write {shown}?", session.pump):

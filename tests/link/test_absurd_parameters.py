@@ -1,0 +1,137 @@
+"""Whatever a vehicle says of its parameters: it is boarded, or refused in one sentence with name and value."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from scripted_vehicle import BOAT, ROV, ScriptedVehicle
+
+from gcs_autotune.errors import AutotuneError, PreconditionFailed
+from gcs_autotune.firmware import FIRMWARE, checked
+from gcs_autotune.link import Journal, MemoryLink, ParameterLoan, Parameters, Session
+from gcs_autotune.link.boarding import _wiring
+from gcs_autotune.link.overrides import why_deaf
+from gcs_autotune.link.param_value import same_float32
+from gcs_autotune.workflow.axis_parameters import learn_parameters
+from gcs_autotune.workflow.preflight import remarks_on, see_throttle_is_free
+
+BAD = [math.nan, -math.inf, -1.0, 0.0, 0.5, 256.0, 70000.0, 2.0**63]
+GENERAL = {"MAV_GCS_SYSID_HI": 0.0, "MAV_OPTIONS": 0.0, "ARMING_CHECK": 1.0, "RC1_OPTION": 0.0, "INS_GYRO_FILTER": 4.0}
+KINDS = {
+    "ardurover": (BOAT, {"CRUISE_SPEED": 1.2, "MOT_THR_MAX": 100.0, "MANUAL_OPTIONS": 0.0}),
+    "ardusub": (ROV, {"ACRO_YAW_P": 3.375, "JS_GAIN_DEFAULT": 0.5, "MAV_GCS_SYSID": 255.0}),
+}
+LIKE_OTHERS = re.compile(
+    r"(RC|SERVO)[5-8]_.*|MOT_[3-8]_.*|(RC2|RC4|SERVO2|SERVO4)_(MIN|MAX|DZ|REVERSED|TRIM)|SERVO\d_MIN"
+)
+"""What is read just as its neighbour is, or not at all: left as it should be."""
+
+
+def vehicle_of(firmware: str) -> ScriptedVehicle:
+    """One that has every parameter we ever ask for, each with a value that it may well have."""
+    kind, own = KINDS[firmware]
+    vehicle = ScriptedVehicle(kind)
+    axes = FIRMWARE[firmware].axes.values()
+    for axis in axes:
+        vehicle.parameters |= {name: 0.5 for name in axis.context if name not in vehicle.parameters}
+        vehicle.parameters |= {g.parameter: 0.5 * (g.low + g.high) for g in axis.gains}
+    vehicle.parameters |= GENERAL | own
+    return vehicle
+
+
+class Aboard:
+    """Everything that is read of a vehicle from boarding to the announcement, over one session."""
+
+    def __init__(self, name: str) -> None:
+        self.firmware, self.vehicle = FIRMWARE[name], vehicle_of(name)
+        self.session = Session(MemoryLink(self.vehicle))
+        self.session.discover()
+        self.parameters = Parameters(self.session)
+        self.own = dict(self.vehicle.parameters)
+
+    def read(self) -> None:
+        parameters, tale = self.parameters, SimpleNamespace(say=lambda _: None)
+        craft: Any = SimpleNamespace(parameters=parameters, session=self.session, firmware=self.firmware)
+        _wiring(self.session, parameters, self.firmware)
+        for axis in self.firmware.axes.values():
+            told, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
+            told.names.to_canonical(own)
+        see_throttle_is_free(craft, "surge", 0.5)
+        remarks_on(craft)
+
+    def refusal(self, name: str, value: float) -> str:
+        """What is said when *name* has that *value*; empty when it is taken."""
+        self.vehicle.parameters = {**self.own, name: value}
+        obeyed = self.own.get("MAV_GCS_SYSID", 255.0)
+        self.session.source_system = int(obeyed)
+        try:
+            self.read()
+            if name.endswith(("SYSID", "SYSID_HI", "MYGCS", "OPTIONS", "OPTION", "RC_OVERRIDE_TIME")):
+                why_deaf(self.parameters, self.firmware, 255)
+        except AutotuneError as error:
+            return str(error)
+        return ""
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_no_value_of_any_parameter_ends_in_a_foreign_exception(name: str) -> None:
+    aboard = Aboard(name)
+    assert aboard.refusal("RC_OPTIONS", aboard.own["RC_OPTIONS"]) == ""
+    asked = {str(m.param_id) for m in aboard.vehicle.heard if m.get_type() == "PARAM_REQUEST_READ"}
+    cases = [(parameter, value) for parameter in aboard.own for value in BAD if not LIKE_OTHERS.fullmatch(parameter)]
+    said = {case: aboard.refusal(*case) for case in cases}
+    assert len(said) > 300
+    silent = {parameter for (parameter, value), words in said.items() if math.isnan(value) and not words}
+    assert not silent & asked
+    assert not [case for case, words in said.items() if "\n" in words]
+    nans = [
+        words.startswith(f"{parameter} is nan:")
+        for (parameter, value), words in said.items()
+        if words and math.isnan(value)
+    ]
+    assert len(nans) >= 20 and all(nans)
+
+
+def test_a_refusal_says_name_value_and_what_would_make_sense() -> None:
+    with pytest.raises(PreconditionFailed, match=r"^RC1_TRIM is nan: not a number\. Set it right .*try again$"):
+        checked("RC1_TRIM", math.nan)
+    with pytest.raises(PreconditionFailed, match=r"^MAV_GCS_SYSID is 70000: from 1 to 255 would make sense"):
+        checked("MAV_GCS_SYSID", 70000.0)
+    with pytest.raises(PreconditionFailed, match=r"^SERVO1_FUNCTION is 26.5: it counts in whole numbers"):
+        checked("SERVO1_FUNCTION", 26.5)
+    with pytest.raises(PreconditionFailed, match=r"^STAT_RUNTIME is inf"):
+        checked("STAT_RUNTIME", math.inf)
+
+
+def test_what_is_not_a_number_is_not_the_same_as_any_number() -> None:
+    assert same_float32(math.nan, math.nan) and same_float32(math.inf, math.inf)
+    assert not same_float32(math.inf, 1.0) and not same_float32(-math.inf, math.inf)
+    assert not same_float32(math.nan, 0.0) and not same_float32(0.0, math.nan)
+
+
+def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(tmp_path: Path) -> None:
+    aboard = Aboard("ardurover")
+    aboard.vehicle.parameters["ATC_STR_RAT_P"] = math.nan
+    journal = Journal(tmp_path / "journal.jsonl")
+    with pytest.raises(PreconditionFailed, match="ATC_STR_RAT_P is nan"):
+        ParameterLoan(aboard.parameters, journal).lend(["ATC_STR_RAT_P"])
+    journal.leave()
+    assert math.isnan(aboard.parameters.read_surely(["ATC_STR_RAT_P"])["ATC_STR_RAT_P"])
+    aboard.parameters.write("ATC_STR_RAT_P", 0.2)
+    assert aboard.vehicle.parameters["ATC_STR_RAT_P"] == pytest.approx(0.2)
+
+
+def test_a_watched_parameter_that_becomes_no_number_is_an_intrusion() -> None:
+    aboard = Aboard("ardurover")
+    aboard.parameters.watch({"WP_SPEED": 2.0})
+    aboard.vehicle.parameters["WP_SPEED"] = math.nan
+    asked = aboard.vehicle.count("PARAM_REQUEST_READ")
+    aboard.vehicle.send_parameter("WP_SPEED")
+    aboard.session.pause(2.0)
+    assert [name for name, _, _ in aboard.parameters.intrusions] == ["WP_SPEED"]
+    assert aboard.vehicle.count("PARAM_REQUEST_READ") == asked + 1
