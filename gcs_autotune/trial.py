@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,21 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
 from gcs_autotune.sname import column_unit, parse_header
 
-__all__ = ["Channel", "Mark", "Trial", "load_trial", "save_trial"]
+__all__ = ["Channel", "Mark", "Purpose", "Trial", "load_trial", "save_trial"]
 
 SCHEMA = 1
+
+Purpose = Literal["identification", "proof", "check", "transit", ""]
+"""What a manoeuvre was flown for: to tell the craft from, to prove gains, to see that an actuator acts and the right
+way, to get somewhere; empty when the record does not say."""
+
+_FLOWN_FOR: Mapping[str, Purpose] = {
+    "step": "proof",
+    "sign-check": "check",
+    "turn-about": "transit",
+    "dive": "transit",
+}
+"""Manoeuvres of records that do not say their purpose yet; all others were flown to identify."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +119,14 @@ class Trial:
     def duration(self) -> float:
         """Seconds from first to last stamp."""
         return self.end - self.start
+
+    @property
+    def purpose(self) -> Purpose:
+        """What the run was flown for: ``meta["purpose"]``."""
+        told = self.meta.get("purpose")
+        if told is None and "manoeuvre" in self.meta:
+            told = _FLOWN_FOR.get(str(self.meta["manoeuvre"]), "identification")
+        return cast("Purpose", told or "")
 
     @property
     def proper(self) -> Trial:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
+from gcs_autotune.cli.writing import fresh
 from gcs_autotune.manoeuvres import Envelope
 
 if TYPE_CHECKING:
@@ -166,4 +167,4 @@ def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:
     if args.out is not None:
         return Path(args.out)
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
-    return Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{args.axis}"
+    return fresh(Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{args.axis}")

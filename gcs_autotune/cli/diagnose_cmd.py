@@ -11,6 +11,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
+from gcs_autotune.cli.writing import fresh, on_replacing
 
 __all__ = ["COMMAND"]
 
@@ -86,16 +87,17 @@ def _run(args: argparse.Namespace) -> int:
     )
     with StageBar(Console(stderr=True, quiet=args.json)) as bar:
         told = run_diagnosis(runs, read_others(args, args.validate), settings, bar)
-    page = None
+    page, replaced = None, ""
     if args.out is not None or not args.json:
-        directory = args.out if args.out is not None else Path(f"diagnose-{args.runs[0].resolve().stem}")
+        directory = args.out or fresh(Path(f"diagnose-{args.runs[0].resolve().stem}"))
+        replaced = on_replacing(directory)
         page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"))
     if args.json:
         sys.stdout.write(told.to_json() + "\n")
         return 0
     console = Console()
     console.print(diagnosis_summary(told))
-    console.print(Text(f"\nPage: {page}"), soft_wrap=True)
+    console.print(Text(f"\nPage: {page}{replaced}"), soft_wrap=True)
     return 0
 
 

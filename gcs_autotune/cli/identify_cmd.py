@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
+from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
 from gcs_autotune.trial import Trial
 
@@ -91,6 +92,7 @@ def _run(args: argparse.Namespace) -> int:
 
     from gcs_autotune.identify import METHODS
     from gcs_autotune.identify.model_file import load_model, save_model
+    from gcs_autotune.identify.surge import predictor
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
@@ -118,18 +120,22 @@ def _run(args: argparse.Namespace) -> int:
         plan_next=args.plan_next,
     )
     found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
+    said = []
     if args.save is not None:
-        save_model(found.fit, args.save)
+        replaced = on_replacing(args.save)
+        save_model(found.fit, args.save, predictor(found.fit))
+        said.append(f"Model: {args.save}{replaced}")
     page = _page(args)
     if page is not None:
+        said.append(f"Page: {page}{on_replacing(page)}")
         page.write_text(render_study(found), encoding="utf-8")
     if args.json:
         sys.stdout.write(json.dumps(study_to_dict(found), indent=1) + "\n")
         return 0
     console = Console()
     console.print(study_summary(found))
-    if page is not None:
-        console.print(Text(f"\nPage: {page}"), soft_wrap=True)
+    if said:
+        console.print(Text("\n" + "\n".join(said)), soft_wrap=True)
     return 0
 
 
@@ -164,7 +170,7 @@ def _page(args: argparse.Namespace) -> Path | None:
         return path
     if args.no_page or args.json:
         return None
-    return Path(f"identify-{args.runs[0].resolve().stem}.html")
+    return fresh(Path(f"identify-{args.runs[0].resolve().stem}.html"))
 
 
 def _options(pairs: list[str]) -> dict[str, Any]:

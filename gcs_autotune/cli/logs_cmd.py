@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.reading import add_parameters, read_parameters
+from gcs_autotune.cli.writing import fresh
 from gcs_autotune.errors import BadFile, NotInformative
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def _run(args: argparse.Namespace) -> int:
             Console().print(log_summary(told))
     written: list[Path] = []
     if args.action == "import" and not args.dry_run:
-        folder = fresh_folder(args.out or Path("runs") / f"log-{args.files[0].stem}")
+        folder = fresh_folder(args.out or fresh(Path("runs") / f"log-{args.files[0].stem}"))
         labels = _labels(args.files)
         for label, (_, log, cut), told in zip(labels, logs, surveys, strict=True):
             runs = cut.runs + ([left.run for left in cut.left_out if left.run.channels] if args.all else [])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_connection, connection_of
 from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.cli.writing import on_replacing
 
 __all__ = ["COMMAND"]
 
@@ -33,8 +34,9 @@ def _run(args: argparse.Namespace) -> int:
     operator = ConsoleOperator(yes=args.action == "save" or args.yes)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         if args.action == "save":
+            replaced = on_replacing(args.file)
             count = save_parameters(connection, args.file, operator, watcher)
-            sys.stdout.write(f"{count} parameters saved to {args.file}\n")
+            sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}\n")
         else:
             changed = restore_parameters(connection, args.file, operator, watcher)
             for name, (found, wanted) in changed.items():

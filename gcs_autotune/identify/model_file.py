@@ -20,7 +20,7 @@ from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
-from gcs_autotune.identify.result import Fit, Structure
+from gcs_autotune.identify.result import Fit, Model, Structure
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel
 
@@ -52,9 +52,14 @@ class ModelFile:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def save_model(fit: Fit, path: Path) -> None:
-    """Write the model of *fit* to *path*, with what its numbers rest on."""
+def save_model(fit: Fit, path: Path, model: Model | None = None) -> None:
+    """Write the model of *fit* to *path*, with what its numbers rest on.
+
+    model : to write in its place: the same with what the fit knows besides (a thrust curve).
+    """
     data = fit.to_dict()
+    if model is not None:
+        data["model"] = model.to_dict()
     known = {k: data[k] for k in ("structure", "parameters", "correlation", "noise", "used")}
     file = {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
     path.write_text(json.dumps(file, indent=1) + "\n", encoding="utf-8")

@@ -22,10 +22,10 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.along_track import along_track, doubt_of, through_water
 from gcs_autotune.identify.door import fit_axis
 from gcs_autotune.identify.model_file import as_extended
-from gcs_autotune.identify.result import AxisFit, Doubt, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt, Fit, Model, Structure
 from gcs_autotune.trial import Trial
 
-__all__ = ["CURVE", "bent", "extended", "fit_surge", "square_of"]
+__all__ = ["CURVE", "bent", "extended", "fit_surge", "predictor", "square_of"]
 
 Array = NDArray[np.float64]
 
@@ -196,6 +196,11 @@ def _with_square(fit: AxisFit, square: float, std: float, covariance: Array) -> 
         doubts = (*doubts, unknown)
     extra = {**fit.extra, CURVE: {"square": square, "std": std}}
     return replace(fit, parameters=known, covariance=covariance, doubts=doubts, extra=extra)
+
+
+def predictor(fit: Fit) -> Model:
+    """Return what predicts motion from the recorded input: of a fit with a thrust curve the model with it."""
+    return extended(fit) if isinstance(fit, AxisFit) and CURVE in fit.extra else fit.model
 
 
 def extended(fit: AxisFit) -> ExtendedModel:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.logs.dataflash import record_dataflash
@@ -14,7 +16,8 @@ from gcs_autotune.logs.recording import LogReader, Recording
 from gcs_autotune.logs.renaming import renamed
 from gcs_autotune.logs.stretches import runs_of
 from gcs_autotune.logs.tlog import record_tlog
-from gcs_autotune.trial import Trial, load_trial
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Purpose, Trial, load_trial
 
 __all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "record"]
 
@@ -27,8 +30,11 @@ LEAD_IN = "-with-lead-in"
 INPUTS = frozenset("XYZKMN") | {"delta"}
 """Channels that drive a craft."""
 
-IDENTIFYING = "relay"
-"""The manoeuvre (``meta["manoeuvre"]`` in a trial's side file) a run directory is identified from."""
+LONG_ENOUGH: Collection[Purpose] = ("identification", "proof")
+"""Purposes (:attr:`Trial.purpose`) of what lasts long enough to identify from, when no whole experiment was flown."""
+
+LEAST_SAMPLES = 30
+"""Samples of motion below which a run tells nothing: three seconds at 10 Hz."""
 
 READERS: Mapping[str, LogReader] = {
     ".tlog": record_tlog,
@@ -89,9 +95,9 @@ def load_runs(
 
     * a CSV file: that trial;
     * a telemetry log (``.tlog``) or a log on board (``.bin``, ``.log``): one trial per stretch armed in one mode;
-    * a run directory: those of its ``trials/*.csv`` whose side file says ``"manoeuvre": "relay"``, with what their
-      inputs were during the lead-in (recorded beside them); when no side
-      file names any manoeuvre at all (files from elsewhere), every CSV there;
+    * a run directory: those of its ``trials/*.csv`` that were flown to identify, with what their inputs were during
+      the lead-in (recorded beside them). Where none of these came to its end: those that were cut off, and the steps
+      of a proof, with a doubt; when no side file names any manoeuvre at all (files from elsewhere), every CSV there;
     * any other directory: its ``*.csv``, by the same rule, or its logs when it has no CSV.
 
     Parameters
@@ -104,7 +110,7 @@ def load_runs(
     Raises
     ------
     BadFile
-        Nothing at *path*, nothing readable in it, or none of a relay; and what ``load_trial`` raises.
+        Nothing at *path*, nothing readable in it, or nothing flown that tells; and what ``load_trial`` raises.
     NotInformative
         A log without a stretch that is armed, driven and moves.
     UsageError
@@ -174,9 +180,46 @@ def _of_directory(
     trials = [load_trial(file, columns) for file in files]
     if not any("manoeuvre" in t.meta for t in trials):
         return trials
-    flown = zip(trials, files, strict=True)
-    relays = [_with_history(t, file) for t, file in flown if t.meta.get("manoeuvre") == IDENTIFYING]
-    if not relays:
-        kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in trials}))
-        raise BadFile(f"{folder} holds no relay experiment, only: {kinds}; name the CSV file to identify from it")
-    return relays
+    told = [_with_history(t, file) for t, file in zip(trials, files, strict=True) if t.purpose]
+    whole = [t for t in told if t.purpose == "identification" and t.ending != "aborted"]
+    found = whole or list(_makeshift(told))
+    if not found:
+        kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in told}))
+        raise BadFile(
+            f"{folder} holds no run in which an actuator was driven long enough to identify from, only: {kinds}; name "
+            "a CSV file to try it all the same"
+        )
+    return found
+
+
+def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
+    """Yield what a run that never came to a whole experiment still tells, doubted: what was cut off, and its steps.
+
+    The pulses of a check are short; they are taken when there is nothing else.
+    """
+    driven = [t for t in flown if _is_driven(t)]
+    longer = [t for t in driven if t.purpose in LONG_ENOUGH]
+    for run in longer or [t for t in driven if t.purpose == "check"]:
+        why = "was cut off" if run.ending == "aborted" else f"was flown as a {run.purpose}, not to identify from"
+        doubt = (
+            f"makeshift-run-{run.name}",
+            f"'{run.name}' {why}; there is no whole experiment in its directory",
+            "fly the experiment to its end, then identify again",
+        )
+        dof = _flown_dof(run)
+        yield replace(run, meta={**run.meta, "dof": dof and dof.name, "notes": [*run.meta.get("notes", ()), doubt]})
+
+
+def _flown_dof(trial: Trial) -> Dof | None:
+    """Return the degree of freedom a manoeuvre was about, by its side file."""
+    told, signal = trial.meta.get("dof"), trial.meta.get("signal")
+    return next((d for d in DOFS.values() if d.name == told or signal in (d.position, d.velocity)), None)
+
+
+def _is_driven(trial: Trial) -> bool:
+    """Whether the actuator of the degree of freedom flown was moved, and what it moves was measured."""
+    dof = _flown_dof(trial)
+    if dof is None or dof.force not in trial or not (dof.position in trial or dof.velocity in trial):
+        return False
+    motion = trial[dof.position if dof.position in trial else dof.velocity]
+    return len(motion) >= LEAST_SAMPLES and float(np.ptp(trial[dof.force].values)) > 0.0

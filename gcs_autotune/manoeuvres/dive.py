@@ -42,7 +42,7 @@ class Dive:
     @property
     def settings(self) -> Mapping[str, Any]:
         """The settings, for the trial's meta."""
-        return {"manoeuvre": "dive", "depth": self._settings.depth}
+        return {"manoeuvre": "dive", "purpose": "transit", "depth": self._settings.depth}
 
     def start(self, observation: Observation) -> None:
         """Begin at the present depth."""

@@ -75,6 +75,7 @@ class Relay:
         s = self._settings
         return {
             "manoeuvre": "relay",
+            "purpose": "identification",
             "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
             "signal": s.signal,
             "force": s.force,

@@ -98,6 +98,7 @@ class SignCheck:
         found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}
         return {
             "manoeuvre": "sign-check",
+            "purpose": "check",
             "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
             "signal": s.signal,
             "force": s.force,

@@ -13,6 +13,7 @@ from typing import Any
 
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Mark
 from gcs_autotune.watch import Progress
 
@@ -67,6 +68,8 @@ class Step:
         s = self._settings
         return {
             "manoeuvre": "step",
+            "purpose": "proof",
+            "dof": next(d.name for d in DOFS.values() if d.force == FORCES[s.signal]),
             "signal": s.signal,
             "size": s.size,
             "duration": s.duration,

@@ -80,7 +80,9 @@ class ThrottleSteps:
         s = self._settings
         return {
             "manoeuvre": "throttle-steps",
+            "purpose": "identification",
             "dof": "surge",
+            "thrust_curve": True,
             "signal": "u",
             "force": "X",
             "throttle": s.throttle,

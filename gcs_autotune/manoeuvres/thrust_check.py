@@ -92,6 +92,7 @@ class ThrustCheck:
         s, seen = self._settings, self.answer
         return {
             "manoeuvre": "sign-check",
+            "purpose": "check",
             "dof": "surge",
             "signal": "u",
             "force": "X",

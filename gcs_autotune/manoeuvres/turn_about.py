@@ -44,7 +44,13 @@ class TurnAbout:
     def settings(self) -> Mapping[str, Any]:
         """The settings, for the trial's meta."""
         s = self._settings
-        return {"manoeuvre": "turn-about", "throttle": s.throttle, "output": s.output, "angle": s.angle}
+        return {
+            "manoeuvre": "turn-about",
+            "purpose": "transit",
+            "throttle": s.throttle,
+            "output": s.output,
+            "angle": s.angle,
+        }
 
     def start(self, observation: Observation) -> None:
         """Take the present heading as the one to turn from."""

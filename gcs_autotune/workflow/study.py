@@ -12,7 +12,10 @@ from typing import Any, Literal
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
+from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.door import form_of
+from gcs_autotune.identify.result import Structure
+from gcs_autotune.identify.surge import fit_surge, predictor
 from gcs_autotune.identify.validate import Validation, join, validate
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.report.study import Outcome, RunRow, Study
@@ -83,7 +86,8 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
     answer = outcomes[0]
     assert answer.fit is not None
     drags = Weighed()
-    if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None:
+    plain = predictor(answer.fit) is answer.fit.model
+    if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None and plain:
         drags = drags_weighed(answer.fit, runs)
     flown = Proposed() if settings.plan_next is None else next_manoeuvres(answer.fit, runs, settings.plan_next)
     return Study(
@@ -132,6 +136,8 @@ def _outcome(
 
     def identify(trials: Sequence[Trial]) -> Fit:
         options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
+        if method == "output-error" and _tells_a_thrust_curve(trials, settings):
+            return fit_surge(trials, structure=_drag(settings), delay=settings.delay)
         return fit(
             trials,
             structure_of(settings),
@@ -158,6 +164,19 @@ def _outcome(
     return Outcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
 
 
+def _tells_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
+    """Whether the runs were flown to tell how thrust goes with throttle, and nothing else was asked for."""
+    flown = all(t.meta.get("thrust_curve") is True for t in trials)
+    drag = settings.structure is None or settings.structure in FREE
+    plain = not (settings.effects or settings.begin or settings.known or settings.use or settings.options)
+    return flown and drag and plain and settings.dof in (None, "surge") and settings.loss == "linear"
+
+
+def _drag(settings: StudySettings) -> Structure | None:
+    by_name: dict[str, Structure] = {str(n): n for n in FREE}
+    return by_name.get(str(settings.structure))
+
+
 def _check(
     found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
 ) -> tuple[Validation | None, list[str]]:
@@ -178,15 +197,16 @@ def _folds(
     """Yield a way to the model and the runs it is to predict."""
     if unseen:
         for run in unseen:
-            yield (lambda: found.model), [run]
+            yield (lambda: predictor(found)), [run]
         return
     if len(runs) == 1:
         run = runs[0]
         cut = run.end - HELD_BACK * run.duration
         held_back = run.between(cut, run.end)
-        if isinstance(found.model, ExtendedModel):
-            held_back = _with_what_went_before(held_back, run, found.model)
-        yield (lambda: identify([run.between(run.start, cut)]).model), [held_back]
+        whole = predictor(found)
+        if isinstance(whole, ExtendedModel):
+            held_back = _with_what_went_before(held_back, run, whole)
+        yield (lambda: predictor(identify([run.between(run.start, cut)]))), [held_back]
         return
     folds = min(len(runs), MOST_FOLDS)
     for k in range(folds):
@@ -202,7 +222,7 @@ def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Tri
 
 
 def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Any:
-    return identify(runs).model
+    return predictor(identify(runs))
 
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: Outcome) -> str:

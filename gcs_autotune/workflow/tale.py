@@ -132,7 +132,7 @@ class Tale:
         return {"link_times": str(times), "link_seconds": times.to_dict()}
 
     def _relays(self) -> list[Trial]:
-        return [t for t in self._trials if t.name.startswith(("relay", "throttle"))]
+        return [t for t in self._trials if t.purpose == "identification"]
 
     def _trial(self, name: str) -> Trial | None:
         return next((t for t in self._trials if t.name == name), None)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gcs_autotune.identify.model_file import load_model
-from gcs_autotune.identify.surge import CURVE, bent, extended, fit_surge, square_of
+from gcs_autotune.identify.model_file import load_model, save_model
+from gcs_autotune.identify.surge import CURVE, bent, extended, fit_surge, predictor, square_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
 from gcs_autotune.trial import Channel, Mark, Trial
+from gcs_autotune.workflow import StudySettings, study
 
 LEVELS = ((0.6, 0.27, 0.8, 0.0, 0.6), (0.6, 0.0, 0.8, 0.42, 0.6))
 DWELL = 12.0
@@ -90,3 +92,19 @@ def test_a_surge_model_with_its_curve_is_a_model_file(tmp_path) -> None:
 def test_bending_leaves_full_throttle_and_the_sign_alone() -> None:
     X = Channel("X", "1", np.arange(4.0), np.array([-1.0, -0.5, 0.5, 1.0]))
     assert bent(Trial("t", {"X": X}), 1.0)["X"].values == pytest.approx([-1.0, -0.25, 0.25, 1.0])
+
+
+def test_identify_finds_the_curve_in_runs_flown_for_it_and_predicts_with_it(tmp_path: Path) -> None:
+    """What a plain fit makes of the same runs explains far less."""
+    model = SingleDof("surge", "1", 4.0, 0.0, 0.444)
+    runs = [flown(model, 1.0, levels, n) for n, levels in enumerate(LEVELS)]
+    meant = [replace(run, meta={"thrust_curve": True, "dof": "surge"}) for run in runs]
+    found = study(meant, [], StudySettings(), "2026-01-01T00:00:00")
+    plain = study(runs, [], StudySettings(dof="surge", check=False), "2026-01-01T00:00:00")
+    assert abs(found.fit.extra[CURVE]["square"] - 1.0) < 3.5 * found.fit.extra[CURVE]["std"]
+    assert found.fit.fit_percent > plain.fit.fit_percent + 10.0
+    assert found.answer.unseen is not None
+    assert found.answer.unseen.fit_percent > 85.0
+    path = tmp_path / "model.json"
+    save_model(found.fit, path, predictor(found.fit))
+    assert [effect.slug for effect in load_model(path).model.effects] == ["quadratic-actuator"]

@@ -2,11 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from gcs_autotune.errors import BadFile
 from gcs_autotune.logs import load_runs
+from gcs_autotune.manoeuvres import (
+    Dive,
+    DiveSettings,
+    Relay,
+    RelaySettings,
+    SignCheck,
+    SignCheckSettings,
+    Step,
+    StepSettings,
+    ThrottleSteps,
+    ThrottleStepsSettings,
+    ThrustCheck,
+    ThrustCheckSettings,
+    TurnAbout,
+    TurnAboutSettings,
+)
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 
@@ -27,3 +46,64 @@ def test_a_relay_brings_what_its_inputs_were_during_the_lead_in(tmp_path: Path) 
     (folder / "01-relay-1-with-lead-in.csv").unlink()
     (run,) = load_runs(tmp_path)
     assert run["N"].t[0] == 10.0
+
+
+def leave(folder: Path, *runs: tuple[str, str, str]) -> Path:
+    """Leave a run directory with these runs, each (name, purpose, ending), as the sequencer does."""
+    (folder / "trials").mkdir()
+    for k, (name, purpose, ending) in enumerate(runs, start=1):
+        meta = {"manoeuvre": "whatever it is called", "purpose": purpose, "dof": "yaw", "signal": "psi"}
+        flown = replace(trial(0.0, meta), name=name, ending=ending)
+        save_trial(flown, folder / "trials" / f"{k:02d}-{name}.csv")
+    return folder
+
+
+def test_every_manoeuvre_says_what_it_is_flown_for() -> None:
+    flown = [
+        Relay(RelaySettings("psi", "N"), "r"),
+        ThrottleSteps(ThrottleStepsSettings(0.5), "t"),
+        Step(StepSettings("psi", 0.5, 30.0)),
+        SignCheck(SignCheckSettings("psi", "N")),
+        ThrustCheck(ThrustCheckSettings()),
+        TurnAbout(TurnAboutSettings(0.5)),
+        Dive(DiveSettings(1.5)),
+    ]
+    said = [Trial(m.name, {}, meta=m.settings).purpose for m in flown]
+    assert said == ["identification", "identification", "proof", "check", "check", "transit", "transit"]
+
+
+def test_a_directory_is_identified_from_what_was_flown_for_it_whatever_it_is_called(tmp_path: Path) -> None:
+    runs = [("check", "check", "completed"), ("steps", "identification", "completed"), ("proof", "proof", "completed")]
+    (run,) = load_runs(leave(tmp_path, *runs))
+    assert run.name == "steps"
+    assert "notes" not in run.meta
+
+
+def test_an_experiment_that_was_cut_off_yields_to_a_whole_one(tmp_path: Path) -> None:
+    runs = load_runs(leave(tmp_path, ("a", "identification", "completed"), ("b", "identification", "aborted")))
+    assert [run.name for run in runs] == ["a"]
+
+
+def test_of_an_aborted_run_what_was_cut_off_and_its_steps_are_taken_with_a_doubt_each(tmp_path: Path) -> None:
+    runs = [("pulse", "check", "completed"), ("step", "proof", "completed"), ("swing", "identification", "aborted")]
+    found = load_runs(leave(tmp_path, *runs))
+    assert [run.name for run in found] == ["step", "swing"]
+    assert [run.meta["notes"][0][0] for run in found] == ["makeshift-run-step", "makeshift-run-swing"]
+    assert "was cut off" in found[1].meta["notes"][0][1]
+
+
+def test_of_a_run_that_got_no_further_than_its_check_the_pulses_are_taken(tmp_path: Path) -> None:
+    (run,) = load_runs(leave(tmp_path, ("pulse", "check", "aborted"), ("turn", "transit", "completed")))
+    assert run.name == "pulse"
+    assert run.meta["dof"] == "yaw"
+
+
+def test_a_directory_in_which_nothing_was_driven_says_what_it_holds(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="no run in which an actuator was driven"):
+        load_runs(leave(tmp_path, ("turn", "transit", "completed")))
+
+
+def test_a_record_older_than_purposes_is_told_by_its_manoeuvre() -> None:
+    said = [Trial("", {}, meta={"manoeuvre": m}).purpose for m in ("relay", "throttle-steps", "step", "sign-check")]
+    assert said == ["identification", "identification", "proof", "check"]
+    assert Trial("", {}).purpose == ""

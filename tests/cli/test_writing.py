@@ -1,0 +1,71 @@
+"""Results are never written over in silence."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.cli.command import run_directory
+from gcs_autotune.cli.writing import fresh, on_replacing
+
+
+def record(path: Path) -> Path:
+    """A run of 2 r' + r = N from rest, without noise, with random steps."""
+    t, dt = np.arange(0.0, 30.0, 0.1), 0.1
+    N = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 15), 20)
+    psi, r = np.zeros(len(t)), np.zeros(len(t))
+    for k in range(len(t) - 1):
+        psi[k + 1] = psi[k] + N[k] * dt + (r[k] - N[k]) * 2.0 * (1.0 - np.exp(-dt / 2.0))
+        r[k + 1] = N[k] + (r[k] - N[k]) * np.exp(-dt / 2.0)
+    noise = np.random.default_rng(2).normal(0.0, 0.002, len(t))
+    rows = np.column_stack([t, psi + noise, N])
+    np.savetxt(path, rows, delimiter=",", header="t[s],psi[rad],N[N m]", comments="", fmt="%.6f")
+    return path
+
+
+def test_a_name_that_is_taken_gets_the_next_number(tmp_path: Path) -> None:
+    page = tmp_path / "identify-Z_10_05.html"
+    names = []
+    for _ in range(3):
+        path = fresh(page)
+        path.write_text("kept", encoding="utf-8")
+        names.append(path.name)
+    assert names == ["identify-Z_10_05.html", "identify-Z_10_05-2.html", "identify-Z_10_05-3.html"]
+
+
+def test_what_would_be_replaced_is_said_and_an_empty_folder_is_not(tmp_path: Path) -> None:
+    file, folder = tmp_path / "a.html", tmp_path / "out"
+    folder.mkdir()
+    assert (on_replacing(file), on_replacing(folder)) == ("", "")
+    file.write_text("earlier", encoding="utf-8")
+    (folder / "report.html").write_text("earlier", encoding="utf-8")
+    assert "in place of" in on_replacing(file)
+    assert "in place of" in on_replacing(folder)
+
+
+def test_identifying_twice_leaves_two_pages(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = record(tmp_path / "Z_10_05.csv")
+    once = ["identify", str(run), "--no-check", "--structure", "linear"]
+    assert main(once) == main(once) == 0
+    assert {p.name for p in tmp_path.glob("*.html")} == {"identify-Z_10_05.html", "identify-Z_10_05-2.html"}
+    assert "Page: identify-Z_10_05-2.html\n" in capsys.readouterr().out
+    assert main([*once, "--page", "identify-Z_10_05.html"]) == 0
+    assert "Page: identify-Z_10_05.html (in place of what was there)" in capsys.readouterr().out
+
+
+def test_two_runs_begun_in_the_same_second_have_a_directory_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    args, now = argparse.Namespace(out=None, axis="heading"), datetime(2026, 11, 22, 20, 30)
+    first = run_directory(args, "sitl:charlie", now)
+    first.mkdir(parents=True)
+    assert run_directory(args, "sitl:charlie", now).name == f"{first.name}-2"
