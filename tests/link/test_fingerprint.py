@@ -1,0 +1,88 @@
+"""Is it the vehicle that a journal was written for? Told by kind, board, or what was calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from gcs_autotune.link import Parameters
+from gcs_autotune.link.fingerprint import FINGERPRINT, difference, fingerprint_of
+from gcs_autotune.link.identity import VehicleIdentity
+
+HERE = VehicleIdentity(system=1, component=1, autopilot=3, vehicle_type=11, firmware="ArduRover", uid="c0ffee")
+PRINT = {"INS_ACCOFFS_X": 0.012, "COMPASS_DEV_ID": 97539.0}
+
+
+class Told:
+    def __init__(self, values: dict[str, float], vehicle: VehicleIdentity | None = HERE) -> None:
+        self.values = values
+        self.session = SimpleNamespace(vehicle=vehicle)
+
+    def read_existing(self, names: Iterable[str]) -> dict[str, float]:
+        return {n: self.values[n] for n in names if n in self.values}
+
+
+def told(values: dict[str, float], vehicle: VehicleIdentity | None = HERE) -> Parameters:
+    return cast(Parameters, Told(values, vehicle))
+
+
+def test_the_same_board_is_the_same_vehicle_whatever_its_parameters_say_by_now() -> None:
+    assert difference(HERE.to_dict(), PRINT, HERE, told({})) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"system": 7}, "system 7 there, 1 here"),
+        ({"autopilot": 12}, "autopilot 12 there, 3 here"),
+        ({"vehicle_type": 12}, "vehicle_type 12 there, 11 here"),
+        ({"uid": "beef"}, "its board is beef there, c0ffee here"),
+    ],
+)
+def test_another_system_kind_or_board_is_another_vehicle(change: dict[str, object], words: str) -> None:
+    assert difference({**HERE.to_dict(), **change}, {}, HERE, told({})) == words
+
+
+def test_a_board_that_does_not_tell_its_id_here_is_not_taken_for_the_one_that_did() -> None:
+    mute = replace(HERE, uid="")
+    assert difference(HERE.to_dict(), PRINT, mute, told(PRINT)) == "its board is c0ffee there, untold here"
+
+
+def test_a_vehicle_without_an_id_is_known_by_what_was_calibrated() -> None:
+    """A journal of it holds the fingerprint; the vehicle here may well have told an id since."""
+    known = {**HERE.to_dict(), "uid": ""}
+    assert difference(known, PRINT, HERE, told(dict(PRINT))) == ""
+    other = {**PRINT, "INS_ACCOFFS_X": 0.013}
+    assert difference(known, PRINT, HERE, told(other)) == "INS_ACCOFFS_X 0.012 there, 0.013 here"
+
+
+def test_a_fingerprint_parameter_that_is_missing_here_speaks_against_it() -> None:
+    known = {**HERE.to_dict(), "uid": ""}
+    assert difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": 0.012})) == "COMPASS_DEV_ID is not here"
+    said = difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": -0.5}))
+    assert said == "INS_ACCOFFS_X 0.012 there, -0.5 here; COMPASS_DEV_ID is not here"
+
+
+def test_a_value_that_went_through_a_float32_is_the_same() -> None:
+    known = {**HERE.to_dict(), "uid": ""}
+    assert difference(known, {"INS_ACCOFFS_X": 0.1}, HERE, told({"INS_ACCOFFS_X": 0.10000000149011612})) == ""
+
+
+def test_an_older_journal_that_knows_less_is_no_difference() -> None:
+    assert difference({}, {}, HERE, told({})) == ""
+    assert difference({"system": None, "vehicle_type": 11}, {}, HERE, told({})) == ""
+
+
+@pytest.mark.parametrize("vehicle", [replace(HERE, uid=""), None])
+def test_only_a_board_without_an_id_is_asked_for_its_calibration(vehicle: VehicleIdentity | None) -> None:
+    values = {**PRINT, "ATC_STR_RAT_P": 0.2}
+    assert fingerprint_of(told(values, vehicle)) == PRINT
+    assert fingerprint_of(told(values, HERE)) == {}
+
+
+def test_what_a_tune_changes_is_in_no_fingerprint() -> None:
+    assert not {n for n in FINGERPRINT if n.startswith(("ATC_", "PSC_", "WP_"))}
