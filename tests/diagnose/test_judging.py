@@ -1,0 +1,287 @@
+"""Evidence, luck and what is left out, number by number, on made-up fits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from runs_in_the_tank import towed
+from scipy import stats
+
+from gcs_autotune.diagnose.heldout import HeldOut, Parts, blocks, p_value, parts_of, ratio_interval, rms_of
+from gcs_autotune.diagnose.judging import (
+    ALIKE,
+    LUCK,
+    SIGNIFICANCE,
+    Judged,
+    error_ratio,
+    is_material,
+    is_needed,
+    ordered,
+    price_of,
+    winner_of,
+)
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of
+
+# --- evidence --------------------------------------------------------------------------------
+
+
+def fit(
+    parameters: int, *, samples: int = 500, cost: float = 0.0, learnt: int = 0, signals: tuple[str, ...] = ("r",)
+) -> Fitted:
+    """Return as much of a fit as judging looks at; *learnt* numbers were learnt from what was left over."""
+    wave = Applied("wave-disturbance", "yaw", {f"w{i}": 1.0 for i in range(learnt)})
+    return cast(
+        Fitted,
+        SimpleNamespace(
+            parameters=parameters,
+            samples=samples,
+            cost=cost,
+            effects=(wave,) if learnt else (),
+            levels=dict.fromkeys(signals, 1.0),
+        ),
+    )
+
+
+BASE = fit(3)
+
+
+def judged(slug: str, **values: Any) -> Judged:
+    told: dict[str, Any] = {"fitted": fit(4), "evidence": 50.0, "likelihood": 60.0, "gain": 0.3, "p": 1e-6, **values}
+    return Judged(Applied(slug, "yaw", {}), unseen=None, **told)
+
+
+@pytest.mark.parametrize(("parameters", "learnt", "more"), [(3, 0, 0), (4, 0, 1), (5, 0, 2), (4, 3, 4), (2, 0, -1)])
+def test_every_further_number_costs_the_logarithm_of_the_samples_learnt_ones_too(
+    parameters: int, learnt: int, more: int
+) -> None:
+    assert price_of(fit(parameters, learnt=learnt), BASE) == pytest.approx(more * math.log(500))
+
+
+def test_numbers_learnt_before_are_not_paid_twice() -> None:
+    assert price_of(fit(5, learnt=3), fit(3, learnt=3)) == pytest.approx(2.0 * math.log(500))
+
+
+@pytest.mark.parametrize("tried", [1, 10, 300])
+@pytest.mark.parametrize("more", [1, 2])
+def test_the_more_was_tried_the_more_evidence_is_asked_for(tried: int, more: int) -> None:
+    edge = stats.chi2.isf(SIGNIFICANCE / tried, more)
+    assert is_needed(1.001 * edge, fit(3 + more), BASE, tried)
+    assert not is_needed(0.999 * edge, fit(3 + more), BASE, tried)
+
+
+def test_a_cause_that_adds_no_number_is_judged_as_if_it_added_one() -> None:
+    edge = stats.chi2.isf(SIGNIFICANCE, 1)
+    assert not is_needed(0.999 * edge, fit(3), BASE, 0)
+    assert is_needed(1.001 * edge, fit(3), BASE, 0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "signals", "pays"),
+    [
+        (0.021, ("r",), True),
+        (0.019, ("r",), False),
+        (0.0, ("r",), False),
+        (-0.5, ("r",), False),
+        (0.011, ("r", "psi"), True),
+        (0.009, ("r", "psi"), False),
+        (1.0, ("r",), True),
+    ],
+)
+def test_a_gain_on_unseen_data_counts_by_what_it_is_for_all_signals_together(
+    gain: float, signals: tuple[str, ...], pays: bool
+) -> None:
+    assert is_material(judged("input-bias", gain=gain, fitted=fit(4, signals=signals))) is pays
+
+
+@pytest.mark.parametrize(
+    "spoilt", [{"evidence": 0.0}, {"likelihood": 2.0}, {"gain": 0.0}, {"p": LUCK}, {"p": 0.5}], ids=repr
+)
+def test_a_winner_pays_in_every_respect(spoilt: dict[str, float]) -> None:
+    good = judged("input-bias")
+    assert winner_of([good], 1, BASE) is good
+    assert winner_of([judged("input-bias", **spoilt)], 1, BASE) is None
+    assert winner_of([judged("saturation", **spoilt), good], 1, BASE) is good
+
+
+def test_evidence_that_would_do_for_one_try_does_not_for_a_thousand() -> None:
+    found = judged("input-bias", likelihood=15.0)
+    assert winner_of([found], 1, BASE) is found
+    assert winner_of([found], 1000, BASE) is None
+
+
+def test_a_disturbance_gives_way_to_a_cause_that_foretells_more_and_to_no_other() -> None:
+    wave = judged("wave-disturbance", gain=0.3)
+    better, worse = judged("input-bias", gain=0.31), judged("input-bias", gain=0.29)
+    assert winner_of([wave, better], 1, BASE) is better
+    assert winner_of([wave, worse], 1, BASE) is wave
+    assert winner_of([wave, judged("quantisation", gain=0.4)], 1, BASE) is wave
+    assert winner_of([worse, better], 1, BASE) is worse, "the likeliest, not the one that gains most"
+
+
+def test_a_slip_of_the_pen_accounts_for_all_or_did_not_happen() -> None:
+    slip = judged("sign-error", gain=0.3, fitted=fit(3, cost=100.0))
+    assert winner_of([slip, judged("saturation", gain=0.4, fitted=fit(4, cost=90.0))], 1, BASE) is not slip
+    assert winner_of([slip, judged("saturation", gain=0.4, fitted=fit(4, cost=110.0))], 1, BASE) is slip
+    assert winner_of([slip, judged("saturation", gain=0.2, fitted=fit(4, cost=90.0))], 1, BASE) is slip
+    saturated = judged("saturation", gain=0.3, fitted=fit(4, cost=100.0))
+    assert winner_of([saturated, judged("input-bias", gain=0.4, fitted=fit(4, cost=90.0))], 1, BASE) is saturated
+
+
+def test_of_causes_as_likely_the_more_usual_comes_first_and_a_likelier_one_before_both() -> None:
+    late = judged("measurement-delay", evidence=50.0)
+    usual = judged("input-delay", evidence=50.0 - 0.9 * ALIKE)
+    far = judged("input-delay", evidence=50.0 - 1.1 * ALIKE)
+    assert ordered([usual, late]) == [usual, late]
+    assert ordered([late, usual]) == [usual, late]
+    assert ordered([far, late]) == [late, far]
+
+
+# --- unseen data --------------------------------------------------------------------------------
+
+
+def rest(judged: Sequence[float], *, signal: str = "r", fold: int = 0, penalty: float = 0.0) -> Rest:
+    values = np.array(judged, dtype=np.float64)
+    nothing = np.zeros(len(values))
+    return Rest(0, signal, nothing, nothing, nothing, values, penalty, fold)
+
+
+def held(*rests: Rest, complete: bool = True) -> HeldOut:
+    return HeldOut(rests, complete)
+
+
+def test_the_error_ratio_is_the_geometric_mean_over_signals() -> None:
+    before = held(rest([2.0, -2.0]), rest([3.0, 3.0], signal="psi"))
+    after = held(rest([1.0, 1.0]), rest([6.0, -6.0, math.nan], signal="psi"))
+    assert rms_of(after.rests) == {"r": 1.0, "psi": 6.0}
+    assert error_ratio(before, after) == pytest.approx(1.0)
+    assert error_ratio(before, held(rest([1.0, 1.0]))) == pytest.approx(0.5)
+    assert error_ratio(held(), after) == 1.0
+
+
+OLD, NEW = [2.0, -2.0, 2.0, -2.0], [1.0, -1.0, 1.0, -1.0]
+
+
+def luck(before: HeldOut, after: HeldOut, *, numbers: int = 0, tried: int = 1, raised: float = 1.0) -> float:
+    return p_value(before, after, {"r": 0.5, "psi": 0.5}, raised, numbers, tried)
+
+
+def many(values: Sequence[float], n: int = 10, **options: Any) -> Rest:
+    return rest([*values] * n, **options)
+
+
+def test_luck_is_the_inverse_of_the_split_likelihood_ratio_times_the_tries() -> None:
+    level = {"r": 1.0}
+    gained = 0.5 * 40 * (math.log(4.0) + 1.0) - 0.5 * 40 * 1.0
+    for numbers, tried, raised in ((0, 1, 1.0), (2, 1, 1.0), (2, 7, 1.0), (2, 7, 3.0)):
+        p = p_value(held(many(OLD)), held(many(NEW)), level, raised, numbers, tried)
+        assert p == pytest.approx(tried * math.exp(-(gained - numbers) / raised), rel=1e-9)
+    assert p_value(held(many(OLD)), held(many(NEW)), level, 1.0, 0, 10**14) == 1.0
+
+
+def test_luck_is_averaged_over_folds_as_e_values_are() -> None:
+    before = held(many(OLD, fold=0), many(OLD, 2, fold=1))
+    after = held(many(NEW, fold=0), many(NEW, 2, fold=1))
+    first, second = (p_value(held(many(OLD, n)), held(many(NEW, n)), {"r": 1.0}, 1.0, 0, 1) for n in (10, 2))
+    assert p_value(before, after, {"r": 1.0}, 1.0, 0, 1) == pytest.approx(2.0 / (1.0 / first + 1.0 / second))
+
+
+def test_a_penalty_counts_against_the_model_that_pays_it() -> None:
+    level = {"r": 1.0}
+    plain = p_value(held(many(OLD)), held(many(NEW)), level, 1.0, 0, 1)
+    paid_after = p_value(held(many(OLD)), held(many(NEW, penalty=4.0)), level, 1.0, 0, 1)
+    paid_before = p_value(held(many(OLD, penalty=4.0)), held(many(NEW)), level, 1.0, 0, 1)
+    assert (paid_after / plain, paid_before / plain) == (pytest.approx(math.exp(2.0)), pytest.approx(math.exp(-2.0)))
+
+
+def test_a_model_that_ran_away_somewhere_or_saw_other_data_has_all_the_luck() -> None:
+    before, after = held(many(OLD)), held(many(NEW))
+    assert luck(before, HeldOut(after.rests, complete=False)) == 1.0
+    assert luck(before, held(*after.rests, *after.rests)) == 1.0
+    assert luck(held(), held()) == 1.0
+
+
+def test_blocks_are_cut_alike_and_a_lost_sample_counts_for_the_model_that_lost_it() -> None:
+    lost = [*[1.0] * 15, math.nan]
+    found, size = blocks([rest([2.0] * 16)], [rest(lost)])
+    assert size == 8
+    assert found == [("r", 32.0, 8.0, 8), ("r", 32.0, 7.0, 7)]
+    assert blocks([rest([math.nan] * 16)], [rest([1.0] * 16)])[0] == []
+
+
+def test_the_interval_of_a_ratio_holds_it_and_needs_three_blocks() -> None:
+    noise = np.random.default_rng(4).normal(size=4800)
+    low, high = ratio_interval([rest(2.0 * noise)], [rest(noise[::-1])])
+    assert low < 0.5 < high
+    assert high - low < 0.1
+    assert all(math.isnan(edge) for edge in ratio_interval([rest([1.0] * 16)], [rest([1.0] * 16)]))
+
+
+# --- what is left out --------------------------------------------------------------------------------
+
+
+def stretches(runs: int) -> list[Stretch]:
+    towed_runs = towed(runs=runs, samples=100)
+    return stretches_of(towed_runs, plain_form(towed_runs))[0]
+
+
+def problem_of(own: Sequence[Stretch]) -> Problem:
+    """Return a problem that only knows its stretches, with initial states told by run and first stamp."""
+
+    def first_states(wanted: Sequence[Stretch]) -> tuple[Any, ...]:
+        return tuple((s.run, s.record.start) for s in wanted)
+
+    return cast(Problem, SimpleNamespace(stretches=tuple(own), first_states=first_states))
+
+
+def samples_of(parts: Sequence[Stretch]) -> list[tuple[str, float]]:
+    return [(s.run, float(t)) for s in parts for t in s.record.signals["r"].t]
+
+
+@pytest.mark.parametrize(
+    ("runs", "in_blocks", "kind", "folds", "words"),
+    [
+        (1, False, "blocks", 4, "4 blocks of the run left out in turn"),
+        (3, False, "runs", 3, "each of 3 runs left out in turn"),
+        (6, False, "runs", 4, "4 groups of runs in turn"),
+        (3, True, "blocks", 4, "4 blocks of every run left out in turn"),
+    ],
+)
+def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
+    runs: int, in_blocks: bool, kind: str, folds: int, words: str
+) -> None:
+    own = stretches(runs)
+    parts = parts_of(problem_of(own), in_blocks=in_blocks)
+    assert (parts.kind, len(parts.folds), parts.words) == (kind, folds, words)
+    every = sorted(samples_of(own))
+    tested = []
+    for fold in parts.folds:
+        fitted, predicted = samples_of(fold.train), samples_of(fold.test)
+        assert predicted
+        assert not set(fitted) & set(predicted)
+        assert sorted(fitted + predicted) == every
+        tested += predicted
+    assert sorted(tested) == every
+    _starts_belong(parts)
+
+
+def test_runs_kept_apart_are_only_ever_tested() -> None:
+    own = stretches(3)
+    parts = parts_of(problem_of(own[:2]), own[2:])
+    (fold,) = parts.folds
+    assert (parts.kind, fold.train, fold.test) == ("apart", tuple(own[:2]), tuple(own[2:]))
+    assert parts.words == "runs not used for fitting: run2"
+    _starts_belong(parts)
+
+
+def _starts_belong(parts: Parts) -> None:
+    told = [[(s.run, s.record.start) for s in fold.train] for fold in parts.folds]
+    assert [list(states) for states in parts.starts] == told
+    told = [[(s.run, s.record.start) for s in fold.test] for fold in parts.folds]
+    assert [list(states) for states in parts.tests] == told

@@ -1,0 +1,87 @@
+"""From a tape to channels, one sample at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.logs.channels import motion_channels
+from gcs_autotune.logs.tape import Tape
+
+NORTH, EAST = (1.0, 0.0), (0.0, 1.0)
+
+
+def tape(heading: float, wander: float, *, over: tuple[float, float] = NORTH, source: str = "local") -> Tape:
+    """Heading samples at whole tenths, to either side of *heading* by turns; velocity over ground half-way between."""
+    found = Tape("log", "ms")
+    for k in range(40):
+        psi = heading + (wander if k % 2 else -wander)
+        found.take(0.1 * k, {"attitude.phi": 0.0, "attitude.theta": 0.0, "attitude.psi": math.remainder(psi, math.tau)})
+        moved = 0.1 * k * np.array(over)
+        found.take(0.1 * k + 0.05, {f"{source}.x": moved[0], f"{source}.y": moved[1]})
+        found.take(0.1 * k + 0.05, {f"{source}.vn": over[0], f"{source}.ve": over[1]})
+    return found
+
+
+@pytest.mark.parametrize(
+    ("heading", "over", "ahead", "to_starboard"),
+    [
+        (0.0, NORTH, 1.0, 0.0),
+        (0.0, EAST, 0.0, 1.0),
+        (math.pi, NORTH, -1.0, 0.0),
+        (math.pi, EAST, 0.0, -1.0),
+        (-math.pi / 2.0, NORTH, 0.0, 1.0),
+    ],
+)
+@pytest.mark.parametrize("source", ["local", "ekf"])
+def test_velocity_over_ground_is_turned_by_the_heading_also_where_that_crosses_south(
+    heading: float, over: tuple[float, float], ahead: float, to_starboard: float, source: str
+) -> None:
+    channels, sources = motion_channels(tape(heading, 0.05, over=over, source=source))
+    inside = channels["u"].t <= channels["psi"].t[-1]
+    assert inside.sum() == 39
+    assert channels["u"].values[inside] == pytest.approx(np.full(39, ahead), abs=2e-3)
+    assert channels["v"].values[inside] == pytest.approx(np.full(39, to_starboard), abs=2e-3)
+    assert channels["U"].values == pytest.approx(np.ones(40))
+    assert {sources[n] for n in "xyUuv"} == {source}
+
+
+def test_the_heading_itself_stays_as_it_was_recorded() -> None:
+    channels, _ = motion_channels(tape(math.pi, 0.05))
+    assert np.abs(channels["psi"].values).max() <= math.pi
+    assert np.ptp(channels["psi"].values) > 6.0
+
+
+def test_a_source_with_too_few_samples_or_none_that_move_gives_way_to_the_next() -> None:
+    found = tape(0.0, 0.05, source="gps")
+    for k in range(30):
+        found.take(0.1 * k, {"ekf.x": 5.0, "ekf.y": 5.0})
+    for k in range(19):
+        found.take(0.1 * k, {"local.x": 1.0 * k, "local.y": 0.0})
+    channels, sources = motion_channels(found)
+    assert sources["x"] == sources["u"] == "gps"
+    assert len(channels["x"]) == 40
+
+
+@pytest.mark.parametrize(("moves", "expected"), [(True, "control"), (False, "global")])
+def test_a_depth_that_moves_is_taken_before_one_that_stands_still(moves: bool, expected: str) -> None:
+    found = Tape("log", "ms")
+    for k in range(30):
+        found.take(0.1 * k, {"global.z": 2.0, "global.w": 0.0})
+        found.take(0.1 * k, {"control.z": 2.0 + 0.1 * k * moves})
+    channels, sources = motion_channels(found)
+    assert sources["z"] == expected
+    assert ("w" in channels) is (expected == "global")
+
+
+@pytest.mark.parametrize("count", [19, 20])
+def test_speed_is_read_off_the_first_source_that_has_enough_when_no_velocity_is_there(count: int) -> None:
+    found = Tape("log", "ms")
+    for k in range(30):
+        if k < count:
+            found.take(0.1 * k, {"hud.U": 1.5})
+        found.take(0.1 * k, {"gps.U": 2.5})
+    channels, sources = motion_channels(found)
+    assert (sources["U"], channels["U"].values[0]) == (("hud", 1.5) if count == 20 else ("gps", 2.5))

@@ -1,0 +1,120 @@
+"""The notation: a case for every unit, heads, and angles."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from gcs_autotune import sname
+from gcs_autotune.errors import BadFile
+from gcs_autotune.sname import DOFS, SIGNALS, column_unit, parse_header, to_si, wrap
+
+CASES = {
+    "": ("1", 1.0),
+    "1": ("1", 1.0),
+    "-": ("1", 1.0),
+    "%": ("1", 0.01),
+    "s": ("s", 1.0),
+    "ms": ("s", 0.001),
+    "us": ("s", 0.000001),
+    "m": ("m", 1.0),
+    "cm": ("m", 0.01),
+    "mm": ("m", 0.001),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", 0.017453292519943295),
+    "m/s": ("m/s", 1.0),
+    "cm/s": ("m/s", 0.01),
+    "kn": ("m/s", 0.5144444444444445),
+    "km/h": ("m/s", 0.2777777777777778),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", 0.017453292519943295),
+    "rev/s": ("rad/s", 6.283185307179586),
+    "rpm": ("rad/s", 0.10471975511965977),
+    "m/s^2": ("m/s^2", 1.0),
+    "rad/s^2": ("rad/s^2", 1.0),
+    "deg/s^2": ("rad/s^2", 0.017453292519943295),
+    "N": ("N", 1.0),
+    "kN": ("N", 1000.0),
+    "kgf": ("N", 9.80665),
+    "N m": ("N m", 1.0),
+    "Nm": ("N m", 1.0),
+    "kN m": ("N m", 1000.0),
+    "V": ("V", 1.0),
+    "A": ("A", 1.0),
+    "Pa": ("Pa", 1.0),
+    "hPa": ("Pa", 100.0),
+    "pwm": ("pwm", 1.0),
+}
+
+
+@pytest.mark.parametrize("unit", CASES)
+def test_every_unit_is_what_it_is_in_si(unit: str) -> None:
+    assert to_si(unit) == (CASES[unit][0], pytest.approx(CASES[unit][1], rel=1e-15))
+    assert to_si(f" {unit} ") == to_si(unit)
+
+
+def test_every_unit_there_is_has_a_case_here() -> None:
+    assert set(sname._TO_SI) == set(CASES)
+
+
+def test_degrees_may_be_written_with_their_sign_and_an_unknown_unit_is_refused_with_those_known() -> None:
+    assert to_si("°/s") == to_si("deg/s")
+    with pytest.raises(BadFile, match=r"unit \[furlong\] is not known; known units: .*rpm"):
+        to_si("furlong")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "si"),
+    [("pwm1", "us", "pwm"), ("SERVO3", "µs", "pwm"), ("rc4", " us ", "pwm"), ("t", "us", "s"), ("rc4", "ms", "s")],
+)
+def test_microseconds_of_a_pulse_are_no_time(name: str, unit: str, si: str) -> None:
+    assert column_unit(name, unit)[0] == si
+
+
+@pytest.mark.parametrize(
+    ("head", "parts"),
+    [("psi[deg]", ("psi", "deg")), (" N [N m] ", ("N", "N m")), ("psi", ("psi", "")), ("n[]", ("n", ""))],
+)
+def test_a_head_is_a_name_and_a_unit(head: str, parts: tuple[str, str]) -> None:
+    assert parse_header(head) == parts
+
+
+@pytest.mark.parametrize("head", ["", "[deg]", "psi[deg", "psi]deg[", "psi[deg] x"])
+def test_what_is_no_head_is_refused(head: str) -> None:
+    with pytest.raises(BadFile, match="not of the form"):
+        parse_header(head)
+
+
+@pytest.mark.parametrize(
+    ("angle", "wrapped"),
+    [
+        (0.0, 0.0),
+        (math.pi, math.pi),
+        (-math.pi, math.pi),
+        (4.0, 4.0 - math.tau),
+        (-4.0, math.tau - 4.0),
+        (7.0, 7.0 - math.tau),
+    ],
+)
+def test_an_angle_is_wrapped_into_half_a_turn_either_way(angle: float, wrapped: float) -> None:
+    assert wrap(angle) == pytest.approx(wrapped)
+
+
+@pytest.mark.parametrize("name", DOFS)
+def test_a_degree_of_freedom_has_its_signals_and_units_from_the_one_table(name: str) -> None:
+    dof = DOFS[name]
+    force_unit, length = ("N m", "rad") if dof.angular else ("N", "m")
+    assert SIGNALS[dof.position][0] == dof.position_unit == length
+    assert SIGNALS[dof.velocity][0] == f"{length}/s"
+    assert SIGNALS[dof.force][0] == force_unit
+    nu = dof.velocity
+    assert dof.parameter_names() == (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}", "delta")
+    base = f"{force_unit} s"
+    assert dof.parameter_units(force_unit) == (
+        f"{base}^2/{length}",
+        f"{base}/{length}",
+        f"{base}^2/{length}^2",
+        force_unit,
+    )
+    assert dof.parameter_units("1") == (f"s^2/{length}", f"s/{length}", f"s^2/{length}^2", "1")
