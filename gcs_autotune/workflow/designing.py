@@ -14,7 +14,6 @@ from gcs_autotune.workflow.proof import Proof
 from gcs_autotune.workflow.surge_curve import reduction_of
 from gcs_autotune.workflow.thrust_curve import design_with_curve
 from gcs_autotune.workflow.voyage import Voyage
-from gcs_autotune.workflow.waiting import think
 
 __all__ = ["Ruler", "design_from_file", "design_from_fit"]
 
@@ -40,36 +39,32 @@ def design_from_fit(voyage: Voyage, found: Identified, ruler: Ruler) -> Proposal
     curved = found.curved
     if curved is not None:
         try:
-            tale.proposal = think(voyage.craft, lambda: design_with_curve(curved, axis, voyage.present, spec))
+            tale.proposal = voyage.think(design_with_curve, curved, axis, voyage.present, spec)
             return tale.proposal
         except NoGainsMeetSpec as error:
             tale.say(f"with the thrust curve {error}; designing without it")
-    tale.proposal = think(
-        voyage.craft, lambda: design(fit.model, fit.covariance, axis, voyage.present, spec, reduction)
-    )
+    tale.proposal = voyage.think(design, fit.model, fit.covariance, axis, voyage.present, spec, reduction)
     return tale.proposal
 
 
 def design_from_file(voyage: Voyage, given: Given, flown: Trial, ruler: Ruler) -> Proposal:
     """Return gains for the model of a file, having said how much of the step just *flown* it explains."""
     tale, file = voyage.tale, given.file
-    share = think(voyage.craft, lambda: explained(given, flown))
+    share = voyage.think(explained, given, flown)
     if not math.isnan(share):
         strange = "" if share >= STRANGE else ": is it a model of this craft, at this speed, with this full scale?"
         tale.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
     tale.say(f"designing from the model '{file.name}'")
     spec = replace(_spec(voyage, tale.speed_of([flown]), ruler), full_scale=given.full_scale)
-    tale.proposal = think(
-        voyage.craft,
-        lambda: design_from(
-            file.model,
-            voyage.axis,
-            voyage.present,
-            spec,
-            inputs=file.inputs,
-            names=file.names,
-            covariance=file.covariance,
-        ),
+    tale.proposal = voyage.think(
+        design_from,
+        file.model,
+        voyage.axis,
+        voyage.present,
+        spec,
+        inputs=file.inputs,
+        names=file.names,
+        covariance=file.covariance,
     )
     for remark in tale.proposal.remarks:
         tale.say(remark.sentence)

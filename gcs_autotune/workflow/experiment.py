@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotInformative, OperatorStopped, WrongVehicle
-from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify import AxisFit, Structure, fit_axis
 from gcs_autotune.identify.surge import extended, fit_surge
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
+from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.identification import delay_of
@@ -24,8 +27,8 @@ from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
 from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
-from gcs_autotune.workflow.waiting import agreed, think
-from gcs_autotune.workflow.warming import warm_up
+from gcs_autotune.workflow.waiting import agreed, beside, think
+from gcs_autotune.workflow.warming import warmed, warming
 
 __all__ = ["experiment"]
 
@@ -52,10 +55,13 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
     """
     record = RunDirectory(settings.directory)
     dof = EXPERIMENTS[settings.axis]
-    warm_up(settings.connection.uri, [dof], [], watcher)
-    with come_aboard(settings.connection, operator, watcher, record, settings.control_rate, settings.axis) as craft:
+    with (
+        warming(settings.connection.uri, [dof], []) as desk,
+        come_aboard(settings.connection, operator, watcher, record, settings.control_rate, settings.axis) as craft,
+    ):
         if dof == "heave" and craft.firmware.kind == "boat":
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
+        warmed(craft, desk, watcher)
         _announce(settings, craft, operator, watcher, craft.observe())
         ledger = Ledger(record, settings.connection, watcher.say)
         try:
@@ -64,13 +70,13 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
                 make_ready(craft, watcher)
                 craft.arm()
                 say_link_times(craft, watcher)
-                trials = _fly(settings, dof, craft, watcher, record)
+                trials = _fly(settings, dof, craft, watcher, record, desk)
                 delay = delay_of(settings)
                 surge = dof == "surge" and craft.firmware.kind == "boat"
                 if surge:
-                    fit = think(craft, lambda: fit_surge(trials, structure=settings.structure, delay=delay))
+                    fit = think(craft, desk, fit_surge, trials, structure=settings.structure, delay=delay)
                 else:
-                    fit = think(craft, lambda: fit_axis(trials, dof=dof, structure=settings.structure, delay=delay))
+                    fit = think(craft, desk, fit_axis, trials, dof=dof, structure=settings.structure, delay=delay)
         finally:
             ledger.leave()
     model = extended(fit).to_dict() if surge else fit.model.to_dict()
@@ -79,10 +85,12 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
     return fit
 
 
-def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory) -> list[Trial]:
+def _fly(
+    settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, desk: Desk
+) -> list[Trial]:
     cruise, kind = _cruise(settings, dof, craft), craft.firmware.kind
     settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
-    helm = Helm(craft, settings.envelope, watcher, record.keep)
+    helm = Helm(craft, settings.envelope, watcher, lambda trial: beside(craft, partial(record.keep, trial)))
     if dof == "surge" and kind == "boat":
         return [_swing(helm, cruise, n) for n in range(2)]
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
@@ -103,16 +111,18 @@ def _fly(settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher
         trials.append(helm.achieve(relay, name).trial)
         output = second_output(trials[-1], room)
     if dof in CHECKED and settings.most_relays > len(trials):
-        third = think(craft, lambda: _third(trials, dof, settings))
+        third = think(craft, desk, _third, trials, dof, settings.structure, delay_of(settings))
         if third is not None:
             helm.come_about(cruise.throttle)
             trials += fly_third(third, settings, dof, craft, cruise.throttle, helm, watcher)
     return trials
 
 
-def _third(trials: list[Trial], dof: str, settings: TuneSettings) -> ThirdLevel | None:
+def _third(
+    trials: list[Trial], dof: str, structure: Structure | None, delay: float | Literal["auto"]
+) -> ThirdLevel | None:
     try:
-        return third_level(trials, fit_axis(trials, dof=dof, structure=settings.structure, delay=delay_of(settings)))
+        return third_level(trials, fit_axis(trials, dof=dof, structure=structure, delay=delay))
     except NotInformative:
         return None
 

@@ -15,7 +15,6 @@ from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.third_level import fly_third, third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
 from gcs_autotune.workflow.voyage import Voyage
-from gcs_autotune.workflow.waiting import think
 
 __all__ = ["Identified", "delay_of", "identify"]
 
@@ -57,7 +56,7 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
     tale.say("identifying")
     plain = _plain(voyage, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
-        third = think(craft, lambda: third_level(trials, plain))
+        third = voyage.think(third_level, trials, plain)
         if third is not None:
             voyage.come_about()
             trials += fly_third(third, s, dof, craft, throttle, voyage.helm, tale)
@@ -65,7 +64,7 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
     tale.fit = plain
     curved = None
     if s.structure is None:
-        curved = think(craft, lambda: fit_thrust_curve(trials, plain, step))
+        curved = voyage.think(fit_thrust_curve, trials, plain, step)
     if curved is not None:
         tale.say(told(curved, plain, step))
         save_model(curved, voyage.record.path / "model_with_thrust_curve.json")
@@ -74,7 +73,7 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
 
 def _plain(voyage: Voyage, trials: list[Trial]) -> AxisFit:
     s, dof = voyage.settings, voyage.axis.dof
-    return think(voyage.craft, lambda: fit_axis(trials, dof=dof, structure=s.structure, delay=delay_of(s)))
+    return voyage.think(fit_axis, trials, dof=dof, structure=s.structure, delay=delay_of(s))
 
 
 def _by_throttle_steps(voyage: Voyage) -> Identified:
@@ -83,6 +82,6 @@ def _by_throttle_steps(voyage: Voyage) -> Identified:
         voyage.come_about()
         trials.append(voyage.fly(throttle_steps_for(voyage.throttle, n, f"throttle-{n + 1}"), stage).trial)
     voyage.tale.say("identifying")
-    fit = think(voyage.craft, lambda: fit_surge(trials, structure=s.structure, delay=delay_of(s)))
+    fit = voyage.think(fit_surge, trials, structure=s.structure, delay=delay_of(s))
     voyage.tale.fit = fit
     return Identified(fit, trials)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
@@ -24,6 +25,7 @@ from gcs_autotune.workflow.announcement import announce
 from gcs_autotune.workflow.axis_parameters import learn_parameters, read_again
 from gcs_autotune.workflow.decision import decide
 from gcs_autotune.workflow.designing import Ruler, design_from_file, design_from_fit
+from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.experiments import dive_for, measure, noise_in, resolution, speed_for
 from gcs_autotune.workflow.given import given_for
 from gcs_autotune.workflow.helm import Helm
@@ -38,7 +40,8 @@ from gcs_autotune.workflow.resting import jitter_in, noise_behind
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
 from gcs_autotune.workflow.voyage import Voyage
-from gcs_autotune.workflow.warming import warm_up
+from gcs_autotune.workflow.waiting import beside
+from gcs_autotune.workflow.warming import warmed, warming
 
 __all__ = ["tune"]
 
@@ -55,10 +58,13 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
     record = RunDirectory(settings.directory)
     tale = Tale(settings, when, watcher)
     axes = [f.axes[settings.axis] for f in FIRMWARE.values() if settings.axis in f.axes]
-    warm_up(settings.connection.uri, (a.dof for a in axes), (a.law for a in axes), watcher)
     try:
-        with come_aboard(settings.connection, operator, tale, record, settings.control_rate, settings.axis) as craft:
-            voyage = _set_out(settings, operator, tale, record, craft)
+        with (
+            warming(settings.connection.uri, (a.dof for a in axes), (a.law for a in axes)) as desk,
+            come_aboard(settings.connection, operator, tale, record, settings.control_rate, settings.axis) as craft,
+        ):
+            voyage = _set_out(settings, operator, tale, record, craft, desk)
+            warmed(craft, desk, tale)
             announce(voyage)
             try:
                 _visit(voyage)
@@ -81,7 +87,7 @@ def _leave_report(tale: Tale, record: RunDirectory) -> None:
 
 
 def _set_out(
-    settings: TuneSettings, operator: Operator, tale: Tale, record: RunDirectory, craft: MavlinkCraft
+    settings: TuneSettings, operator: Operator, tale: Tale, record: RunDirectory, craft: MavlinkCraft, desk: Desk
 ) -> Voyage:
     """Learn what is tuned and what the vehicle has now; nothing moves yet."""
     axis = axis_of(craft.firmware, settings.axis)
@@ -93,16 +99,16 @@ def _set_out(
     present = axis.names.to_canonical(own)
     throttle, speed = speed_for(settings, axis, present)
     see_throttle_is_free(craft, axis.dof, throttle)
-    helm = Helm(craft, replace(settings.envelope, cruise=speed), tale, _keeper(record, tale))
+    helm = Helm(craft, replace(settings.envelope, cruise=speed), tale, _keeper(craft, record, tale))
     tale.say(f"present parameters saved to {record.save_parameters('before', own)}")
     for remark in remarks_on(craft):
         tale.say(remark)
-    return Voyage(settings, operator, tale, record, craft, helm, axis, law, given, present, throttle, speed)
+    return Voyage(settings, operator, tale, record, craft, helm, desk, axis, law, given, present, throttle, speed)
 
 
-def _keeper(record: RunDirectory, tale: Tale) -> Callable[[Trial], None]:
+def _keeper(craft: MavlinkCraft, record: RunDirectory, tale: Tale) -> Callable[[Trial], None]:
     def keep(trial: Trial) -> None:
-        record.keep(trial)
+        beside(craft, partial(record.keep, trial))
         tale.flown(trial.proper)
         tale.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
 

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import ParamSpec, TypeVar
 
 from gcs_autotune.design.laws import Law
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Flown, Manoeuvre
+from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.given import Given
 from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
-from gcs_autotune.workflow.waiting import agreed
+from gcs_autotune.workflow.waiting import agreed, think
 
 __all__ = ["Voyage"]
+
+T = TypeVar("T")
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +31,7 @@ class Voyage:
 
     ``axis`` has the vehicle's own parameter names; ``present`` are its values under the canonical ones. ``given`` is
     the model to design from, None to identify aboard. ``throttle`` [fraction] and ``speed`` [m/s] are what is tuned at.
+    ``desk`` is where it is computed.
     """
 
     settings: TuneSettings
@@ -34,6 +40,7 @@ class Voyage:
     record: RunDirectory
     craft: MavlinkCraft
     helm: Helm
+    desk: Desk
     axis: Axis
     law: Law
     given: Given | None
@@ -49,6 +56,10 @@ class Voyage:
     def come_about(self) -> None:
         """Bring a boat back before the next run."""
         self.helm.come_about(self.throttle)
+
+    def think(self, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
+        """Return ``work(*args, **named)``, done at the desk while the craft is kept company."""
+        return think(self.craft, self.desk, work, *args, **named)
 
     def agrees(self, question: str) -> bool:
         """Whether the operator agrees; of a simulated vehicle nobody is asked."""

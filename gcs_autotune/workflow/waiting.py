@@ -1,42 +1,74 @@
 """Thinking and asking while a vehicle is armed in the water: the link must not fall silent meanwhile.
 
 ArduSub disarms three seconds after the last pilot input, ArduRover goes to HOLD after two. So neutral
-overrides keep flowing from this thread while the desk works in another, or while the operator thinks.
+overrides keep flowing while the desk works in its own process, or while the operator thinks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from contextlib import suppress
+from functools import partial
+from typing import Any, ParamSpec, TypeVar
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import LinkError
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.operator import Operator
 
-__all__ = ["agreed", "ask", "think"]
+__all__ = ["agreed", "ask", "beside", "finish", "think"]
 
 T = TypeVar("T")
+P = ParamSpec("P")
+
+_GLANCE = 0.01
+"""Chosen: seconds between two looks whether the work is done."""
 
 
-def think(craft: MavlinkCraft, work: Callable[[], T]) -> T:
-    """Return ``work()``, keeping the craft company meanwhile; what it raises is raised here.
+def think(craft: MavlinkCraft, desk: Desk, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
+    """Return what *work* comes to at the *desk*, keeping the craft company meanwhile; what it raises is raised here.
 
     On a lock-stepped link time stands still while we think, so there the work is simply done.
     """
     if isinstance(craft.clock, ManualClock):
-        return work()
+        return work(*args, **named)
     _keep_company(craft)
-    pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")
+    desk.begin(partial(work, *args, **named))
+    return finish(craft, desk)  # type: ignore[no-any-return]
+
+
+def finish(craft: MavlinkCraft, desk: Desk, meanwhile: Callable[[], None] = lambda: None) -> Any:
+    """Watch the craft until what was begun at the *desk* is done, and return it; likewise."""
+    try:
+        while not desk.done:
+            craft.observe()
+            meanwhile()
+    except BaseException:
+        desk.abandon()
+        raise
+    return desk.result()
+
+
+def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
+    """Return what *work* comes to, done in a thread while the link is served; for what writes files, not for computing.
+
+    The operator has to wait. Should the link be lost meanwhile, the work is finished all the same.
+    """
+    if isinstance(craft.clock, ManualClock):
+        return work()
+    pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="files")
     try:
         result = pool.submit(work)
-        while not result.done():
-            craft.observe()
+        with craft.session.shielded(), suppress(LinkError):
+            while not result.done():
+                craft.session.pump(_GLANCE)
         return result.result()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown()
 
 
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:

@@ -1,4 +1,4 @@
-"""What a tune will compute aboard is compiled before the link is opened: a compiler at work starves the link.
+"""What a tune will compute aboard is compiled, in the process that will compute it, before anything is armed.
 
 The compiled parts are kept on disk; only the first run after an installation pays for them, up to a minute.
 """
@@ -6,22 +6,27 @@ The compiled parts are kept on disk; only the first run after an installation pa
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from threading import Timer
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 
+from gcs_autotune.clock import Deadline
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import fit_axis
+from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.thrust_curve import DEAD, fitted
+from gcs_autotune.workflow.waiting import finish
 
-__all__ = ["warm_up"]
+__all__ = ["warm_up", "warmed", "warming"]
 
 _PATIENCE = 2.0
 """Seconds after which it is said why nothing happens."""
@@ -30,24 +35,40 @@ _MODEL = (1.0, 0.5)
 """Gain and drag [1/s] of the craft computed with: any."""
 
 
-def warm_up(connection: str, dofs: Iterable[str], laws: Iterable[str], watcher: Watcher) -> None:
-    """Run identification in *dofs* and the control laws named *laws* once, on a craft on paper.
+@contextmanager
+def warming(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Iterator[Desk]:
+    """Yield a desk at which identification in *dofs* and the control laws named *laws* are being made ready.
 
     Nothing is done where *connection* (a URI) is to a simulated vehicle whose time stands still meanwhile.
     """
-    if connection.startswith(_LOCK_STEPPED):
+    with Desk(apart=not connection.startswith(_LOCK_STEPPED)) as desk:
+        if desk.apart:
+            desk.begin(partial(warm_up, sorted(set(dofs)), sorted(set(laws))))
+        yield desk
+
+
+def warmed(craft: MavlinkCraft, desk: Desk, watcher: Watcher) -> None:
+    """Wait until the *desk* is ready, saying why if that takes long; the craft is only watched meanwhile."""
+    if not desk.apart:
         return
-    told = Timer(_PATIENCE, watcher.say, ("making ready; the first time after installation this takes up to a minute",))
-    told.daemon = True
-    told.start()
-    try:
-        for dof in sorted(set(dofs)):
-            _identify(dof)
-            for law in (LAWS[name] for name in sorted(set(laws))):
-                gains = {**law.defaults, **law.fixed, **dict.fromkeys((*law.tuned, *law.measured), 1.0)}
-                law.simulate(SingleDof(dof, "1", *_MODEL), gains, Scenario(step=0.1, duration=1.0), 1.0, 0.0)
-    finally:
-        told.cancel()
+    told: Deadline | None = Deadline.after(craft.clock, _PATIENCE)
+
+    def tell() -> None:
+        nonlocal told
+        if told is not None and told.expired:
+            watcher.say("making ready; the first time after installation this takes up to a minute")
+            told = None
+
+    finish(craft, desk, tell)
+
+
+def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
+    """Run identification in *dofs* and the control laws named *laws* once, on a craft on paper."""
+    for dof in dofs:
+        _identify(dof)
+        for law in (LAWS[name] for name in laws):
+            gains = {**law.defaults, **law.fixed, **dict.fromkeys((*law.tuned, *law.measured), 1.0)}
+            law.simulate(SingleDof(dof, "1", *_MODEL), gains, Scenario(step=0.1, duration=1.0), 1.0, 0.0)
 
 
 def _identify(dof: str) -> None:

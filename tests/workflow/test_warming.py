@@ -1,9 +1,12 @@
-"""Compilers work before the link is opened, not while a vehicle waits, armed."""
+"""Compilers work before anything is armed, in the process that will compute, not while a vehicle waits."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+from gcs_autotune.clock import WallClock
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.workflow import warming
@@ -18,22 +21,25 @@ class Listener:
 
 
 @pytest.mark.parametrize("axis", ["heading", "yaw", "depth", "speed"])
-def test_every_law_of_an_axis_is_compiled_before_a_link_is_opened(axis):
+def test_every_law_of_an_axis_is_compiled(axis):
     axes = [f.axes[axis] for f in FIRMWARE.values() if axis in f.axes]
-    warming.warm_up("/dev/ttyUSB0,57600", (a.dof for a in axes), (a.law for a in axes), Listener())
+    warming.warm_up(sorted({a.dof for a in axes}), sorted({a.law for a in axes}))
     assert all(LAWS[a.law].kernel.signatures for a in axes)
 
 
-def test_time_that_stands_still_needs_no_warming(monkeypatch):
-    def never(dof: str) -> None:
-        raise AssertionError(dof)
-
-    monkeypatch.setattr(warming, "_identify", never)
-    warming.warm_up("sitl:charlie", ["yaw"], ["rover_heading"], Listener())
-
-
-def test_a_long_compilation_is_told_of(monkeypatch):
-    monkeypatch.setattr(warming, "_PATIENCE", 0.0)
+def test_time_that_stands_still_needs_no_process_and_no_warming():
     listener = Listener()
-    warming.warm_up("udpin:0.0.0.0:14550", ["yaw"], [], listener)
-    assert "first time after installation" in listener.said[0]
+    with warming.warming("sitl:charlie", ["yaw"], ["rover-heading"]) as desk:
+        warming.warmed(None, desk, listener)
+        assert not desk.apart
+    assert listener.said == []
+
+
+def test_a_long_compilation_is_told_of_once_while_the_craft_is_watched(monkeypatch):
+    monkeypatch.setattr(warming, "_PATIENCE", 0.0)
+    listener, looked = Listener(), []
+    craft = SimpleNamespace(clock=WallClock(), observe=lambda: looked.append(1))
+    with warming.warming("udpin:0.0.0.0:14550", [], []) as desk:
+        warming.warmed(craft, desk, listener)
+    assert looked != []
+    assert [text[:12] for text in listener.said] == ["making ready"]

@@ -1,0 +1,149 @@
+"""What is computed while a vehicle waits is computed in a process of its own: no pause, no orphan, no lost error."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from contextlib import nullcontext
+from functools import partial
+from threading import Event
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_autotune.clock import WallClock
+from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped, UnknownName
+from gcs_autotune.registry import lookup
+from gcs_autotune.workflow import voyage
+from gcs_autotune.workflow.desk import Desk
+from gcs_autotune.workflow.waiting import beside, think
+
+from .harbour import Harbour
+
+
+class Company:
+    """A craft on a link in real time, that counts how often it is looked at."""
+
+    def __init__(self, look: Any = lambda: time.sleep(0.001)) -> None:
+        self.clock, self.firmware = WallClock(), SimpleNamespace(kind="boat")
+        self.session = SimpleNamespace(pump=self.glance, shielded=nullcontext)
+        self.look, self.looked, self.sent = look, 0, 0
+
+    def send(self, command: object) -> None:
+        self.sent += 1
+
+    def observe(self) -> None:
+        self.looked += 1
+        self.look()
+
+    def glance(self, timeout: float) -> None:
+        self.observe()
+
+
+@pytest.fixture(scope="module")
+def desk() -> Any:
+    with Desk() as desk:
+        yield desk
+
+
+def test_what_is_thought_about_is_computed_in_another_process_while_the_craft_is_kept_company(desk: Desk) -> None:
+    craft: Any = Company()
+    assert think(craft, desk, os.getpid) != os.getpid()
+    assert craft.sent == 1 and craft.looked > 0
+
+
+def test_an_error_crosses_with_its_type_its_words_and_what_it_carries(desk: Desk) -> None:
+    craft: Any = Company()
+    with pytest.raises(UnknownName, match="'rover-headin'") as caught:
+        think(craft, desk, lookup, {"rover-heading": 1}, "rover-headin", "control law")
+    assert caught.value.nearest == ("rover-heading",)
+    assert "in lookup" in caught.value.__notes__[0]
+    with pytest.raises(ZeroDivisionError, match="by zero"):
+        think(craft, desk, divmod, 1, 0)
+
+
+def test_what_cannot_cross_is_an_error_and_the_desk_works_on(desk: Desk) -> None:
+    craft: Any = Company()
+    with pytest.raises((AttributeError, pickle.PicklingError)):
+        think(craft, desk, lambda: 1)
+    with pytest.raises(RuntimeError, match="module cannot be sent"):
+        think(craft, desk, __import__, "os")
+    assert think(craft, desk, divmod, 7, 2) == (3, 1)
+
+
+def test_a_process_that_dies_at_work_is_told_of_and_another_takes_its_place(desk: Desk) -> None:
+    craft: Any = Company()
+    with pytest.raises(AutotuneError, match=r"process that computes has ended by itself \(code 3"):
+        think(craft, desk, os._exit, 3)
+    assert think(craft, desk, divmod, 7, 2) == (3, 1)
+
+
+def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
+    def stop() -> None:
+        raise OperatorStopped("Ctrl-C")
+
+    craft: Any = Company(stop)
+    with Desk() as desk:
+        process: Any = desk._process
+        with pytest.raises(OperatorStopped):
+            think(craft, desk, time.sleep, 1000.0)
+    assert process.returncode is not None and process.stdin.closed and process.stdout.closed
+
+
+PARENT = """
+import sys, time
+from functools import partial
+from gcs_autotune.workflow.desk import Desk
+desk = Desk()
+desk.begin(partial(time.sleep, 1000.0))
+print(desk._process.pid, flush=True)
+time.sleep(1000.0)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills by signal")
+def test_a_program_that_is_killed_takes_its_process_along() -> None:
+    """Standard error is open in both: it ends when the last of them does."""
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert parent.stdout is not None and parent.stderr is not None
+    with parent.stdout, parent.stderr:
+        assert int(parent.stdout.readline()) != parent.pid
+        parent.kill()
+        assert parent.stderr.read() == ""
+        parent.wait(10.0)
+
+
+def test_files_are_written_while_the_link_is_served() -> None:
+    served = Event()
+    craft: Any = Company(served.set)
+    assert beside(craft, partial(served.wait, 30.0)) is True
+
+
+def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> None:
+    begun = Event()
+
+    def lost() -> None:
+        begun.set()
+        raise LinkLost("silent")
+
+    craft: Any = Company(lost)
+    assert beside(craft, partial(begun.wait, 30.0)) is True
+    with pytest.raises(ZeroDivisionError):
+        beside(craft, partial(divmod, 1, 0))
+
+
+def test_everything_that_a_tune_computes_can_cross_to_another_process(tmp_path: Any, monkeypatch: Any) -> None:
+    crossed = []
+
+    def there_and_back(craft: Any, desk: Desk, work: Any, *args: Any, **named: Any) -> Any:
+        crossed.append(work.__name__)
+        return pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(partial(work, *args, **named)))()))
+
+    monkeypatch.setattr(voyage, "think", there_and_back)
+    story = Harbour(tmp_path).tune(dry_run=True)
+    assert story.ending == "dry-run"
+    assert {"fit_axis", "design"} <= set(crossed)
