@@ -73,7 +73,7 @@ class Company:
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
         """Return, in words, who ordered any of *kinds* (of the parameter *name*) since link time *since* [s]."""
-        fitting = [o for o in self.orders if o.t >= since and o.what in kinds and name in ("", o.name)]
+        fitting = self._ordered(kinds, since, name)
         if fitting:
             order = fitting[-1]
             return f"{self._called(order.system, order.component)} sent {order.what}"
@@ -83,6 +83,13 @@ class Company:
         if present:
             return f"also on this link: {', '.join(present)}"
         return "nobody else is heard on this link, so it came by another one, or from aboard"
+
+    def has_ordered(self, kinds: Collection[str], since: float) -> bool:
+        """Whether anybody was heard to order any of *kinds* since link time *since* [s]."""
+        return bool(self._ordered(kinds, since))
+
+    def _ordered(self, kinds: Collection[str], since: float, name: str = "") -> list[Order]:
+        return [o for o in self.orders if o.t >= since and o.what in kinds and name in ("", o.name)]
 
     def _called(self, system: int, component: int) -> str:
         kind = self.stations.get((system, component), "")

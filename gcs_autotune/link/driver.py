@@ -182,7 +182,7 @@ class Driver:
     def _transmit(self, command: Command) -> None:
         """Send the command; targets go with neutral overrides, which tell the failsafes that we are there."""
         self._duty.postpone()
-        self.beat.strike()
+        self.beat.strike(self._telemetry.t)
         self._sent, self._sent_t = self.clock.now(), self._telemetry.t
         values, trip = self._values(command), self._latency.round_trip
         self._sticks.sent(values, 2.0 * trip if math.isfinite(trip) else 0.0)

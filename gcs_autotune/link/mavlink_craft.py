@@ -71,7 +71,6 @@ class MavlinkCraft:
         self.latency = Latency(session)
         self.company = Company(session)
         self._sticks = Sticks(session)
-        self._hands = Hands(session, firmware, parameters, self.company, self._sticks)
         self._driver = Driver(
             session,
             firmware,
@@ -82,6 +81,7 @@ class MavlinkCraft:
             self._sticks,
             rate_stick=wiring.rate_stick,
         )
+        self._hands = Hands(session, firmware, parameters, self.company, self._sticks, self._driver.beat)
         self._resting = True
 
     def keep_rates(self) -> None:

@@ -9,9 +9,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from router import Router
 from scripted_vehicle import ROV, ScriptedVehicle
 
+from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import GuardTripped, NotAsFound, PreconditionFailed
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
+from gcs_autotune.link.beat import Beat
 from gcs_autotune.link.sticks import Sticks
 
 
@@ -64,6 +66,63 @@ def test_a_mode_change_names_the_station_that_the_vehicle_acknowledged(flying: M
     said = trip(flying, "mode")
     assert "from MANUAL to HOLD, not by us" in said
     assert "GCS (system 252, component 190) sent MAV_CMD_DO_SET_MODE" in said
+
+
+def lone(boat: ScriptedVehicle) -> MavlinkCraft:
+    """An armed boat under our hands, nobody else on the link."""
+    craft = board(boat)
+    craft.arm()
+    fly(craft)
+    return craft
+
+
+def pause(craft: MavlinkCraft, seconds: float) -> None:
+    """This program does nothing for so long."""
+    clock: Any = craft.clock
+    clock.advance(seconds)
+
+
+def test_a_failsafe_after_a_pause_of_our_own_is_said_to_be_ours(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    boat.mode = 4
+    boat.say("Radio Failsafe")
+    pause(craft, 0.7)
+    said = trip(craft, "pause")
+    assert "from MANUAL to HOLD (it says: Radio Failsafe): this computer paused for 0." in said
+    assert "It was not the radio" in said and "nobody else" not in said
+
+
+def test_a_failsafe_without_a_pause_is_not_said_to_be_ours(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    pause(craft, 0.2)
+    boat.mode = 4
+    assert "nobody else is heard on this link" in trip(craft, "mode")
+
+
+def test_a_pause_long_ago_is_no_cause(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    pause(craft, 0.7)
+    fly(craft, 60)
+    boat.mode = 4
+    assert "nobody else is heard on this link" in trip(craft, "mode")
+
+
+def test_an_order_that_was_heard_comes_before_a_pause_of_ours(flying: MavlinkCraft, router: Router) -> None:
+    router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
+    pause(flying, 0.7)
+    assert "sent MAV_CMD_DO_SET_MODE" in trip(flying, "mode")
+
+
+def test_a_pause_counts_in_the_time_of_a_vehicle_that_runs_ahead() -> None:
+    clock = ManualClock()
+    beat = Beat(clock)
+    for k in range(50):
+        clock.advance_to(0.04 * k)
+        beat.strike(100.0 + 0.4 * k)
+    clock.advance(0.36)
+    beat.strike(120.0)
+    assert beat.pause_since(1.9) == pytest.approx(0.36) and beat.pause_since(2.4) == 0.0
+    assert beat.pace == pytest.approx(10.0, rel=0.2)
 
 
 def test_a_disarm_names_the_station_that_the_vehicle_acknowledged(flying: MavlinkCraft, router: Router) -> None:
