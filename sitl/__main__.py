@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 from collections.abc import Sequence
@@ -24,6 +25,8 @@ from sitl.modelfile import read_model
 __all__ = ["main"]
 
 _OK, _USAGE, _IN_USE = 0, 2, 3
+_SLOWEST, _QUICKEST = 0.01, 1000.0
+"""Chosen: simulated seconds per second that may be asked for."""
 _DEFAULT_ADDRESS = "udp:127.0.0.1:14550"
 
 
@@ -102,14 +105,21 @@ def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
             presets[name] = float(value)
         except ValueError as error:
             raise _Usage(f"--param {argument}: give NAME=VALUE with a number") from error
+        if not math.isfinite(presets[name]):
+            raise _Usage(f"--param {argument}: give NAME=VALUE with a finite number")
     return presets
 
 
 def _open(args: argparse.Namespace) -> Server:
     if args.vehicle is None:
         raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
-    if not 0.0 < args.speedup < float("inf"):
-        raise _Usage(f"--speedup {args.speedup:g}: give a number above 0")
+    if not _SLOWEST <= args.speedup <= _QUICKEST:
+        raise _Usage(
+            f"--speedup {args.speedup:g}: give {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second; it runs as "
+            "fast as this machine can where that is less"
+        )
+    if args.seed < 0:
+        raise _Usage(f"--seed {args.seed}: give a whole number of 0 or more")
     load_vehicle(args.vehicle)
     presets = dict(read_parameters(args.eeprom)) if args.eeprom else {}
     presets.update(_read_presets(args.param))

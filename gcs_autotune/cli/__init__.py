@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from typing import NoReturn
 
 from gcs_autotune import __version__
 from gcs_autotune.cli import (
@@ -20,9 +21,9 @@ from gcs_autotune.cli import (
     tune_cmd,
 )
 from gcs_autotune.cli.command import Command
-from gcs_autotune.errors import EXIT_CODES, AutotuneError, exit_code
+from gcs_autotune.errors import EXIT_CODES, AutotuneError, UsageError, exit_code
 
-__all__ = ["COMMANDS", "main"]
+__all__ = ["COMMANDS", "main", "make_parser"]
 
 COMMANDS: Mapping[str, Command] = {
     c.name: c
@@ -47,19 +48,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == [sitl_cmd.COMMAND.name]:
         return sitl_cmd.hand_over(arguments[1:])
-    args = _parser().parse_args(arguments)
     try:
+        args = make_parser().parse_args(arguments)
         return COMMANDS[args.command].run(args)
     except AutotuneError as error:
         sys.stderr.write(f"gcs-autotune: {error}\n")
         return exit_code(error)
 
 
-def _parser() -> argparse.ArgumentParser:
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one sentence, as every other error is said, and where the options are listed."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise it, without argparse's words around it."""
+        raise UsageError(f"{message.removeprefix('argument ')} (see `{self.prog} --help`)")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
     rows = [(0, "done"), (tune_cmd.RESTORED, "tuned, but the old gains proved better and are back")]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="gcs-autotune",
         description="Identify and tune ArduPilot boats and ROVs over MAVLink.",
         epilog=f"exit codes:\n{codes}",

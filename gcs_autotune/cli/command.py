@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.errors import UsageError
+from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
 if TYPE_CHECKING:
+    from gcs_autotune.manoeuvres import Envelope
     from gcs_autotune.workflow import Connection
 
 __all__ = [
@@ -22,11 +24,29 @@ __all__ = [
     "add_connection",
     "add_envelope",
     "add_experiment",
+    "add_number",
     "add_output",
     "connection_of",
     "envelope_from",
     "run_directory",
+    "see_axis_limits",
 ]
+
+
+GUARDING = (
+    "max-heading-excursion",
+    "max-depth-excursion",
+    "max-depth",
+    "min-depth",
+    "max-speed",
+    "max-distance",
+    "max-roll",
+    "max-pitch",
+    "min-battery-voltage",
+    "min-battery",
+    "max-time",
+)
+"""The safety limits, as the help lists them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +58,74 @@ class Command:
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+
+
+def add_number(
+    group: argparse._ActionsContainer,
+    name: str,
+    metavar: str = "X",
+    *,
+    limit: str = "",
+    meaning: str = "",
+    default: float | None = None,
+    const: float | None = None,
+) -> None:
+    """Add the option *name* (without dashes) for a number of the table of limits, which gives its range and help.
+
+    limit : its name in the table, where that is another; meaning : words instead of the table's; const : what the
+    option alone stands for. Where ranges differ by axis, :func:`see_axis_limits` sees to them.
+    """
+    rows = axes_of(limit or name)
+    row = rows[0]
+    if const is None:
+        group.add_argument(
+            f"--{name}",
+            type=_typed(rows),
+            metavar=metavar,
+            default=row.default if len(rows) == 1 and default is None else default,
+            help=_help(rows, meaning),
+        )
+    else:
+        group.add_argument(
+            f"--{name}", type=_typed(rows), metavar=metavar, nargs="?", const=const, help=_help(rows, meaning)
+        )
+
+
+def _typed(rows: Sequence[Limit]) -> Callable[[str], float]:
+    """Return what reads a number for argparse and refuses one that is outside its limits."""
+
+    def read(text: str) -> float:
+        try:
+            return rows[0].parse(text) if len(rows) == 1 else finite(text)
+        except UsageError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    read.__name__ = "number"
+    return read
+
+
+def _help(rows: Sequence[Limit], meaning: str) -> str:
+    if len(rows) == 1:
+        return replace(rows[0], meaning=meaning or rows[0].meaning).help.replace("%", "%%")
+    return "; ".join(dict.fromkeys(row.help for row in rows)).replace("%", "%%")
+
+
+def see_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
+    """See that the numbers whose range depends on ``args.axis`` are inside theirs.
+
+    Raises
+    ------
+    UsageError
+        One is not; the message has its name.
+    """
+    for name in names:
+        value = getattr(args, name.replace("-", "_"))
+        if value is None:
+            continue
+        try:
+            limit_of(name, args.axis).check(value)
+        except UsageError as error:
+            raise UsageError(f"--{name}: {error}") from None
 
 
 def add_connection(
@@ -62,14 +150,9 @@ def add_connection(
         default="pymavlink",
         help="what carries the messages: pymavlink (our own sockets and ports) or mavsdk (default pymavlink)",
     )
-    group.add_argument("--baud", type=int, default=57600, help="serial speed when the URI has none (default 57600)")
-    group.add_argument("--system-id", type=int, metavar="ID", help="the vehicle's system id, when several are heard")
-    group.add_argument(
-        "--source-system",
-        type=int,
-        metavar="ID",
-        help="our own system id (default: the one the vehicle takes commands from, MAV_GCS_SYSID)",
-    )
+    add_number(group, "baud", "BAUD")
+    add_number(group, "system-id", "ID")
+    add_number(group, "source-system", "ID")
     group.add_argument(
         "--signing-key",
         type=Path,
@@ -82,7 +165,7 @@ def add_connection(
         help=f"the same with a passphrase asked for on the terminal; without either, that in {PASSPHRASE_VARIABLE} is "
         "taken, if there is one",
     )
-    group.add_argument("--seed", type=int, default=1, help="noise seed of a sitl: vehicle (default 1)")
+    add_number(group, "seed", "N")
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
@@ -97,33 +180,20 @@ def add_output(parser: argparse.ArgumentParser) -> None:
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add the safety limits."""
-    d = Envelope()
     group = parser.add_argument_group("safety limits; leaving one ends the manoeuvre with neutral actuators")
-    limits: tuple[tuple[str, float | None, str] | tuple[str, None, str, str], ...] = (
-        ("--max-heading-excursion", math.degrees(d.heading_excursion), "from the starting heading, deg"),
-        ("--max-depth-excursion", d.depth_excursion, "from the starting depth, m"),
-        ("--max-depth", None, "greatest depth, m"),
-        ("--min-depth", None, "least depth, m"),
-        ("--max-speed", None, "over ground, m/s", f"{d.speed_limit:g}, or 1.5 times cruise"),
-        ("--max-distance", None, "from the start, m", f"{d.distance_limit:g}, or 100 s of cruise"),
-        ("--max-roll", math.degrees(d.roll), "deg"),
-        ("--max-pitch", math.degrees(d.pitch), "deg"),
-        ("--min-battery-voltage", None, "V"),
-        ("--min-battery", 100.0 * d.battery_remaining, "remaining, percent"),
-        ("--max-time", d.time, "of one manoeuvre, s"),
-    )
-    for flag, default, text, *words in limits:
-        shown = words[0] if words else "off" if default is None else f"{default:g}"
-        group.add_argument(flag, type=float, metavar="X", default=default, help=f"{text} (default {shown})")
+    for name in GUARDING:
+        add_number(group, name)
 
 
 def envelope_from(args: argparse.Namespace) -> Envelope:
     """Build the envelope from the options of :func:`add_envelope` (degrees and percent end here)."""
+    from gcs_autotune.manoeuvres import Envelope
+
     return Envelope(
         heading_excursion=math.radians(args.max_heading_excursion),
         depth_excursion=args.max_depth_excursion,
         depth_max=math.inf if args.max_depth is None else args.max_depth,
-        depth_min=0.0 if args.min_depth is None else args.min_depth,
+        depth_min=args.min_depth,
         speed=args.max_speed,
         distance=args.max_distance,
         roll=math.radians(args.max_roll),
@@ -136,20 +206,14 @@ def envelope_from(args: argparse.Namespace) -> Envelope:
 
 def add_experiment(parser: argparse.ArgumentParser) -> None:
     """Add the options of the self-oscillation experiment and of its identification."""
-    group = parser.add_argument_group("experiment (angles in deg, the rest in m)")
-    group.add_argument("--relay-output", type=float, metavar="C", help="output, fraction of full (default: found)")
-    group.add_argument("--relay-hysteresis", type=float, metavar="X_A", help="switching value (default: by the noise)")
-    group.add_argument(
-        "--relays",
-        type=int,
-        choices=(2, 3),
-        default=3,
-        help="self-oscillations at most; a third only where two cannot tell",
-    )
-    group.add_argument("--throttle", type=float, help="fraction of full (default: cruise for boats, 0 for ROVs)")
-    group.add_argument("--speed", type=float, help="m/s meanwhile (default: from CRUISE_SPEED for boats, 0 for ROVs)")
-    group.add_argument("--control-rate", type=float, metavar="HZ", help="rate of our relay (default 25, simulated 10)")
-    group.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
+    group = parser.add_argument_group("experiment")
+    add_number(group, "relay-output", "C")
+    add_number(group, "relay-hysteresis", "X_A")
+    add_number(group, "relays", "N")
+    add_number(group, "throttle")
+    add_number(group, "speed")
+    add_number(group, "control-rate", "HZ")
+    add_number(group, "delay", "S")
     group.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
 
 

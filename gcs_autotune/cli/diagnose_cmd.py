@@ -9,7 +9,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 
@@ -47,13 +47,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="runs to measure the gain on (default: parts of the runs are left out in turn)",
     )
-    parser.add_argument(
-        "--horizon",
-        type=float,
-        metavar="S",
-        help="seconds a simulation runs before it starts again at what was measured (default: whole runs first)",
-    )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to use; 0: all cores (default 1)")
+    add_number(parser, "horizon", "S")
+    add_number(parser, "jobs", "N")
     add_reading(parser)
     out = parser.add_argument_group("output")
     out.add_argument(

@@ -17,6 +17,7 @@ from gcs_autotune.cli.command import (
     connection_of,
     envelope_from,
     run_directory,
+    see_axis_limits,
 )
 from gcs_autotune.cli.console import ConsoleOperator
 
@@ -41,6 +42,7 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.report import TerminalWatcher, fit_summary
     from gcs_autotune.workflow import TuneSettings, experiment
 
+    see_axis_limits(args, ("relay-hysteresis",))
     hysteresis = args.relay_hysteresis
     settings = TuneSettings(
         axis=args.axis,

@@ -8,7 +8,7 @@ import math
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.command import Command, add_number
 
 __all__ = ["COMMAND"]
 
@@ -24,11 +24,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--manoeuvre", metavar="NAME", help="zig-zag, turning-circle, spiral, reverse-spiral or pull-out"
     )
-    parser.add_argument("--length", type=float, metavar="L", help="ship length, m: figures in lengths and IMO's limits")
-    parser.add_argument("--speed", type=float, metavar="V", help="trial speed, m/s, when the run does not hold it")
-    parser.add_argument(
-        "--scale", type=float, default=1.0, metavar="S", help="of a scale model: its ship is S times longer"
-    )
+    add_number(parser, "length", "L")
+    add_number(parser, "speed", "V", limit="trial-speed")
+    add_number(parser, "scale", "S")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
 
 

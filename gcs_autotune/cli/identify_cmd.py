@@ -5,18 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
-from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from gcs_autotune.trial import Trial
 
 __all__ = ["COMMAND"]
+
+MOST = 1e12
+"""The largest number that a constant of a craft or an option of a method may be: that of a large ship in SI units."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +45,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PLAN",
         help="identify by a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
     )
-    what.add_argument("--delay", type=float, metavar="S", help="known input delay (default: looked for)")
+    add_number(what, "delay", "S")
     what.add_argument(
         "--effects",
         metavar="A,B",
@@ -69,14 +74,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     check.add_argument("--no-check", action="store_true", help="skip the check on data left out (faster)")
     check.add_argument("--choose", action="store_true", help="coupled models: drop the terms these runs do not justify")
-    check.add_argument(
-        "--plan-next",
-        nargs="?",
-        type=float,
-        const=60.0,
-        metavar="S",
-        help="propose what to fly next, for S seconds (default 60), so that the uncertain parameters become certain",
-    )
+    add_number(check, "plan-next", "S", const=60.0)
     out = parser.add_argument_group("output")
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
@@ -99,9 +97,10 @@ def _run(args: argparse.Namespace) -> int:
     if args.method == "list":
         _list(METHODS)
         return 0
+    known, options = _numbers(args.known), _options("--option", args.option)
     runs = read_runs(args)
     if args.plan is not None:
-        return _follow(args, runs)
+        return _follow(args, runs, known)
     unseen = read_others(args, args.validate)
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     settings = StudySettings(
@@ -111,8 +110,8 @@ def _run(args: argparse.Namespace) -> int:
         delay=delay,
         use=tuple(args.use.split(",")) if args.use else None,
         loss="soft_l1" if args.robust else "linear",
-        options=_options(args.option),
-        known=_numbers("--known", args.known),
+        options=options,
+        known=known,
         effects=tuple(e.strip() for e in args.effects.split(",") if e.strip()),
         begin=None if args.start is None else load_model(args.start).model,
         check=not args.no_check,
@@ -139,14 +138,14 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _follow(args: argparse.Namespace, runs: Sequence[Trial]) -> int:
+def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str, float]) -> int:
     """Identify step by step, as a plan says."""
     from rich.console import Console
 
     from gcs_autotune.identify.plan import load_plan, run_plan
     from gcs_autotune.report.plan import plan_summary
 
-    result = run_plan(load_plan(args.plan).knowing(_numbers("--known", args.known)), runs)
+    result = run_plan(load_plan(args.plan).knowing(known), runs)
     if args.json:
         sys.stdout.write(json.dumps(result.to_dict(), indent=1, default=float) + "\n")
     else:
@@ -154,12 +153,12 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial]) -> int:
     return 0
 
 
-def _numbers(flag: str, pairs: list[str]) -> dict[str, float]:
-    """Read ``K=V`` with numbers only."""
+def _numbers(pairs: list[str]) -> dict[str, float]:
+    """Read ``--known K=V`` with numbers only."""
     found = {}
-    for name, value in _options(pairs).items():
+    for name, value in _options("--known", pairs).items():
         if not isinstance(value, (int, float)) or isinstance(value, bool):
-            raise UsageError(f"{flag} {name}={value}: a number is needed")
+            raise UsageError(f"--known {name}={value}: a number is needed")
         found[name] = float(value)
     return found
 
@@ -173,17 +172,21 @@ def _page(args: argparse.Namespace) -> Path | None:
     return fresh(Path(f"identify-{args.runs[0].resolve().stem}.html"))
 
 
-def _options(pairs: list[str]) -> dict[str, Any]:
+def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
     """Read ``K=V``: a number, true or false, a list with commas, or text."""
     found: dict[str, Any] = {}
     for pair in pairs:
         key, sign, value = pair.partition("=")
         if not sign or not key:
-            raise UsageError(f"--option {pair}: write it as name=value")
+            raise UsageError(f"{flag} {pair}: write it as name=value")
+        if value.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            raise UsageError(f"{flag} {pair}: a finite number is needed")
         try:
             found[key] = json.loads(value)
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):
             found[key] = value
+        if isinstance(found[key], (int, float)) and not abs(found[key]) <= MOST:
+            raise UsageError(f"{flag} {pair}: the number is too large; at most {MOST:g}")
     return found
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.cli.writing import fresh
 from gcs_autotune.errors import BadFile, NotInformative
@@ -31,7 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     take = actions.add_parser("import", help="write the runs in logs as CSV files with their meta data")
     for action in (show, take):
         action.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
-        action.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a log that heard several")
+        add_number(action, "system-id", "ID", meaning="the vehicle, in a log that heard several")
         add_parameters(action.add_argument_group("parameters"))
         action.add_argument("--json", action="store_true", help="print JSON on standard output")
     take.add_argument("--out", type=Path, metavar="DIR", help="folder for the runs (default runs/log-FILE)")

@@ -5,9 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from gcs_autotune.cli.command import add_number
 from gcs_autotune.errors import UsageError
-from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from gcs_autotune.trial import Trial
 
 __all__ = ["add_parameters", "add_reading", "add_runs", "read_others", "read_parameters", "read_runs"]
 
@@ -28,7 +32,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add ``--pick``, ``--system-id`` and ``--columns``."""
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
-    read.add_argument("--system-id", type=int, metavar="ID", help="the vehicle, in a .tlog that heard several")
+    add_number(read, "system-id", "ID", meaning="the vehicle, in a .tlog that heard several")
     add_parameters(read)
     read.add_argument(
         "--columns",
@@ -95,7 +99,7 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
 
 
 def _stretches(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(piece) for piece in text.split(",") if piece.strip())
-    except ValueError:
-        raise UsageError(f"--pick {text}: give the numbers of stretches, e.g. --pick 2,3") from None
+    pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
+    if not all(piece.isascii() and piece.isdigit() and 0 < int(piece) for piece in pieces):
+        raise UsageError(f"--pick {text}: give the numbers of stretches, counted from 1, e.g. --pick 2,3")
+    return tuple(int(piece) for piece in pieces)

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.command import Command, add_number
 
 __all__ = ["COMMAND"]
 
@@ -20,10 +20,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--command", dest="column", metavar="COLUMN", help="column of the command (default: n, command, pwm ...)"
     )
     parser.add_argument("--force", metavar="COLUMN", help="column of the force (default: T, force, thrust ...)")
-    parser.add_argument("--neutral", type=float, metavar="C", help="command of no force, when known (default: found)")
+    add_number(parser, "neutral", "C")
     water = parser.add_argument_group("open-water test: columns n, V_A, T and perhaps Q")
-    water.add_argument("--diameter", type=float, metavar="M", help="propeller diameter; gives K_T(J) and K_Q(J)")
-    water.add_argument("--density", type=float, default=1000.0, metavar="KG_M3", help="of the water (default 1000)")
+    add_number(water, "diameter", "M")
+    add_number(water, "density", "KG_M3")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
 
 

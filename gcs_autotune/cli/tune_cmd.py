@@ -15,10 +15,12 @@ from gcs_autotune.cli.command import (
     add_connection,
     add_envelope,
     add_experiment,
+    add_number,
     add_output,
     connection_of,
     envelope_from,
     run_directory,
+    see_axis_limits,
 )
 from gcs_autotune.cli.console import ConsoleOperator
 
@@ -44,27 +46,18 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
-    step = parser.add_argument_group("proof (angles in deg, depths in m, speeds in m/s, turn rates in deg/s)")
-    step.add_argument(
-        "--step", type=float, help="size of the before/after step (default 30 deg, 1 m, 40 %% of the speed, 30 deg/s)"
-    )
-    step.add_argument(
-        "--step-duration",
-        type=float,
-        metavar="S",
-        help="time given to each step (default 30 s; by the craft for speed, 6 s for yaw)",
-    )
+    step = parser.add_argument_group("proof")
+    add_number(step, "step")
+    add_number(step, "step-duration", "S")
     add_experiment(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
         "--model", type=Path, metavar="FILE", help="design from this model (identify --save, diagnose): no experiments"
     )
-    design.add_argument(
-        "--full-scale", type=float, metavar="X", help="its input at full output, in its unit (N m, N, rad), if not 1"
-    )
+    add_number(design, "full-scale")
     design.add_argument("--function", default="bessel", help="model function: bessel or butterworth (default bessel)")
-    design.add_argument("--settling-time", type=float, metavar="S", help="wanted settling time")
-    design.add_argument("--omega-0", type=float, metavar="RAD_S", help="wanted characteristic frequency")
+    add_number(design, "settling-time", "S")
+    add_number(design, "omega-0", "RAD_S")
     add_envelope(parser)
 
 
@@ -74,6 +67,7 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.report import TerminalWatcher, show_tune, summarise
     from gcs_autotune.workflow import TuneSettings, tune
 
+    see_axis_limits(args, ("step", "relay-hysteresis"))
     now = datetime.now()
     uri = args.connect or DEFAULT_CONNECTIONS[args.axis]
     angular = args.axis in ("heading", "yaw")

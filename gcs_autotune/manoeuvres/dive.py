@@ -53,7 +53,7 @@ class Dive:
         """Lower the wanted depth; look whether the craft has come down."""
         s, elapsed = self._settings, observation.t - self._start
         self._target = min(s.depth, self._from + RAMP * elapsed)
-        if abs(observation.z - s.depth) > s.band:
+        if not abs(observation.z - s.depth) <= s.band:
             self._there_since = observation.t
         if observation.t - self._there_since >= s.steady_time:
             self.outcome = Outcome("completed", f"{observation.z:.1f} m deep")

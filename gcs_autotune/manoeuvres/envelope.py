@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import GuardTripped
+from gcs_autotune.errors import GuardTripped, UsageError
 
 __all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
 
@@ -22,6 +22,11 @@ class Envelope:
     limits; ``time`` bounds one manoeuvre. ``speed`` and ``distance`` None: 4 m/s and 300 m, or what going at
     ``cruise`` [m/s] takes where that is more.
     Defaults are chosen for boats and ROVs of up to a few metres in a few boat lengths of free water.
+
+    Raises
+    ------
+    UsageError
+        A limit is negative or not a number: it would guard nothing.
     """
 
     heading_excursion: float = math.radians(120.0)
@@ -36,6 +41,13 @@ class Envelope:
     battery_remaining: float = 0.1
     time: float = 600.0
     cruise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """See that every limit is one."""
+        for limit in fields(self):
+            value = getattr(self, limit.name)
+            if value is not None and not value >= 0.0:
+                raise UsageError(f"safety limit {limit.name}: {value:g} guards nothing; give a number of 0 or more")
 
     @property
     def speed_limit(self) -> float:
@@ -61,14 +73,24 @@ class Guard:
     below: bool = False
 
     def share(self, envelope: Envelope, anchor: Observation, now: Observation) -> float:
-        """Return the used share of the limit; 0 when it does not apply."""
+        """Return the used share of the limit; 0 when it does not apply, ``inf`` for a value or limit that is NaN."""
         pair = self.measure(envelope, anchor, now)
-        if pair is None or not math.isfinite(pair[0]) or not math.isfinite(pair[1]):
+        if pair is None:
             return 0.0
         value, limit = pair
+        if limit == math.inf or (self.below and limit == 0.0):
+            return 0.0
+        holds = value >= limit if self.below else value <= limit
+        if not (holds and math.isfinite(value)):
+            return math.inf
         if self.below:
-            return math.inf if value < limit else (limit / value if value > 0.0 else 0.0)
-        return value / limit if limit > 0.0 else (math.inf if value > limit else 0.0)
+            return limit / value
+        return value / limit if limit > 0.0 else 0.0
+
+    def is_known(self, envelope: Envelope, anchor: Observation, now: Observation) -> bool:
+        """Whether the signal that is guarded is there."""
+        pair = self.measure(envelope, anchor, now)
+        return pair is not None and math.isfinite(pair[0])
 
 
 def _distance(anchor: Observation, now: Observation) -> float:
@@ -92,11 +114,17 @@ GUARDS: tuple[Guard, ...] = (
 
 
 class Watch:
-    """The envelope around one manoeuvre, anchored where it started; positions count from *home* when given."""
+    """The envelope around one manoeuvre, anchored where it started; positions count from *home* when given.
+
+    A signal the craft does not have (a battery monitor, a position indoors) is not guarded; one that it had and that
+    is no number any more trips its guard, and one that comes later is guarded from then on.
+    """
 
     def __init__(self, envelope: Envelope, anchor: Observation, home: Observation | None = None) -> None:
         self.envelope = envelope
         self.anchor = anchor if home is None else replace(anchor, x=home.x, y=home.y)
+        began = (anchor,) if home is None else (anchor, home)
+        self._known = {g.name for g in GUARDS if any(g.is_known(envelope, o, o) for o in began)}
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and its used share (0..1).
@@ -104,10 +132,15 @@ class Watch:
         Raises
         ------
         GuardTripped
-            With guard, value and limit, when any limit is broken.
+            With guard, value and limit, when any limit is broken, or can be watched no more.
         """
+        self._anchor_late(now)
         nearest, most = "", 0.0
         for guard in GUARDS:
+            if guard.name not in self._known:
+                if not guard.is_known(self.envelope, self.anchor, now):
+                    continue
+                self._known.add(guard.name)
             share = guard.share(self.envelope, self.anchor, now)
             if share > 1.0:
                 self._trip(guard, now)
@@ -115,10 +148,25 @@ class Watch:
                 nearest, most = guard.name, share
         return nearest, most
 
+    def _anchor_late(self, now: Observation) -> None:
+        """Count from the first position or depth there is, where there was none to begin with."""
+        if not math.isfinite(self.anchor.x + self.anchor.y) and math.isfinite(now.x + now.y):
+            self.anchor = replace(self.anchor, x=now.x, y=now.y)
+        if not math.isfinite(self.anchor.z) and math.isfinite(now.z):
+            self.anchor = replace(self.anchor, z=now.z)
+
     def _trip(self, guard: Guard, now: Observation) -> None:
         pair = guard.measure(self.envelope, self.anchor, now)
         value, limit = pair if pair is not None else (math.nan, math.nan)
         shown = _shown(guard, value), _shown(guard, limit)
+        if not math.isfinite(value):
+            raise GuardTripped(
+                f"safety limit '{guard.name}' cannot be watched any more: the vehicle tells no number for it (limit "
+                f"{shown[1]}). The actuators were brought to neutral. See to that sensor first",
+                guard=guard.name,
+                value=value,
+                limit=limit,
+            )
         raise GuardTripped(
             f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to "
             "neutral. Give more room with the matching --max-/--min- option, or a smaller relay or step.",

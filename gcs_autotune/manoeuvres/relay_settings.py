@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from gcs_autotune.errors import UsageError
+
 __all__ = ["RelaySettings"]
 
 
@@ -25,6 +27,11 @@ class RelaySettings:
         given is widened by ``growth``, so many times at most.
     patience : longest time without a switching [s].
     least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
+
+    Raises
+    ------
+    UsageError
+        An output is not within 0 to 1, a hysteresis not above 0, or a number not finite.
     """
 
     signal: str
@@ -45,3 +52,19 @@ class RelaySettings:
     most_widenings: int = 2
     patience: float = 30.0
     least_period: float = 0.0
+
+    def __post_init__(self) -> None:
+        """See that a relay can be made of it: it switches, and pushes no harder than there is."""
+        for name in ("output", "first_output", "most_output"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value <= 1.0:
+                raise UsageError(
+                    f"relay: {name} is {value:g}; it is a fraction of full output, above 0 and up to 1"
+                    + (f" beside a throttle of {self.throttle:g}" if self.throttle else "")
+                )
+        for name in ("hysteresis", "least_hysteresis"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise UsageError(f"relay: {name} is {value:g}; a relay switches at a finite value above 0")
+        if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
+            raise UsageError(f"relay: throttle {self.throttle:g}, speed {self.reference_speed:g} m/s: no such numbers")

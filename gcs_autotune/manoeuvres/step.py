@@ -91,7 +91,10 @@ class Step:
         elapsed = observation.t - self._phase_start
         error = observation.value(s.signal) - self._target
         held = self._phase > 0 or s.base is None
-        if held and abs(error) > (1.0 + s.diverged) * abs(s.size):
+        if not math.isfinite(error):
+            self._phase = 3
+            self.outcome = Outcome("aborted", f"the vehicle tells no number for {s.signal}, which is stepped")
+        elif held and abs(error) > (1.0 + s.diverged) * abs(s.size):
             self._phase = 3
             self.outcome = Outcome("stopped", "the loop runs away from its target: these gains are not stable here")
         elif self._phase == 0:
@@ -121,7 +124,7 @@ class Step:
 
     def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
         s = self._settings
-        if abs(error) > s.steady_band * abs(s.size):
+        if not abs(error) <= s.steady_band * abs(s.size):
             self._steady_since = observation.t
         steady = observation.t - self._steady_since >= s.steady_time
         if steady or elapsed >= s.settle:

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs_autotune.identify import Structure
 from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.limits import limit_of
 from gcs_autotune.link import SigningKey, Transport, open_link
 from gcs_autotune.manoeuvres import Envelope
 
 __all__ = ["Connection", "TuneSettings"]
 
 
+_NUMBERS = (
+    *("step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed"),
+    *("settling_time", "omega_0", "delay", "full_scale", "control_rate"),
+)
+"""What a tune is given as numbers."""
+
+
+def _see_limits(settings: object, fields: Sequence[str], axis: str = "") -> None:
+    for name in fields:
+        value = getattr(settings, name)
+        if value is not None:
+            limit_of(name.replace("_", "-"), axis).check_si(float(value))
+
+
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """How to reach the vehicle."""
+    """How to reach the vehicle.
+
+    Raises
+    ------
+    UsageError
+        A number is outside its limits (:data:`gcs_autotune.limits.LIMITS`).
+    """
 
     uri: str
     baud: int = 57600
@@ -25,6 +47,10 @@ class Connection:
     seed: int | None = 1
     backend: str = "pymavlink"
     signing: SigningKey | None = None
+
+    def __post_init__(self) -> None:
+        """See that the numbers may be used."""
+        _see_limits(self, ("baud", "system_id", "source_system", "seed"))
 
     def open(self) -> Transport:
         """Open the link.
@@ -46,6 +72,11 @@ class TuneSettings:
     simulated time). ``given``: a model
     to design from, instead of experiments; ``full_scale`` its input at full output, when that is in newtons or rad.
     ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
+
+    Raises
+    ------
+    UsageError
+        A number is outside its limits (:data:`gcs_autotune.limits.LIMITS`).
     """
 
     axis: str
@@ -68,6 +99,10 @@ class TuneSettings:
     control_rate: float | None = None
     most_relays: int = 3
     envelope: Envelope = field(default_factory=Envelope)
+
+    def __post_init__(self) -> None:
+        """See that the numbers may be used."""
+        _see_limits(self, _NUMBERS, self.axis)
 
 
 @dataclass(frozen=True, slots=True)

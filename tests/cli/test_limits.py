@@ -1,0 +1,270 @@
+"""Every number of every command: finite and in range, else refused by name before link, directory or compiler."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import sitl.__main__
+from gcs_autotune.cli import main, make_parser
+from gcs_autotune.errors import UsageError
+from gcs_autotune.limits import LIMITS, Limit, axes_of, limit_of
+from gcs_autotune.manoeuvres import Envelope, RelaySettings
+from gcs_autotune.workflow import Connection, TuneSettings
+
+POSITIONALS = {
+    "tune": ("heading",),
+    "experiment": ("heading",),
+    "identify": ("a.csv",),
+    "diagnose": ("a.csv",),
+    "figures": ("a.csv",),
+    "thrusters": ("a.csv",),
+    "logs list": ("a.tlog",),
+    "logs import": ("a.tlog",),
+    "params save": ("all.param", "--connect", "sitl:charlie"),
+    "params restore": ("all.param", "--connect", "sitl:charlie"),
+    "restore": (),
+}
+"""Command -> what it cannot do without."""
+RENAMED = {("figures", "speed"): "trial-speed"}
+"""(Command, option) -> its row in the table, where the option is called otherwise."""
+
+
+def commands(parser: argparse.ArgumentParser, path: tuple[str, ...] = ()) -> Iterator[tuple[str, argparse.Action]]:
+    """Walk all options of all commands below *parser*."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield from commands(below, (*path, name))
+        else:
+            yield " ".join(path), action
+
+
+OPTIONS = [(command, a) for command, a in commands(make_parser()) if a.type is not None]
+NUMBERS = [(command, a.option_strings[0][2:]) for command, a in OPTIONS if getattr(a.type, "__name__", "") == "number"]
+
+
+def rows(command: str, option: str) -> list[tuple[str, Limit]]:
+    """Return (positional axis, limit) for all that hold for an option of a command."""
+    found = axes_of(RENAMED.get((command, option), option))
+    axes = {"tune": ("heading", "depth", "speed", "yaw"), "experiment": ("heading", "depth", "surge")}.get(command, ())
+    return [(row.axis, row) for row in found if not row.axis or row.axis in axes]
+
+
+def outside(row: Limit) -> list[str]:
+    beyond = [row.greatest * 1.01 + 1.0, 1e30]
+    below = [row.least - 1.0 - 0.01 * abs(row.least), -1e30] if not row.signed else [-1.01 * row.greatest - 1.0]
+    between = [0.5 * row.least] if row.least > 0.0 else []
+    whole = [row.least + 0.25] if row.whole else []
+    return ["nan", "inf", "-inf", "zwei", "", *(f"{v:.9g}" for v in (*beyond, *below, *between, *whole))]
+
+
+CASES = [
+    (command, option, axis, value)
+    for command, option in NUMBERS
+    for axis, row in rows(command, option)
+    for value in outside(row)
+]
+
+
+@pytest.fixture
+def bare(tmp_path, monkeypatch):
+    """An empty directory to be in, and a link that must not be opened."""
+
+    def opened(*args: object, **kwargs: object) -> None:
+        raise AssertionError("a link was opened")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gcs_autotune.workflow.settings.open_link", opened)
+    for name in ("tune", "experiment"):
+        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "warm_up", opened)
+    return tmp_path
+
+
+def refusal(arguments, capsys) -> str:
+    """Run a command line that must be refused as given wrongly; return the one sentence that says why."""
+    code = main(list(arguments))
+    out, err = capsys.readouterr()
+    assert code == 2, (arguments, err)
+    assert out == ""
+    assert "Traceback" not in err
+    assert err.startswith("gcs-autotune: ") and err.count("\n") == 1
+    return str(err)
+
+
+def test_every_number_of_every_command_is_read_by_the_table_of_limits():
+    assert len(NUMBERS) > 60
+    plain = [(command, a.option_strings) for command, a in OPTIONS if a.type in (int, float)]
+    assert plain == []
+    assert {limit.name for limit in LIMITS.values()} == {RENAMED.get(pair, pair[1]) for pair in NUMBERS}
+
+
+@pytest.mark.parametrize("command", sorted({command for command, _ in NUMBERS}))
+def test_every_number_outside_its_limits_is_refused_by_name_before_anything_is_done(command, bare, capsys):
+    cases = [case for case in CASES if case[0] == command]
+    assert cases
+    for _, option, axis, value in cases:
+        positionals = (axis,) if axis else POSITIONALS[command]
+        told = refusal((*command.split(), *positionals, f"--{option}={value}"), capsys)
+        assert f"--{option}: " in told, (option, value, told)
+        assert list(bare.iterdir()) == []
+
+
+ABSURD = {
+    "--max-distance": ("nan", "-5"),
+    "--max-time": ("nan", "inf"),
+    "--max-heading-excursion": ("nan",),
+    "--min-battery": ("nan", "500"),
+    "--throttle": ("50", "nan"),
+    "--relay-output": ("5", "30"),
+    "--step-duration": ("0", "nan"),
+    "--speed": ("nan", "99", "-3"),
+    "--control-rate": ("0", "1e9"),
+    "--source-system": ("300", "-2"),
+    "--relay-hysteresis": ("nan",),
+    "--step": ("500", "nan"),
+    "--delay": ("-5", "nan"),
+    "--settling-time": ("0", "nan"),
+    "--omega-0": ("-1", "inf"),
+    "--system-id": ("999",),
+    "--max-roll": ("nan",),
+}
+
+
+def test_what_once_flew_or_failed_late_is_refused_at_once(bare, capsys):
+    told = [refusal(("tune", "heading", o, v), capsys) for o, values in ABSURD.items() for v in values]
+    assert len(told) == 31
+    assert list(bare.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "typed", "words"),
+    [
+        ("--relay-output", "5", "Did you mean 0.05"),
+        ("--throttle", "50", "Did you mean 0.5"),
+        ("--step", "500", "Did you mean 5 (500 is that in hundredths of a degree)"),
+        ("--step", "0.5", "Did you mean 28.6479 (0.5 is that in radians)"),
+        ("--speed", "120", "Did you mean 1.2"),
+        ("--max-distance", "-5", "Did you mean 5?"),
+        ("--relay-output", "0,3", "Did you mean 0.3?"),
+        ("--baud", "57", "Did you mean 57000"),
+        ("--max-time", "99999", "Did you mean 99.999 (99999 is that in milliseconds)"),
+    ],
+)
+def test_a_refusal_says_what_was_probably_meant(option, typed, words, bare, capsys):
+    assert words in refusal(("tune", "heading", option, typed), capsys)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (("--known", "m=nan"), "--known m=nan"),
+        (("--known", "m=-Infinity"), "--known m=-Infinity"),
+        (("--known", "m=1e300"), "--known m=1e300"),
+        (("--option", "horizon=inf"), "--option horizon=inf"),
+        (("--option", "horizon=1e400"), "--option horizon=1e400"),
+        (("--pick", "0"), "--pick 0"),
+        (("--pick", "-2"), "--pick -2"),
+        (("--pick", "2,nan"), "--pick 2,nan"),
+    ],
+)
+def test_numbers_inside_a_text_are_refused_too(arguments, name, bare, capsys):
+    Path("a.csv").write_text("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,1\n")
+    told = refusal(("identify", "a.csv", f"{arguments[0]}={arguments[1]}"), capsys)
+    assert name in told
+
+
+@pytest.mark.parametrize("argument", ["--speedup=nan", "--speedup=inf", "--speedup=0", "--speedup=1e9", "--seed=-1"])
+def test_the_simulators_numbers_are_refused_too(argument, capsys):
+    assert sitl.__main__.main(["charlie", argument]) == 2
+    assert argument.partition("=")[0] in capsys.readouterr().err
+
+
+def test_the_simulator_takes_no_parameter_that_is_no_number(capsys):
+    assert sitl.__main__.main(["charlie", "--param=ATC_STR_RAT_P=nan"]) == 2
+    assert "finite" in capsys.readouterr().err
+
+
+def test_the_help_shows_every_range(capsys):
+    for command in ("tune", "identify", "figures"):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        shown = " ".join(capsys.readouterr().out.split())
+        for called, option in NUMBERS:
+            if called == command:
+                for _, row in rows(command, option):
+                    assert row.range in shown, (command, option)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("step", math.radians(500.0)),
+        ("step", math.nan),
+        ("step_duration", 0.0),
+        ("relay_output", 5.0),
+        ("relay_hysteresis", math.nan),
+        ("throttle", 50.0),
+        ("speed", -3.0),
+        ("control_rate", 1e9),
+        ("delay", -5.0),
+        ("settling_time", 0.0),
+        ("omega_0", math.inf),
+        ("full_scale", 0.0),
+    ],
+)
+def test_settings_made_in_a_program_obey_the_same_table(field, value, tmp_path):
+    with pytest.raises(UsageError, match=field.replace("_", "-")):
+        TuneSettings("heading", Connection("sitl:charlie"), tmp_path, **{field: value})
+
+
+@pytest.mark.parametrize("field", ["baud", "system_id", "source_system", "seed"])
+def test_a_connection_made_in_a_program_obeys_the_same_table(field):
+    with pytest.raises(UsageError, match=field.replace("_", "-")):
+        Connection("sitl:charlie", **{field: -2})
+
+
+@pytest.mark.parametrize("row", list(LIMITS.values()), ids=lambda r: f"{r.name} {r.axis}".strip())
+def test_the_ends_of_every_range_and_every_default_are_inside_it(row):
+    for value in (row.least, row.greatest, *(() if row.default is None else (row.default,))):
+        assert row.check(value) == value
+        row.check_si(value * row.factor)
+    assert row.reason and not row.reason.endswith(".")
+
+
+def test_defaults_of_the_table_are_those_of_the_envelope():
+    made = Envelope()
+    assert math.radians(limit_of("max-heading-excursion").default) == pytest.approx(made.heading_excursion)
+    assert limit_of("max-depth-excursion").default == made.depth_excursion
+    assert math.radians(limit_of("max-roll").default) == pytest.approx(made.roll)
+    assert math.radians(limit_of("max-pitch").default) == pytest.approx(made.pitch)
+    assert limit_of("min-battery").default / 100.0 == pytest.approx(made.battery_remaining)
+    assert limit_of("max-time").default == made.time
+
+
+@pytest.mark.parametrize("limit", ["heading_excursion", "depth_max", "speed", "distance", "battery_remaining", "time"])
+@pytest.mark.parametrize("value", [math.nan, -1.0])
+def test_an_envelope_of_no_limit_cannot_be_made(limit, value):
+    with pytest.raises(UsageError, match=limit):
+        Envelope(**{limit: value})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"output": 5.0},
+        {"output": math.nan},
+        {"hysteresis": 0.0},
+        {"hysteresis": math.nan},
+        {"most_output": -0.1, "throttle": 1.0},
+        {"throttle": math.nan},
+    ],
+)
+def test_a_relay_that_cannot_swing_cannot_be_made(wrong):
+    with pytest.raises(UsageError, match="relay"):
+        RelaySettings("psi", "N", **wrong)

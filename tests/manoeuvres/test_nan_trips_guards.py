@@ -1,0 +1,103 @@
+"""A comparison with NaN is false: no guard may rest on that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from gcs_autotune.errors import GuardTripped
+from gcs_autotune.manoeuvres import GUARDS, Dive, DiveSettings, Envelope, Step, StepSettings
+from gcs_autotune.manoeuvres.envelope import Watch
+
+from .pond import at_rest
+
+SIGNALS = {
+    "heading excursion": "psi",
+    "depth excursion": "z",
+    "greatest depth": "z",
+    "least depth": "z",
+    "speed": "speed",
+    "distance from start": "x",
+    "roll": "phi",
+    "pitch": "theta",
+    "battery voltage": "battery_voltage",
+    "battery remaining": "battery_remaining",
+    "time": "t",
+}
+"""Guard -> a signal it watches."""
+WIDE = Envelope(
+    *(math.inf, 0.0, math.inf, math.inf, math.inf, math.inf, math.inf, math.inf, 0.0, 0.0, math.inf),
+)
+FIELDS = {
+    "heading excursion": {"heading_excursion": 3.0},
+    "depth excursion": {"depth_excursion": 3.0},
+    "greatest depth": {"depth_max": 30.0},
+    "least depth": {"depth_min": 0.1},
+    "speed": {"speed": 4.0},
+    "distance from start": {"distance": 300.0},
+    "roll": {"roll": 1.0},
+    "pitch": {"pitch": 1.0},
+    "battery voltage": {"battery_voltage": 10.0},
+    "battery remaining": {"battery_remaining": 0.1},
+    "time": {"time": 600.0},
+}
+"""Guard -> the envelope that has this limit alone."""
+
+
+def only(name: str) -> Envelope:
+    return replace(WIDE, **FIELDS[name])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
+def test_a_guarded_signal_that_is_no_number_any_more_trips_its_guard(guard, value):
+    watch = Watch(only(guard.name), at_rest(battery_voltage=12.0))
+    watch.check(at_rest(battery_voltage=12.0))
+    with pytest.raises(GuardTripped) as caught:
+        watch.check(at_rest(**{"battery_voltage": 12.0, SIGNALS[guard.name]: value}))
+    assert caught.value.guard == guard.name
+    assert "cannot be watched" in str(caught.value)
+
+
+@pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
+def test_the_same_signal_trips_nothing_where_its_limit_is_off(guard):
+    watch = Watch(WIDE, at_rest(battery_voltage=12.0))
+    name, share = watch.check(at_rest(**{"battery_voltage": 12.0, SIGNALS[guard.name]: math.nan}))
+    assert (name, share) == ("", 0.0)
+
+
+def test_a_position_that_comes_late_is_guarded_from_then_on():
+    watch = Watch(only("distance from start"), at_rest(x=math.nan, y=math.nan))
+    assert watch.check(at_rest(x=math.nan, y=math.nan)) == ("", 0.0)
+    assert watch.check(at_rest(x=1000.0, y=0.0)) == ("", 0.0)
+    assert watch.check(at_rest(x=1000.0, y=150.0)) == ("distance from start", pytest.approx(0.5))
+    with pytest.raises(GuardTripped, match="distance from start"):
+        watch.check(at_rest(x=1000.0, y=301.0))
+
+
+def test_what_was_known_at_the_beginning_of_the_visit_is_guarded_in_every_manoeuvre():
+    blind = at_rest(battery_remaining=math.nan)
+    with pytest.raises(GuardTripped, match="battery remaining"):
+        Watch(only("battery remaining"), blind, home=at_rest(battery_remaining=0.9)).check(blind)
+
+
+def test_a_step_in_a_signal_that_is_no_number_is_aborted_and_blamed_on_no_gains():
+    step = Step(StepSettings("z", 1.0, 5.0))
+    step.start(at_rest(z=1.0))
+    step.update(at_rest(t=0.1, z=math.nan))
+    assert step.outcome is not None
+    assert step.outcome.ending == "aborted"
+    assert "no number" in step.outcome.reason
+
+
+def test_a_depth_that_is_no_number_is_not_the_depth_wanted():
+    dive = Dive(DiveSettings(1.5))
+    dive.start(at_rest(z=0.0))
+    for tick in range(700):
+        dive.update(at_rest(t=0.1 * tick, z=math.nan))
+        if dive.outcome is not None:
+            break
+    assert dive.outcome is not None
+    assert dive.outcome.ending == "aborted"
