@@ -27,6 +27,7 @@ SIGNALS = {
     "time": "t",
 }
 """Guard -> a signal it watches."""
+CHARGED = {"battery_voltage": 12.0, "battery_remaining": 0.9}
 WIDE = Envelope(
     *(math.inf, 0.0, math.inf, math.inf, math.inf, math.inf, math.inf, math.inf, 0.0, 0.0, math.inf),
 )
@@ -53,18 +54,18 @@ def only(name: str) -> Envelope:
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
 def test_a_guarded_signal_that_is_no_number_any_more_trips_its_guard(guard, value):
-    watch = Watch(only(guard.name), at_rest(battery_voltage=12.0))
-    watch.check(at_rest(battery_voltage=12.0))
+    watch = Watch(only(guard.name), at_rest(**CHARGED))
+    watch.check(at_rest(**CHARGED))
     with pytest.raises(GuardTripped) as caught:
-        watch.check(at_rest(**{"battery_voltage": 12.0, SIGNALS[guard.name]: value}))
+        watch.check(at_rest(**{**CHARGED, SIGNALS[guard.name]: value}))
     assert caught.value.guard == guard.name
     assert "cannot be watched" in str(caught.value)
 
 
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
 def test_the_same_signal_trips_nothing_where_its_limit_is_off(guard):
-    watch = Watch(WIDE, at_rest(battery_voltage=12.0))
-    name, share = watch.check(at_rest(**{"battery_voltage": 12.0, SIGNALS[guard.name]: math.nan}))
+    watch = Watch(WIDE, at_rest(**CHARGED))
+    name, share = watch.check(at_rest(**{**CHARGED, SIGNALS[guard.name]: math.nan}))
     assert (name, share) == ("", 0.0)
 
 
