@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
+from gcs_autotune.foreign_text import visible
 from gcs_autotune.sname import column_unit, parse_header
 
 __all__ = ["Channel", "Mark", "Purpose", "Trial", "load_trial", "save_trial"]
@@ -215,11 +216,11 @@ def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
     meta: dict[str, Any] = {"source": path.name, "empty_cells": int(np.isnan(table).sum())}
     if dropped:
         meta["dropped_rows"] = dropped
-    return _with_side_file(Trial(path.stem, channels, meta=meta), path.with_suffix(".json"))
+    return _with_side_file(Trial(visible(path.stem), channels, meta=meta), path.with_suffix(".json"))
 
 
 def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple[str, str]]:
-    plain = [parse_header(h) for h in row]
+    plain = [parse_header(visible(h)) for h in row]
     wanted = {parse_header(old): parse_header(new) for old, new in columns.items()}
     known = {*plain, *((name, "") for name, _ in plain)}
     missing = [name for name, unit in wanted if (name, unit) not in known]
@@ -273,6 +274,7 @@ def _with_side_file(trial: Trial, path: Path) -> Trial:
         side = json.loads(path.read_text(encoding="utf-8"))
         marks = tuple(Mark(float(m["t"]), str(m["kind"]), dict(m["detail"])) for m in side["marks"])
         meta = {**trial.meta, **side["meta"]}
-        return replace(trial, name=side["name"], ending=side["ending"], reason=side["reason"], meta=meta, marks=marks)
+        name, reason = (visible(str(side[key])) for key in ("name", "reason"))
+        return replace(trial, name=name, ending=side["ending"], reason=reason, meta=meta, marks=marks)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadFile(f"{path} beside the run cannot be read: {error}") from error

@@ -22,6 +22,7 @@ from gcs_autotune.cli import (
 )
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, UsageError, exit_code
+from gcs_autotune.foreign_text import visible
 
 __all__ = ["COMMANDS", "main", "make_parser"]
 
@@ -52,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = make_parser().parse_args(arguments)
         return COMMANDS[args.command].run(args)
     except AutotuneError as error:
-        sys.stderr.write(f"gcs-autotune: {error}\n")
+        sys.stderr.write(f"gcs-autotune: {visible(str(error))}\n")
         return exit_code(error)
 
 

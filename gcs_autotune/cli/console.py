@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from gcs_autotune.errors import UsageError
+from gcs_autotune.foreign_text import visible
 
 __all__ = ["ConsoleOperator"]
 
@@ -59,7 +60,7 @@ class ConsoleOperator:
             )
         answers: list[str] = []
         reader = threading.Thread(target=lambda: answers.append(sys.stdin.readline()), daemon=True)
-        sys.stderr.write(f"{question} [y/N] ")
+        sys.stderr.write(f"{visible(question)} [y/N] ")
         sys.stderr.flush()
         reader.start()
         while reader.is_alive():

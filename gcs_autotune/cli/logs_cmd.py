@@ -13,6 +13,7 @@ from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.cli.writing import fresh
 from gcs_autotune.errors import BadFile, NotInformative
+from gcs_autotune.foreign_text import visible
 
 if TYPE_CHECKING:
     from gcs_autotune.logs import Cut, Recording
@@ -63,7 +64,7 @@ def _run(args: argparse.Namespace) -> int:
         _print({"schema": 1, "logs": surveys, "written": [str(p) for p in written]})
     else:
         for path in written:
-            sys.stdout.write(f"{path}\n")
+            sys.stdout.write(f"{visible(str(path))}\n")
     if args.action == "import" and not args.dry_run and not written:
         raise NotInformative("no run was written: none can be identified from; --all writes the other stretches too")
     return 0

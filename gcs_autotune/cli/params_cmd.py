@@ -9,6 +9,7 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command, add_connection, connection_of
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.cli.writing import on_replacing
+from gcs_autotune.foreign_text import visible
 
 __all__ = ["COMMAND"]
 
@@ -40,7 +41,7 @@ def _run(args: argparse.Namespace) -> int:
         else:
             changed = restore_parameters(connection, args.file, operator, watcher)
             for name, (found, wanted) in changed.items():
-                sys.stdout.write(f"{name}: {found:g} -> {wanted:g}\n")
+                sys.stdout.write(f"{visible(name)}: {found:g} -> {wanted:g}\n")
             sys.stdout.write(f"{len(changed)} parameters changed; all of {args.file} verified by reading back\n")
     return 0
 

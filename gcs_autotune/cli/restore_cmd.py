@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_connection, connection_of
 from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.foreign_text import visible
 
 __all__ = ["COMMAND"]
 
@@ -38,7 +39,7 @@ def _run(args: argparse.Namespace) -> int:
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         restored = restore_run(connection, args.run, operator, watcher)
     for name, (found, old) in restored.items():
-        sys.stdout.write(f"{name}: {found:g} -> {old:g}, verified by reading it back\n")
+        sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading it back\n")
     return 0
 
 

@@ -8,6 +8,7 @@ from functools import partial
 from gcs_autotune.clock import Deadline
 from gcs_autotune.errors import ArmingRefused, CommandDenied, ModeRefused, NoReply
 from gcs_autotune.firmware import Firmware
+from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.wire import Message, mavlink
 from gcs_autotune.registry import lookup
@@ -177,12 +178,12 @@ class Commands:
         reasons = [t for t in said if t.startswith(_EXPLAINS)] or said
         reasons = reasons or [t for t in earlier if t.startswith(_EXPLAINS)][-3:]
         reasons = list(dict.fromkeys(reasons))
-        why = "; ".join(reasons) or "it did not say why"
+        why = quoted(reasons) or "it did not say why"
         return ArmingRefused(f"the vehicle will not arm: {why}. Cure that and try again", reasons=reasons)
 
     def _said(self, since: float) -> str:
         texts = self._session.texts.recent(since)
-        return f" (it says: {'; '.join(texts)})" if texts else ""
+        return f" (it says: {quoted(texts)})" if texts else ""
 
 
 def _longer(answers: Sequence[Message], count: int) -> bool | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.firmware import Firmware
+from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.beat import Beat
 from gcs_autotune.link.company import Company
 from gcs_autotune.link.parameters import Parameters
@@ -138,4 +139,4 @@ class Hands:
 
     def _last_words(self) -> str:
         texts = self._session.texts.recent(self._session.clock.now() - _LOOK_BACK)
-        return f" (it says: {'; '.join(texts)})" if texts else ""
+        return f" (it says: {quoted(texts)})" if texts else ""

@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted
 from gcs_autotune.firmware import checked, checked_all
+from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.param_exchange import REPLY, ParamExchange
 from gcs_autotune.link.param_list import read_list
 from gcs_autotune.link.param_value import as_float32, encoded, same_float32
@@ -224,7 +225,7 @@ class Parameters:
     def _why(self, name: str) -> str:
         since = self.session.clock.now() - 2.0 * _TRIES * REPLY
         texts = [t for t in self.session.texts.recent(since, at_most=20) if name in t]
-        return f" (it says: {texts[-1]})" if texts else ""
+        return f" (it says: {quoted(texts[-1:])})" if texts else ""
 
     # --- watching -----------------------------------------------------------------------------------------
 

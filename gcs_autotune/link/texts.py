@@ -11,6 +11,8 @@ __all__ = ["StatusText", "TextLog"]
 
 _PIECE = 50
 _KEPT = 500
+_LONGEST = 1000
+"""Characters kept of a text in pieces: 255 of them may come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +43,7 @@ class TextLog:
             before = self._open[2]
         joined = before + piece
         if len(piece) == _PIECE:
-            self._open = (ident, sequence, joined)
+            self._open = (ident, sequence, joined[:_LONGEST])
             return None
         self._open = None
         return self._add(StatusText(t, int(message.severity), joined))

@@ -163,7 +163,8 @@ def to_svg(figure: Figure, name: str, description: str) -> Markup:
     text = re.sub(r"url\(#", f"url(#{name}-", text)
     text = re.sub(r"\n\s*", "\n", text)
     label = f'<svg role="img" aria-label="{escape(description)}" '
-    text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'{label}viewBox="\1">', text, count=1, flags=re.DOTALL)
+    head = re.compile(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', re.DOTALL)
+    text = head.sub(lambda found: f'{label}viewBox="{found[1]}">', text, count=1)
     text = _COLOUR.sub(lambda found: f"{found[1]}var(--plot-{PENS[found[2]]}, {found[2]})", text)
     return Markup(text.replace("xlink:href", "href"))
 

@@ -14,6 +14,7 @@ from rich.segment import ControlType
 from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
+from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.numbers import format_quantity, format_seconds, format_share
 from gcs_autotune.watch import Progress
 
@@ -122,7 +123,7 @@ class TerminalWatcher:
     def say(self, text: str) -> None:
         """Show a sentence on a line of its own."""
         self._erase()
-        self._console.print(Text(text))
+        self._console.print(Text(visible(text)))
 
     def close(self) -> None:
         """End the live line, so that other output begins on a fresh one; harmless when there is none."""
@@ -137,7 +138,7 @@ class TerminalWatcher:
         self._drawn = now
         self._erase()
         line = describe_progress(progress, self._console.width - 1)
-        self._console.print(Text(line), end="", no_wrap=True, crop=True)
+        self._console.print(Text(visible(line)), end="", no_wrap=True, crop=True)
         self._line_open = True
 
     def _erase(self) -> None:
@@ -151,4 +152,4 @@ class TerminalWatcher:
         if leg == self._leg and 0.0 <= since < PLAIN_EVERY:
             return
         self._leg, self._told = leg, progress.t
-        self._console.print(Text(describe_progress(progress)), soft_wrap=True)
+        self._console.print(Text(visible(describe_progress(progress))), soft_wrap=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.tables import Table
 
 __all__ = ["render_page"]
@@ -29,7 +30,7 @@ def render_page(template: str, context: Mapping[str, Any]) -> str:
     )
     environment.filters["glued"] = _glued
     environment.filters["wide"] = _is_wide
-    return environment.get_template(template).render(context) + "\n"
+    return visible(environment.get_template(template).render(context), keep="\n\t\u00ad") + "\n"
 
 
 def _is_wide(table: Table) -> bool:

@@ -7,6 +7,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from gcs_autotune.foreign_text import visible
+
 __all__ = ["StageBar"]
 
 
@@ -14,7 +16,12 @@ class StageBar:
     """One line for the stage under way; gone when all is done. Silent where *console* is no terminal."""
 
     def __init__(self, console: Console) -> None:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
         self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task: TaskID | None = None
 
@@ -30,5 +37,5 @@ class StageBar:
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Take note that *done* of *total* pieces of *stage* are behind us."""
         if self._task is None:
-            self._task = self._bar.add_task(stage, total=total)
-        self._bar.update(self._task, description=stage, completed=done, total=total)
+            self._task = self._bar.add_task(visible(stage), total=total)
+        self._bar.update(self._task, description=visible(stage), completed=done, total=total)

@@ -16,6 +16,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from gcs_autotune.design.result import Proposal
+from gcs_autotune.foreign_text import visible
 from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.report import tables
 from gcs_autotune.report.story import TuneStory
@@ -119,18 +120,18 @@ def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
 def bullet(text: str) -> RichTable:
     """Return one line of a list."""
     line = RichTable.grid(padding=(0, 1))
-    line.add_row(Text(" -"), Text(text))
+    line.add_row(Text(" -"), Text(visible(text)))
     return line
 
 
 def title(text: str, style: str = "bold") -> RenderableType:
     """Return a heading."""
-    return Padding(Text(text, style=style), (1, 0, 0, 0))
+    return Padding(Text(visible(text), style=style), (1, 0, 0, 0))
 
 
 def paragraph(text: str, style: str = "") -> Text:
     """Return a paragraph."""
-    return Text(text, style=style)
+    return Text(visible(text), style=style)
 
 
 def grid(table: tables.Table) -> Padding:
@@ -140,7 +141,7 @@ def grid(table: tables.Table) -> Padding:
     used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
     for i in used:
         right = table.align[i] == "r"
-        lines.add_column(Text(table.heads[i]), justify="right" if right else "left", no_wrap=right or i == 0)
+        lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=right or i == 0)
     for row in table.rows:
-        lines.add_row(*(Text(row[i]) for i in used))
+        lines.add_row(*(Text(visible(row[i])) for i in used))
     return Padding(lines, (1, 0))

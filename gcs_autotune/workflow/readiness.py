@@ -11,6 +11,7 @@ import math
 from gcs_autotune.clock import Deadline
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.watch import Watcher
 
@@ -95,4 +96,4 @@ def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
 
 def _reasons(craft: MavlinkCraft) -> str:
     said = dict.fromkeys(t.text for t in craft.session.texts if t.text.startswith("PreArm:"))
-    return f" ({'; '.join(list(said)[-3:])})" if said else ""
+    return f" (it says: {quoted(list(said)[-3:])})" if said else ""

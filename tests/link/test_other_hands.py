@@ -88,7 +88,7 @@ def test_a_failsafe_after_a_pause_of_our_own_is_said_to_be_ours(boat: ScriptedVe
     boat.say("Radio Failsafe")
     pause(craft, 0.7)
     said = trip(craft, "pause")
-    assert "from MANUAL to HOLD (it says: Radio Failsafe): this computer paused for 0." in said
+    assert 'from MANUAL to HOLD (it says: "Radio Failsafe"): this computer paused for 0.' in said
     assert "It was not the radio" in said and "nobody else" not in said
 
 
