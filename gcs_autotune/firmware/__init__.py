@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from gcs_autotune.firmware import ardurover, ardusub
 from gcs_autotune.firmware.aliases import ALIASES, Alias
 from gcs_autotune.firmware.names import Names, read_named
-from gcs_autotune.firmware.profile import Axis, Firmware, Gain
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited
 from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
 from gcs_autotune.firmware.values import checked, checked_all
 
@@ -25,6 +25,7 @@ __all__ = [
     "Output",
     "ParameterSource",
     "ServoMap",
+    "Unsuited",
     "checked",
     "checked_all",
     "firmware_for",

@@ -6,7 +6,7 @@ Channels: RCMAP defaults, steering on 1, throttle on 3.
 
 from __future__ import annotations
 
-from gcs_autotune.firmware.profile import Axis, Firmware, Gain, pid_context
+from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited, pid_context
 
 __all__ = ["FIRMWARE"]
 
@@ -74,6 +74,29 @@ _SPEED = Axis(
     needs_speed=True,
 )
 
+_UNSUITED = (
+    Unsuited(
+        "SAIL_ENABLE",
+        (1,),
+        "a sailboat. Its speed is the wind's and the trim of its sails', not that of a throttle, so nothing that is "
+        "identified here would hold. To tune it under power: sails down, SAIL_ENABLE 0, restart the autopilot, and "
+        "back afterwards",
+    ),
+    Unsuited(
+        "FRAME_TYPE",
+        (1, 2, 3, 4),
+        "an omni frame (1 Omni3, 2 OmniX, 3 OmniPlus, 4 Omni3Mecanum), which turns and goes sideways by three or four "
+        "motors mixed together; only a rudder, a vectored thruster, or two thrusters side by side can be tuned. If it "
+        "is none, set FRAME_TYPE to 0 and restart the autopilot",
+    ),
+    Unsuited(
+        "FRAME_CLASS",
+        (3,),
+        "a balance bot, which drives to stay upright: no surge or turn can be tried apart from that. If it is none, "
+        "set FRAME_CLASS to 2 (boat) or 1 (rover) and restart the autopilot",
+    ),
+)
+
 FIRMWARE = Firmware(
     name="ArduRover",
     autopilot=3,
@@ -107,4 +130,5 @@ FIRMWARE = Firmware(
     motor_span=500.0,
     manual_dead_zone=True,
     rc_map={"N": "RCMAP_ROLL", "X": "RCMAP_THROTTLE"},
+    unsuited=_UNSUITED,
 )

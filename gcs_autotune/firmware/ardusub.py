@@ -4,7 +4,7 @@ Before 4.7 (which brought RCMAP_*) its throttle stick counts from RC3_TRIM, 1100
 Parameter names and documented ranges: ArduPilot's parameter metadata for Sub 4.5-4.6; later names and their ranges:
 ``aliases``.
 ``ATC_RAT_YAW_FF`` is left out on purpose: Sub reads it and never uses it. Motor factors per frame:
-ArduSub's frame drawings; Z is down here, ArduSub's throttle factor is up, so its sign is turned.
+ArduSub's own (AP_Motors6DOF); Z is down here, its throttle factor is up, so its sign is turned.
 """
 
 from __future__ import annotations
@@ -74,23 +74,63 @@ _DEPTH = Axis(
 )
 
 
-def _motor(N: float = 0.0, X: float = 0.0, Y: float = 0.0, Z: float = 0.0) -> Mapping[str, float]:
-    return {"N": N, "X": X, "Y": Y, "Z": Z}
+def _motor(
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
+    throttle: float = 0.0,
+    forward: float = 0.0,
+    side: float = 0.0,
+) -> Mapping[str, float]:
+    """Return a motor's factor per force from the columns that ArduSub keeps them in."""
+    return {"K": roll, "M": pitch, "N": yaw, "X": forward, "Y": side, "Z": -throttle}
 
 
 _VECTORED_PLANE = (
-    _motor(N=1, X=-1, Y=1),
-    _motor(N=-1, X=-1, Y=-1),
-    _motor(N=-1, X=1, Y=1),
-    _motor(N=1, X=1, Y=-1),
+    _motor(yaw=1, forward=-1, side=1),
+    _motor(yaw=-1, forward=-1, side=-1),
+    _motor(yaw=-1, forward=1, side=1),
+    _motor(yaw=1, forward=1, side=-1),
 )
+_SIDE_BY_SIDE = (_motor(yaw=-1, forward=1), _motor(yaw=1, forward=1))
+_SIMPLE_3 = (*_SIDE_BY_SIDE, _motor(throttle=-1))
+_SIMPLE_5 = (*_SIDE_BY_SIDE, _motor(roll=1, throttle=-1), _motor(roll=-1, throttle=-1), _motor(side=1))
 
 _FRAMES: Mapping[int, Sequence[Mapping[str, float]]] = {
-    1: (*_VECTORED_PLANE, _motor(Z=1), _motor(Z=1)),
-    2: (*_VECTORED_PLANE, _motor(Z=1), _motor(Z=1), _motor(Z=1), _motor(Z=1)),
-    4: (_motor(N=-1, X=1), _motor(N=1, X=1), _motor(Z=1)),
+    0: (
+        *_SIDE_BY_SIDE,
+        _motor(roll=-0.5, pitch=0.5, throttle=0.45),
+        _motor(roll=0.5, pitch=0.5, throttle=0.45),
+        _motor(pitch=-1, throttle=1),
+        _motor(roll=-0.25, side=1),
+    ),
+    1: (*_VECTORED_PLANE, _motor(roll=1, throttle=-1), _motor(roll=-1, throttle=-1)),
+    2: (
+        *_VECTORED_PLANE,
+        _motor(roll=1, pitch=-1, throttle=-1),
+        _motor(roll=-1, pitch=-1, throttle=-1),
+        _motor(roll=1, pitch=1, throttle=-1),
+        _motor(roll=-1, pitch=1, throttle=-1),
+    ),
+    3: (
+        _motor(roll=1, pitch=1, throttle=1),
+        _motor(yaw=1, forward=1),
+        _motor(roll=1, pitch=-1, throttle=1),
+        _motor(side=1),
+        _motor(side=1),
+        _motor(roll=-1, pitch=1, throttle=1),
+        _motor(yaw=-1, forward=1),
+        _motor(roll=-1, pitch=-1, throttle=1),
+    ),
+    4: _SIMPLE_3,
+    5: _SIMPLE_5,
+    6: _SIMPLE_5,
+    7: _SIMPLE_3,
 }
-"""FRAME_CONFIG -> factor of each motor output, in order: 1 vectored, 2 vectored 6-DOF, 4 SimpleROV-3."""
+"""FRAME_CONFIG -> factors of each motor output, in order: 0 BlueROV1, 1 vectored, 2 vectored 6-DOF, 3 vectored 6-DOF
+with thrusters at right angles, 4 to 6 SimpleROV-3 to -5 (-4 and -5 are one to the firmware), 7 custom, which in an
+unmodified firmware is SimpleROV-3. Roll and pitch are there because the autopilot levels the craft with the motors that
+lift it."""
 
 FIRMWARE = Firmware(
     name="ArduSub",

@@ -9,7 +9,7 @@ from typing import Self
 from gcs_autotune.firmware.aliases import ALIASES
 from gcs_autotune.firmware.names import Names
 
-__all__ = ["Axis", "Firmware", "Gain", "pid_context"]
+__all__ = ["Axis", "Firmware", "Gain", "Unsuited", "pid_context"]
 
 
 def pid_context(prefix: str) -> tuple[str, ...]:
@@ -25,6 +25,16 @@ class Gain:
     low: float
     high: float
     meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unsuited:
+    """A setting of vehicles that this firmware drives otherwise than we could: ``values`` of ``parameter``, and why
+    with the cure."""
+
+    parameter: str
+    values: Sequence[int]
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +82,7 @@ class Firmware:
     such parameter: they are kept at neutral. ``from_one_end`` are the forces whose stick counts from RCn_TRIM, at
     RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
+    ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
     """
 
     name: str
@@ -96,7 +107,16 @@ class Firmware:
     rc_map: Mapping[str, str] = field(default_factory=dict)
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
+    unsuited: Sequence[Unsuited] = ()
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""
         return next((name for name, number in self.modes.items() if number == custom_mode), f"MODE {custom_mode}")
+
+    def misfit(self, values: Mapping[str, float]) -> str:
+        """Return why a vehicle with these parameter *values* cannot be worked with, and the cure; empty when it can."""
+        for case in self.unsuited:
+            value = values.get(case.parameter)
+            if value in case.values:
+                return f"{case.parameter} is {value:g}: {case.why}"
+        return ""

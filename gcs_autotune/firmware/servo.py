@@ -22,6 +22,9 @@ _OUTPUTS = 8
 _MOTOR1 = 33
 """SERVOn_FUNCTION of motor 1; motors 2 to 8 follow."""
 _FORCES = ("X", "Y", "Z", "N")
+_LEVELLING = ("K", "M")
+"""Moments that a craft is levelled with: told from the forces, not reported."""
+_MOTORS = range(_MOTOR1, _MOTOR1 + _OUTPUTS)
 
 
 class ParameterSource(Protocol):
@@ -62,13 +65,15 @@ class Output:
 class ServoMap:
     """From PWMs to forces: ``forces = weights @ fractions``.
 
-    ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``. ``skid``: the craft steers by
-    the difference of two thrusters, not by a steering output.
+    ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``; ``factors``, of the same shape,
+    is what each output is given of each force. ``skid``: the craft steers by the difference of two thrusters, not by a
+    steering output.
     """
 
     outputs: tuple[Output, ...]
     names: tuple[str, ...]
     weights: tuple[tuple[float, ...], ...]
+    factors: tuple[tuple[float, ...], ...]
     skid: bool = False
 
     @classmethod
@@ -78,18 +83,18 @@ class ServoMap:
         *factors* has one mapping force name -> factor per output.
         """
         names = tuple(n for n in _FORCES if any(f.get(n, 0.0) for f in factors))
-        mixing = np.array([[f.get(n, 0.0) for n in names] for f in factors])
-        inverse = np.linalg.pinv(mixing)
+        levelled = tuple(n for n in _LEVELLING if any(f.get(n, 0.0) for f in factors))
+        mixing = np.array([[f.get(n, 0.0) for n in (*names, *levelled)] for f in factors])
+        inverse = np.linalg.pinv(mixing)[: len(names)]
         rows = tuple(tuple(round(float(w), 12) for w in row) for row in inverse)
-        return cls(tuple(outputs), names, rows)
+        return cls(tuple(outputs), names, rows, tuple(tuple(float(f.get(n, 0.0)) for f in factors) for n in names))
 
     def driving(self, force: str) -> tuple[tuple[Output, float], ...]:
         """Return the outputs that make *force*, each with its fraction of full at full force."""
         if force not in self.names:
             return ()
-        factors = np.linalg.pinv(np.array(self.weights))[:, self.names.index(force)]
-        pairs = zip(self.outputs, factors, strict=True)
-        return tuple((output, float(factor)) for output, factor in pairs if abs(factor) > 1e-9)
+        pairs = zip(self.outputs, self.factors[self.names.index(force)], strict=True)
+        return tuple((output, factor) for output, factor in pairs if factor)
 
     def forces(self, pwms: Sequence[float]) -> dict[str, float]:
         """Return force name -> fraction of full output.
@@ -116,7 +121,7 @@ def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
     functions = parameters.read_existing(f"SERVO{n}_FUNCTION" for n in range(1, _OUTPUTS + 1))
     by_function = {int(value): int(name[5:-9]) for name, value in reversed(functions.items())}
     if firmware.frame_parameter:
-        return _by_frame(parameters, firmware, by_function)
+        return _by_frame(parameters, firmware, functions, by_function)
     if firmware.skid_functions and all(number in by_function for number in firmware.skid_functions):
         return replace(_wired(parameters, firmware.skid_functions, by_function), skid=True)
     return _by_function(parameters, firmware, by_function, told=len(functions))
@@ -127,6 +132,13 @@ def _by_function(
 ) -> ServoMap:
     missing = [f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function]
     if missing:
+        mixed = [n for n in _MOTORS if n in by_function]
+        if mixed:
+            raise PreconditionFailed(
+                f"outputs of this vehicle are assigned to motors ({', '.join(map(str, mixed))}), as on an omni frame, "
+                f"and none to {', '.join(missing)}: only a rudder, a vectored thruster, or two thrusters side by side "
+                "(73 and 74) can be tuned. If it has those, set SERVOn_FUNCTION"
+            )
         thin = (
             f" Only {told} of {_OUTPUTS} answered: or is the link too thin for the answers?" if told < _OUTPUTS else ""
         )
@@ -160,13 +172,22 @@ def _read_outputs(parameters: ParameterSource, channels: Iterable[int]) -> dict[
     return outputs
 
 
-def _by_frame(parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int]) -> ServoMap:
+def _by_frame(
+    parameters: ParameterSource, firmware: Firmware, functions: Mapping[str, float], by_function: Mapping[int, int]
+) -> ServoMap:
     frame = int(parameters.read(firmware.frame_parameter))
     factors = firmware.mixing.get(frame)
     if factors is None:
         known = ", ".join(map(str, firmware.mixing))
         raise PreconditionFailed(f"{firmware.frame_parameter} {frame} is not a frame we know (known: {known})")
     motors = range(1, len(factors) + 1)
+    for m in motors:
+        taken = int(functions.get(f"SERVO{m}_FUNCTION", 0.0))
+        if _MOTOR1 + m - 1 not in by_function and taken and taken not in _MOTORS:
+            raise PreconditionFailed(
+                f"motor {m} of {firmware.frame_parameter} {frame} has no output, for SERVO{m}_FUNCTION is {taken}: set "
+                f"SERVO{m}_FUNCTION to {_MOTOR1 + m - 1}, or {firmware.frame_parameter} to the frame it is"
+            )
     directions = parameters.read_existing(f"MOT_{m}_DIRECTION" for m in motors)
     centre, span = firmware.neutral_pwm, firmware.motor_span
     outputs = [

@@ -103,6 +103,9 @@ def open_craft(
 def _wiring(session: Session, parameters: Parameters, firmware: Firmware) -> Wiring:
     """Ask the vehicle whom it obeys, what it is and how it is wired."""
     assert session.vehicle is not None
+    misfit = firmware.misfit(parameters.read_existing(case.parameter for case in firmware.unsuited))
+    if misfit:
+        raise WrongVehicle(f"{misfit}. Nothing was written or armed")
     _adopt_gcs_id(session, parameters, firmware)
     session.vehicle = _with_frame(session, parameters, firmware)
     names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.kind == "boat" else [])]

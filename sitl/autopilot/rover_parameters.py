@@ -93,6 +93,7 @@ RCMAP_PITCH       i8  2
 RCMAP_ROLL        i8  1
 RCMAP_THROTTLE    i8  3
 RCMAP_YAW         i8  4
+SAIL_ENABLE       i8  0
 SPEED_MAX         f32 0
 STICK_MIXING      i8  0
 TURN_RADIUS       f32 0.9

@@ -11,13 +11,21 @@ from sitl.autopilot.shaping import clamp, low_pass_share
 __all__ = ["SubMotors"]
 
 _PLANE = ((1, -1, 1, 0), (-1, -1, -1, 0), (-1, 1, 1, 0), (1, 1, -1, 0))
-_FRAMES: Mapping[int, Sequence[tuple[int, int, int, int]]] = {
-    1: (*_PLANE, (0, 0, 0, -1), (0, 0, 0, -1)),
-    2: (*_PLANE, (0, 0, 0, -1), (0, 0, 0, -1), (0, 0, 0, -1), (0, 0, 0, -1)),
-    4: ((-1, 1, 0, 0), (1, 1, 0, 0), (0, 0, 0, -1)),
+_PAIR = ((-1, 1, 0, 0), (1, 1, 0, 0))
+_UP, _DOWN, _SIDE = (0, 0, 0, 1), (0, 0, 0, -1), (0, 0, 1, 0)
+_FRAMES: Mapping[int, Sequence[tuple[float, float, float, float]]] = {
+    0: (*_PAIR, (0, 0, 0, 0.45), (0, 0, 0, 0.45), _UP, _SIDE),
+    1: (*_PLANE, _DOWN, _DOWN),
+    2: (*_PLANE, _DOWN, _DOWN, _DOWN, _DOWN),
+    3: (_UP, (1, 1, 0, 0), _UP, _SIDE, _SIDE, _UP, (-1, 1, 0, 0), _UP),
+    4: (*_PAIR, _DOWN),
+    5: (*_PAIR, _DOWN, _DOWN, _SIDE),
+    6: (*_PAIR, _DOWN, _DOWN, _SIDE),
+    7: (*_PAIR, _DOWN),
 }
-"""FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle) factors: 1 vectored, 2 vectored 6-DOF,
-4 SimpleROV-3. Roll and pitch are passive here and have no factors."""
+"""FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle) factors: 0 BlueROV1, 1 vectored, 2 vectored 6-DOF,
+3 vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom. Roll and pitch are passive here and have no
+factors."""
 _FIRST_MOTOR_FUNCTION, _LAST_MOTOR_FUNCTION = 33, 40
 _SPAN_PWM = 400
 _NEUTRAL_PWM = 1500
