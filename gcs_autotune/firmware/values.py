@@ -62,7 +62,7 @@ VALUES: Mapping[str, Values] = {
     r"MOT_THST_HOVER": Values(0, 1),
     r"JS_GAIN_\w+": Values(0, 10),
     r"ACRO_YAW_P": Values(0, 100),
-    r"(ATC|PSC)_\w+": Values(0, 1e5),
+    r"(ATC|PSC)_\w+": Values(0, 1e6),
     r"PILOT_(SPEED|SPD|ACCEL|ACC)_\w+": Values(0, 1e5),
 }
 """Pattern of whole names -> what such parameters may hold; the first that fits counts, any finite number is believed
