@@ -29,13 +29,16 @@ class Candidate:
     vehicle_type: int
     armed: bool
     custom_mode: int
+    origin: str = ""
 
     @classmethod
     def of(cls, frame: Frame) -> Self:
         """Return the sender of a HEARTBEAT."""
         m = frame.message
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        return cls(frame.system, frame.component, int(m.autopilot), int(m.type), armed, int(m.custom_mode))
+        return cls(
+            frame.system, frame.component, int(m.autopilot), int(m.type), armed, int(m.custom_mode), frame.origin
+        )
 
     def identity(self, *, version: str = "", uid: str = "") -> VehicleIdentity:
         """Return it as an identity."""
@@ -58,7 +61,9 @@ class Sightings:
             return False
         if is_signed(frame):
             self._signing.add((frame.system, frame.component))
-        self.candidates[frame.system, frame.component] = Candidate.of(frame)
+        ids = frame.system, frame.component
+        if ids not in self.candidates or self.candidates[ids].origin == frame.origin:  # whoever came first
+            self.candidates[ids] = Candidate.of(frame)
         return True
 
     def found(self, system_id: int | None) -> Candidate | None:

@@ -18,6 +18,8 @@ __all__ = ["FramePort"]
 
 _STALE_PARTIAL = 0.5
 """Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
+_MOST_SENDERS = 16
+"""Chosen: senders whose unfinished frames are kept."""
 _SECRET = ("SETUP_SIGNING",)
 """Messages that hold a signing key: never logged, whoever sent them."""
 
@@ -36,7 +38,7 @@ class FramePort:
     ) -> None:
         self._transport = transport
         self._notes = notes
-        self._framer = Framer()
+        self._framers: dict[str, Framer] = {}
         self.packer = packer
         self.signer = self._begin_signing(signing) if signing else None
         self._tlog = TlogWriter(tlog, time_base(transport)) if tlog else None
@@ -54,12 +56,12 @@ class FramePort:
     @property
     def bad_data(self) -> int:
         """Stretches of received bytes that were no MAVLink frame."""
-        return self._framer.bad_data
+        return sum(framer.bad_data for framer in self._framers.values())
 
     @property
     def bad_bytes(self) -> int:
         """How many bytes those were."""
-        return self._framer.bad_bytes
+        return sum(framer.bad_bytes for framer in self._framers.values())
 
     @property
     def refused(self) -> int:
@@ -98,10 +100,16 @@ class FramePort:
         now = self._transport.clock.now()
         if data:
             self._last_bytes = now
-            return self._framer.feed(data)
-        if self._framer.pending and now - self._last_bytes > _STALE_PARTIAL:
-            return self._framer.flush()
+            return self._framer(self._transport.origin).feed(data)
+        if now - self._last_bytes > _STALE_PARTIAL:
+            return [frame for framer in self._framers.values() if framer.pending for frame in framer.flush()]
         return []
+
+    def _framer(self, origin: str) -> Framer:
+        """Return the framer of what comes from *origin*: half a frame of one sender is not continued by another."""
+        if origin not in self._framers and len(self._framers) >= _MOST_SENDERS:
+            del self._framers[next(iter(self._framers))]
+        return self._framers.setdefault(origin, Framer(origin))
 
     def flush_log(self) -> None:
         """Bring the log to the disk."""

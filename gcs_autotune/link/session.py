@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Self, TypeVar
 
 from gcs_autotune.clock import Clock, Deadline
-from gcs_autotune.errors import LinkLost
+from gcs_autotune.errors import LinkLost, TelemetryFault
 from gcs_autotune.link.discovery import Sightings
 from gcs_autotune.link.duties import Duties, Duty
 from gcs_autotune.link.hearing import Hearing
 from gcs_autotune.link.identity import VehicleIdentity
 from gcs_autotune.link.operator_stop import OperatorStop
+from gcs_autotune.link.peer import GONE, Peer
 from gcs_autotune.link.port import FramePort
 from gcs_autotune.link.routing import Listener, Routing
 from gcs_autotune.link.search import find, introduce
@@ -37,6 +38,8 @@ _SLICE = 0.1
 """Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
 _HEARTBEAT_PERIOD = 1.0
 _THREE_HEARTBEATS = 3.5
+_ASKINGS = 3
+"""Chosen: times that contradicting heartbeats are listened to; one contradiction may be a change on its way."""
 
 
 class Session:
@@ -82,6 +85,8 @@ class Session:
         self._routing = Routing(self.notes)
         self.foreign: Counter[tuple[int, int]] = self._routing.foreign
         self.traffic: Counter[str] = self._routing.traffic
+        self._peer = Peer(self.notes)
+        self._held_at = 0.0
         self._sightings = Sightings()
         self._timeout = heartbeat_timeout
         self._hearing = Hearing(self.clock.now())
@@ -186,9 +191,26 @@ class Session:
                 self.foreign[frame.system, frame.component] += 1
         elif (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
             self._routing.note_foreign(frame, self.source_system)
-        else:
+        elif self._peer.is_held(frame):
+            self._peer.hear(frame)
             self._hearing.heard()
+            self._held_at = self.listened
             self._routing.tell(frame)
+        else:
+            self._hear_stranger(frame, self.vehicle)
+
+    def _hear_stranger(self, frame: Frame, vehicle: VehicleIdentity) -> None:
+        """Somebody at another address says that he is the vehicle. When that has fallen silent, he may be."""
+        if self.listened - self._held_at <= GONE:
+            self._peer.note_stranger(frame)
+        elif self._peer.may_be(frame, vehicle):
+            self._hold(frame.origin, vehicle)
+        elif frame.name == "HEARTBEAT":
+            self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+
+    def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
+        self._peer.hold(origin, known)
+        self.transport.hold(origin)
 
     def check_heard(self, patience: float) -> None:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
@@ -218,15 +240,44 @@ class Session:
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
     def await_heartbeat(self) -> None:
-        """Wait for the next HEARTBEAT, after which :attr:`armed` and :attr:`custom_mode` are of now.
+        """Ask for HEARTBEAT until :attr:`armed` and :attr:`custom_mode` are of now, and nobody contradicts them.
+
+        For two heartbeats and a second all that are heard must say the same: what somebody else sends under the
+        vehicle's id comes beside its own, not instead of them.
 
         Raises
         ------
         LinkLost
             A vehicle that is there would have sent three in that time.
+        TelemetryFault
+            They go on contradicting each other.
         """
-        if not self.await_return(_THREE_HEARTBEATS):
-            raise LinkLost(f"{self.vehicle} is not heard any more on {self.transport.description}")
+        told: set[tuple[bool, int]] = set()
+        for _ in range(_ASKINGS):
+            told = self._asked_state()
+            if len(told) == 1:
+                return
+        states = " and ".join(f"{'armed' if armed else 'disarmed'} in mode {mode}" for armed, mode in sorted(told))
+        raise TelemetryFault(
+            f"the heartbeats of {self.vehicle} contradict each other ({states}): somebody else sends under its system "
+            "id. Disconnect him, or use a signed link, and look at the vehicle itself"
+        )
+
+    def _asked_state(self) -> set[tuple[bool, int]]:
+        """Ask for HEARTBEAT, listen for a while, and return every (armed, custom mode) that was heard."""
+        told: list[tuple[bool, int]] = []
+        stop = self.listen("HEARTBEAT", lambda m: told.append((_is_armed(m), int(m.custom_mode))))
+        try:
+            self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+            begun = self.listened
+            if not self.await_return(_THREE_HEARTBEATS):
+                raise LinkLost(f"{self.vehicle} is not heard any more on {self.transport.description}")
+            self.wait_for(
+                lambda: True if len(told) > 1 and self.listened - begun > _HEARTBEAT_PERIOD else None, _THREE_HEARTBEATS
+            )
+        finally:
+            stop()
+        return set(told)
 
     def outlast(self, patience: float) -> bool:
         """After ``LinkLost`` in a clean-up: wait up to *patience* [s] for the vehicle, once per silence.
@@ -265,13 +316,15 @@ class Session:
         """
         wanted = find(self, self._port, self._sightings, timeout, system_id)
         self.vehicle = wanted.identity()
+        self._hold(wanted.origin)
+        self._held_at = self.listened
         self._hearing.heard()
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
         self.vehicle = introduce(self, self._port, self._sightings, wanted)
         return self.vehicle
 
     def _on_heartbeat(self, message: Message) -> None:
-        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.armed = _is_armed(message)
         self.custom_mode = int(message.custom_mode)
         self.heartbeats += 1
 
@@ -291,3 +344,7 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _is_armed(heartbeat: Message) -> bool:
+    return bool(heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)

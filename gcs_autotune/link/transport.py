@@ -34,6 +34,9 @@ class Transport(ABC):
     is_simulated = False
     """True when the link's time is simulated, so that a record may be repeated to the last bit."""
 
+    origin = ""
+    """Where what the last :meth:`read` returned came from, on links that have several senders; else empty."""
+
     repeat_period = 0.04
     """Seconds after which a command in force is sent again: 25 Hz, a dozen in the half second after which ArduRover
     without a receiver takes its pilot for lost."""
@@ -97,6 +100,9 @@ class Transport(ABC):
 
         Real links ignore it; simulated time is granted in these portions.
         """
+
+    def hold(self, origin: str) -> None:  # noqa: B027 - a link with one other end has nobody else to talk to
+        """From now on talk to the sender at *origin* alone, as long as it is heard; empty: to everybody again."""
 
     def close(self) -> None:
         """Let go of the port, socket or process. Closing twice does nothing."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import select
 import socket
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -22,6 +24,8 @@ _ROOM = 1 << 20
 _REMEMBERED = 10.0
 """Chosen: seconds after which one who has gone silent is not answered any more, unless nobody else is there."""
 _MOST_PEERS = 8
+_GONE = 3.0
+"""Chosen [s]: so long after the last word of the one held to, everybody is talked to again: it may have moved."""
 
 
 class _UdpSocket(Transport):
@@ -66,6 +70,8 @@ class UdpIn(_UdpSocket):
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpin:{address}", address)
         self._peers: dict[Any, float] = {}
+        self._inbox: deque[tuple[Any, bytes]] = deque()
+        self._held: Any = None
         try:
             self._socket.bind(self._target)
         except OSError as error:
@@ -81,15 +87,36 @@ class UdpIn(_UdpSocket):
         """The port that is really bound (useful after asking for port 0)."""
         return int(self._socket.getsockname()[1])
 
+    def hold(self, origin: str) -> None:
+        """From now on talk to the sender at *origin* alone, as long as it is heard; empty: to everybody again."""
+        self._held = next((peer for peer in self._peers if _named(peer) == origin), None)
+
+    def _read_available(self, timeout: float) -> bytes:
+        """Return what has come from one sender, up to where another one's begins."""
+        if not self._inbox:
+            super()._read_available(timeout)
+        data = bytearray()
+        sender = self._inbox[0][0] if self._inbox else None
+        while self._inbox and self._inbox[0][0] == sender:
+            data += self._inbox.popleft()[1]
+        if sender is not None:
+            self.origin = _named(sender)
+        return bytes(data)
+
     def _receive(self) -> bytes:
         data, peer = self._socket.recvfrom(_DATAGRAM)
         self._peers.pop(peer, None)
         self._peers[peer] = self._clock.now()
+        self._inbox.append((peer, data))
         if len(self._peers) > _MOST_PEERS:
-            del self._peers[next(iter(self._peers))]
+            del self._peers[next(other for other in self._peers if other != self._held)]
         return data
 
     def _write(self, data: bytes) -> None:
+        held = self._held
+        if held is not None and self._clock.now() - self._peers.get(held, -math.inf) < _GONE:
+            self._try(lambda: self._socket.sendto(data, held))
+            return
         forgotten = self._clock.now() - _REMEMBERED
         latest = next(reversed(self._peers), None)
         for peer, heard in tuple(self._peers.items()):
@@ -97,6 +124,12 @@ class UdpIn(_UdpSocket):
                 del self._peers[peer]
                 continue
             self._try(lambda peer=peer: self._socket.sendto(data, peer))  # type: ignore[misc]
+
+
+def _named(peer: Any) -> str:
+    """Return an address as a person would write it."""
+    host, port = str(peer[0]), int(peer[1])
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 class UdpOut(_UdpSocket):

@@ -36,17 +36,19 @@ _LONGEST = 255 + 12 + _SIGNATURE
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One whole frame as it was on the wire, decoded. ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``."""
+    """One whole frame as it was on the wire, decoded. ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``; ``origin``
+    says where it came from, on links that can tell senders apart."""
 
     raw: bytes
     message: Message
     name: str
     system: int
     component: int
+    origin: str = ""
 
 
 class Framer:
-    """Cuts a byte stream into frames.
+    """Cuts the byte stream from one *origin* into frames.
 
     Attributes
     ----------
@@ -54,7 +56,8 @@ class Framer:
     bad_data : stretches of such bytes (what other tools count as BAD_DATA).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, origin: str = "") -> None:
+        self._origin = origin
         self._buffer = bytearray()
         self._decoder = mavlink.MAVLink(None)
         self._in_bad_stretch = False
@@ -82,7 +85,7 @@ class Framer:
             length = frame_length(buffer, position)
             if length is not None and position + length > len(buffer) and not final:
                 break
-            frame = decode_frame(self._decoder, buffer[position : position + length]) if length else None
+            frame = decode_frame(self._decoder, buffer[position : position + length], self._origin) if length else None
             if length is None or frame is None:
                 self._skip()
                 position += 1
@@ -117,14 +120,14 @@ def frame_length(buffer: bytes | bytearray, position: int) -> int | None:
     return length
 
 
-def decode_frame(decoder: Any, raw: bytearray) -> Frame | None:
+def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None:
     """Return the decoded frame, or None when its checksum (or anything else) is wrong."""
     try:
         message = decoder.decode(raw)
     except mavlink.MAVError:
         return None
     at = 5 if raw[0] == _V2 else 3
-    return Frame(bytes(raw), message, message.get_type(), raw[at], raw[at + 1])
+    return Frame(bytes(raw), message, message.get_type(), raw[at], raw[at + 1], origin)
 
 
 def split_frames(data: bytes) -> list[bytes]:
