@@ -22,7 +22,7 @@ class Told:
         self.values = values
         self.session = SimpleNamespace(vehicle=vehicle)
 
-    def read_existing(self, names: Iterable[str]) -> dict[str, float]:
+    def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
         return {n: self.values[n] for n in names if n in self.values}
 
 
