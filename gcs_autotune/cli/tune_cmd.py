@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shlex
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -26,6 +27,7 @@ from gcs_autotune.cli.console import ConsoleOperator
 
 if TYPE_CHECKING:
     from gcs_autotune.identify.model_file import ModelFile
+    from gcs_autotune.workflow.given_gains import GivenGains
 
 __all__ = ["COMMAND"]
 
@@ -53,6 +55,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     design = parser.add_argument_group("design")
     design.add_argument(
         "--model", type=Path, metavar="FILE", help="design from this model (identify --save, diagnose): no experiments"
+    )
+    design.add_argument(
+        "--gains",
+        type=Path,
+        metavar="FILE",
+        help="prove these gains, keep or restore: proposed.param of a dry run (or its directory), any NAME,VALUE file",
     )
     add_number(design, "full-scale")
     design.add_argument("--function", default="bessel", help="model function: bessel or butterworth (default bessel)")
@@ -96,6 +104,8 @@ def _run(args: argparse.Namespace) -> int:
         control_rate=args.control_rate,
         most_relays=args.relays,
         envelope=envelope_from(args),
+        gains=_gains(args),
+        proving=_proving(args),
     )
     operator = ConsoleOperator(yes=args.yes)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
@@ -105,6 +115,36 @@ def _run(args: argparse.Namespace) -> int:
     else:
         show_tune(Console(), story)
     return RESTORED if story.ending == "restored" else 0
+
+
+DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "model", "full_scale", "function", "settling_time"} | {
+    *("omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+}
+"""Options that a proof of given gains has no use for."""
+
+
+def _proving(args: argparse.Namespace) -> str:
+    """Return the command that proves the gains of a file as they would be here: every option the user gave."""
+    parser = argparse.ArgumentParser(add_help=False)
+    _add_arguments(parser)
+    words = ["gcs-autotune", "tune", args.axis]
+    for name, value in vars(args).items():
+        if name not in DROPPED and value != parser.get_default(name) and value not in (None, False):
+            flag = f"--{name.replace('_', '-')}"
+            words += [flag] if value is True else [flag, str(value)]
+    return f"{shlex.join(words)} --gains"
+
+
+def _gains(args: argparse.Namespace) -> GivenGains | None:
+    """Read the gains to prove."""
+    if args.gains is None:
+        return None
+    from gcs_autotune.errors import UsageError
+    from gcs_autotune.workflow.given_gains import load_gains
+
+    if args.model is not None:
+        raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
+    return load_gains(args.gains, args.axis)
 
 
 def _given(args: argparse.Namespace) -> ModelFile | None:

@@ -31,7 +31,7 @@ from gcs_autotune.link.mavlink_craft import MavlinkCraft
 from gcs_autotune.link.memory import MemoryLink, Peer
 from gcs_autotune.link.outputs import read_outputs
 from gcs_autotune.link.parameters import Parameters, same_float32
-from gcs_autotune.link.params_file import load_params, save_params
+from gcs_autotune.link.params_file import load_params, save_params, save_qgc_params
 from gcs_autotune.link.rates import Granted, Rates
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.signing import SigningKey
@@ -74,4 +74,5 @@ __all__ = [
     "read_tlog",
     "same_float32",
     "save_params",
+    "save_qgc_params",
 ]

@@ -24,7 +24,7 @@ class ParamExchange:
 
     Attributes
     ----------
-    known : last value heard of every name.
+    known : last value heard of every name; ``types`` : as what type (MAV_PARAM_TYPE).
     fresh : what was answered since it was last forgotten, by name; ``refused`` : what the vehicle says it has not.
     indices : place in the vehicle's list -> name; ``count`` : how long that list is, 0 when it has not been told.
     """
@@ -32,6 +32,7 @@ class ParamExchange:
     def __init__(self, session: Session) -> None:
         self._session = session
         self.known: dict[str, float] = {}
+        self.types: dict[str, int] = {}
         self.fresh: dict[str, float] = {}
         self.refused: set[str] = set()
         self.indices: dict[int, str] = {}
@@ -42,6 +43,7 @@ class ParamExchange:
     def _on_value(self, message: Message) -> None:
         name = str(message.param_id)
         self.known[name] = self.fresh[name] = float(message.param_value)
+        self.types[name] = int(message.param_type)
         if message.param_index != _NO_INDEX and message.param_index < message.param_count:
             self.indices[int(message.param_index)] = name
             self.count = int(message.param_count)

@@ -30,7 +30,7 @@ class Parameters:
     Attributes
     ----------
     session : the session they are read and written through.
-    known : last value heard of every name.
+    known : last value heard of every name; ``types`` : as what type (MAV_PARAM_TYPE).
     intrusions : watched parameters that somebody else changed.
     """
 
@@ -39,6 +39,7 @@ class Parameters:
         self._exchange = ParamExchange(session)
         self._watch = ParamWatch(session, self._exchange)
         self.known: dict[str, float] = self._exchange.known
+        self.types: dict[str, int] = self._exchange.types
         self.intrusions: list[Intrusion] = self._watch.intrusions
 
     # --- reading ------------------------------------------------------------------------------------------

@@ -14,10 +14,12 @@ from pathlib import Path
 
 from gcs_autotune.errors import BadFile
 
-__all__ = ["load_params", "save_params"]
+__all__ = ["load_params", "save_params", "save_qgc_params"]
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,15}")
 _QGC_COLUMNS = 5
+_REAL32 = 9
+"""MAV_PARAM_TYPE_REAL32."""
 
 
 def save_params(path: Path, values: Mapping[str, float], *, comment: str = "") -> None:
@@ -33,6 +35,34 @@ def save_params(path: Path, values: Mapping[str, float], *, comment: str = "") -
     else:
         head = "".join(f"# {line}\n" for line in comment.splitlines())
         text = head + "".join(f"{name},{value:.9g}\n" for name, value in values.items())
+    _write(path, text)
+
+
+def save_qgc_params(
+    path: Path,
+    values: Mapping[str, float],
+    types: Mapping[str, int],
+    vehicle: tuple[int, int],
+    *,
+    comment: str = "",
+) -> None:
+    """Write *values* as QGroundControl's ``.params``: five columns between tabs, which it reads and nothing else.
+
+    types : MAV_PARAM_TYPE by name, as the vehicle tells it (REAL32 where it has not): QGroundControl leaves out what
+    has another. vehicle : its system and component id.
+
+    Raises
+    ------
+    BadFile
+        When the file cannot be written.
+    """
+    system, component = vehicle
+    head = "".join(f"# {line}\n" for line in (*comment.splitlines(), "", "Vehicle-Id Component-Id Name Value Type"))
+    rows = (f"{system}\t{component}\t{n}\t{v:.9g}\t{types.get(n, _REAL32)}\n" for n, v in values.items())
+    _write(path, head + "".join(rows))
+
+
+def _write(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

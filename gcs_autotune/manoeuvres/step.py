@@ -74,6 +74,9 @@ class Step:
             "size": s.size,
             "duration": s.duration,
             "speed": s.speed,
+            "settle": s.settle,
+            "steady_time": s.steady_time,
+            "steady_band": s.steady_band,
             **({} if s.base is None else {"base": s.base}),
         }
 

@@ -20,6 +20,7 @@ from gcs_autotune.report.study import Outcome, RunRow, Study, study_to_dict
 from gcs_autotune.report.study_page import render_study
 from gcs_autotune.report.study_terminal import study_summary
 from gcs_autotune.report.terminal import fit_summary, show_tune
+from gcs_autotune.report.wording import proof_command
 from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "effects_to_dict",
     "fit_summary",
     "log_summary",
+    "proof_command",
     "render_diagnosis",
     "render_study",
     "sheets_summary",

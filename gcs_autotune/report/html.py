@@ -19,11 +19,13 @@ from gcs_autotune.report.numbers import (
 from gcs_autotune.report.page import render_page
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.wording import (
+    PROOF_SENTENCE,
     bound_sentence,
     decision_sentence,
     doubt_sentence,
     headline,
     model_sentences,
+    proof_command,
     safety,
     structure_words,
     undo_command,
@@ -47,7 +49,9 @@ def _context(story: TuneStory) -> dict[str, Any]:
         "doubts": (*story.doubts, *(() if fit is None else (doubt_sentence(d) for d in fit.doubts))),
         "pictures": _by_kind(draw_pictures(story)),
         "metrics": _metrics(story),
-        "gains": None if proposal is None else tables.gains_table(proposal),
+        "gains": tables.gains_table(story.changes) if story.changes or proposal is not None else None,
+        "proof": proof_command(story) if story.awaits_proof and story.proving else "",
+        "proof_sentence": PROOF_SENTENCE,
         "margins": None if proposal is None else tables.margins_table(proposal),
         "safety": "" if proposal is None else safety(proposal),
         "bound": "" if proposal is None else bound_sentence(proposal.bound),

@@ -74,7 +74,7 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "kept": story.kept,
         "verdict_reasons": list(story.verdict_reasons),
         "metrics": {"before": _metrics(story.metrics_before), "after": _metrics(story.metrics_after)},
-        "gains": None if proposal is None else {c.parameter: [c.old, c.new] for c in proposal.changes},
+        "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
         "stable": None
         if proposal is None
         else {"model": proposal.margins.stable, "worst": proposal.worst_margins.stable},

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gcs_autotune.design.result import Proposal, StepMetrics
+from gcs_autotune.design.result import Change, Proposal, StepMetrics
 from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -60,6 +60,8 @@ class TuneStory:
     events : (vehicle time [s] or NaN, what happened).
     ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
     given : data of the model the gains were designed from, when it came from a file and not from a fit.
+    given_changes : what gains given by file change, when none were designed.
+    proving : the command that proves the gains of a file by the same step, less the file.
     doubts : sentences about the tune as a whole (the fit carries its own).
     directory : the run directory as the user named it; ``files`` in it (found by looking when empty).
     restore_file : the file in it that puts the old parameters back.
@@ -77,6 +79,8 @@ class TuneStory:
     fit: AxisFit | None = None
     given: Mapping[str, Any] | None = None
     proposal: Proposal | None = None
+    given_changes: tuple[Change, ...] = ()
+    proving: str = ""
     metrics_before: StepMetrics | None = None
     metrics_after: StepMetrics | None = None
     kept: bool | None = None
@@ -109,6 +113,17 @@ class TuneStory:
         told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
         signal = told if told == "u" else self.dof.position
         return WATCHED.get(signal, _plain(self.dof))
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """The gains proposed, or given: old and new."""
+        return self.given_changes if self.proposal is None else self.proposal.changes
+
+    @property
+    def awaits_proof(self) -> bool:
+        """Whether gains were designed aboard, and neither proved nor refuted on the water."""
+        designed = self.proposal is not None and bool(self.proposal.changes)
+        return designed and self.kept is None and self.metrics_after is None and self.ending != "unchanged"
 
     @property
     def differences(self) -> Mapping[str, tuple[float, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
@@ -75,9 +75,9 @@ _VEHICLE: Mapping[str, str] = {
 """Keys of ``TuneStory.vehicle`` -> label; other keys are shown as they are."""
 
 
-def gains_table(proposal: Proposal) -> Table:
+def gains_table(changes: Sequence[Change]) -> Table:
     """Old and new gains, the documented range, and why."""
-    rows = tuple(_gain_row(change) for change in proposal.changes)
+    rows = tuple(_gain_row(change) for change in changes)
     return Table(("parameter", "old", "new", "range", "why"), "lrrll", rows)
 
 

@@ -21,6 +21,7 @@ from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.report import tables
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.wording import (
+    PROOF_SENTENCE,
     Tone,
     bound_sentence,
     decision_sentence,
@@ -28,6 +29,7 @@ from gcs_autotune.report.wording import (
     headline,
     improvement,
     model_sentences,
+    proof_command,
     safety,
     structure_words,
     undo_command,
@@ -75,7 +77,7 @@ def fit_summary(fit: AxisFit) -> Group:
 
 def gains_summary(proposal: Proposal) -> Group:
     """Return old and new gains side by side, what they promise, and how safe that is."""
-    parts: list[RenderableType] = [title(f"Gains for {proposal.axis}"), grid(tables.gains_table(proposal))]
+    parts: list[RenderableType] = [title(f"Gains for {proposal.axis}"), grid(tables.gains_table(proposal.changes))]
     parts.append(paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
     parts.append(paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
     parts.extend(paragraph(note) for note in proposal.notes)
@@ -92,8 +94,8 @@ def tune_summary(story: TuneStory) -> Group:
     if story.metrics_before is not None:
         parts.append(grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
     parts.extend(bullet(reason) for reason in story.verdict_reasons)
-    if story.proposal is not None:
-        parts.append(grid(tables.gains_table(story.proposal)))
+    if story.changes:
+        parts.append(grid(tables.gains_table(story.changes)))
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
     if doubts or story.fit is not None:
         parts.extend(doubts_shown(doubts))
@@ -105,6 +107,8 @@ def show_tune(console: Console, story: TuneStory) -> None:
     console.print(tune_summary(story))
     if story.ending == "kept":
         console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)
+    if story.awaits_proof and story.proving:
+        console.print(Text(f"\n{PROOF_SENTENCE}\n  {proof_command(story)}"), soft_wrap=True)
     if story.directory:
         console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
 

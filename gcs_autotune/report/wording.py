@@ -23,6 +23,7 @@ from gcs_autotune.report.numbers import (
 from gcs_autotune.report.story import TuneStory
 
 __all__ = [
+    "PROOF_SENTENCE",
     "Headline",
     "Tone",
     "bound_sentence",
@@ -32,6 +33,7 @@ __all__ = [
     "improvement",
     "model_sentences",
     "parameters_sentence",
+    "proof_command",
     "safety",
     "sentence",
     "structure_words",
@@ -50,6 +52,12 @@ class Headline:
     tone: Tone
     sentences: tuple[str, ...]
 
+
+PROOF_SENTENCE = (
+    "The new gains are in proposed.param (Mission Planner, MAVProxy) and proposed.params (QGroundControl). This writes "
+    "them, flies the same step again and keeps them only if they are better:"
+)
+"""What introduces :func:`proof_command`."""
 
 _ENDINGS: Mapping[str, tuple[str, Tone]] = {
     "kept": ("The new {axis} gains are on the vehicle, and proved better.", "good"),
@@ -137,7 +145,7 @@ def parameters_sentence(story: TuneStory) -> str:
     """Return what is known of the vehicle's parameters at the end, and nothing more than that."""
     if not story.parameters_before:
         return "No parameter was read, and none was written."
-    if story.proposal is None or story.ending in ("dry-run", "declined", "unchanged"):
+    if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
         return "No parameter was written."
     if not story.parameters_after:
         return (
@@ -147,7 +155,7 @@ def parameters_sentence(story: TuneStory) -> str:
     changed = story.differences
     if not changed:
         return "All parameters were read back at the end and are as they were found."
-    written = [name for name in changed if name in {c.parameter for c in story.proposal.changes}]
+    written = [name for name in changed if name in {c.parameter for c in story.changes}]
     names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
     also = f" The vehicle itself changed {own}, which this tool does not write." if own else ""
     if not written:
@@ -159,7 +167,7 @@ def parameters_sentence(story: TuneStory) -> str:
 
 def undo_sentence(story: TuneStory) -> str:
     """Return what introduces :func:`undo_command`."""
-    written = story.proposal is not None and story.ending in ("kept", "restored", "aborted")
+    written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
     if written:
         return "The parameters as they were found are saved. Connect to the vehicle and run:"
     return "Nothing was written, so there is nothing to undo. The parameters as they were found are saved:"
@@ -169,6 +177,11 @@ def undo_command(story: TuneStory) -> str:
     """Return the command that puts the old parameters back."""
     path = PurePath(story.directory) / story.restore_file
     return f"gcs-autotune params restore {shlex.quote(str(path))}"
+
+
+def proof_command(story: TuneStory) -> str:
+    """Return the command that writes the gains proposed and proves them by the step that was flown."""
+    return f"{story.proving} {shlex.quote(str(PurePath(story.directory) / 'proposed.param'))}"
 
 
 def structure_words(structure: str) -> str:

@@ -54,5 +54,5 @@ def _movements(voyage: Voyage, now: Observation) -> str:
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
     signs = ANNOUNCED.get(axis.dof, "")
     kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {DOF_NAMES[axis.dof]}"
-    swings = f" and {kind}" if voyage.given is None else ""
+    swings = f" and {kind}" if voyage.given is None and voyage.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{swings}{under_way}"

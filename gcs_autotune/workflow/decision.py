@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
-from gcs_autotune.design import Proposal, StepMetrics, is_better
+from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterLoan
 from gcs_autotune.workflow.designing import Ruler
 from gcs_autotune.workflow.experiments import measure
 from gcs_autotune.workflow.voyage import Voyage
 
-__all__ = ["decide"]
+__all__ = ["decide", "decide_on_given"]
 
 
 def decide(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
@@ -33,17 +34,28 @@ def decide(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler
         )
     elif voyage.settings.dry_run:
         tale.end("dry-run", "dry run: nothing was written")
-    elif not voyage.agrees(f"Write {_shown(proposal)} and prove it by the same step?"):
+    elif not voyage.agrees(f"Write {_shown(proposal.changes)} and prove it by the same step?"):
         tale.end("declined", "the new gains were not wanted; nothing was written")
     else:
-        _prove(voyage, proposal, before, ruler, journal)
+        _prove(voyage, proposal.new, before, ruler, journal)
 
 
-def _prove(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
+def decide_on_given(voyage: Voyage, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
+    """End the tune with the gains given by file, likewise; errors as those of :func:`decide`."""
+    tale, changes = voyage.tale, voyage.tale.given_changes
+    if voyage.settings.dry_run:
+        tale.end("dry-run", "dry run: nothing was written")
+    elif not voyage.agrees(f"Write {_shown(changes)} and prove it by the same step?"):
+        tale.end("declined", "the gains of the file were not wanted; nothing was written")
+    else:
+        _prove(voyage, {c.parameter: c.new for c in changes}, before, ruler, journal)
+
+
+def _prove(voyage: Voyage, new: Mapping[str, float], before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
     tale = voyage.tale
     with ParameterLoan(voyage.craft.parameters, journal) as loan:
-        tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in proposal.new.items()))
-        loan.set(proposal.new)
+        tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
+        loan.set(new)
         tale.say("written and read back")
         voyage.come_about()
         after = voyage.fly(ruler.proof.step("step-after"), "step with new gains")
@@ -62,8 +74,8 @@ def _is_hopeless(proposal: Proposal, measured: StepMetrics) -> bool:
     return proposal.after.metrics.itae >= max(proposal.before.metrics.itae, measured.itae)
 
 
-def _shown(proposal: Proposal) -> str:
-    return ", ".join(f"{c.parameter} {c.old:g} -> {c.new:g}" for c in proposal.changes)
+def _shown(changes: Sequence[Change]) -> str:
+    return ", ".join(f"{c.parameter} {c.old:g} -> {c.new:g}" for c in changes)
 
 
 def _promise(proposal: Proposal) -> str:

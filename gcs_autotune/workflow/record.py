@@ -8,12 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.link import save_params, save_qgc_params
 from gcs_autotune.trial import Trial, save_trial
 
-__all__ = ["JOURNAL", "RunDirectory"]
+__all__ = ["JOURNAL", "PROPOSED", "RunDirectory"]
 
 JOURNAL = "journal.jsonl"
 """The journal's name in a run directory."""
+
+PROPOSED = "proposed.param"
+"""The gains that a run proposed and did not write."""
 
 
 class RunDirectory:
@@ -77,6 +81,20 @@ class RunDirectory:
         except OSError as error:
             raise self._unwritable(error) from error
         return path
+
+    def save_proposed(
+        self, values: Mapping[str, float], types: Mapping[str, int], vehicle: tuple[int, int], comment: str
+    ) -> None:
+        """Write gains that nobody has proved yet: ``proposed.param`` and, as QGroundControl reads it, ``.params``.
+
+        Raises
+        ------
+        BadFile
+            They cannot be written (a full disk).
+        """
+        path = self.path / PROPOSED
+        save_params(path, values, comment=comment)
+        save_qgc_params(path.with_suffix(".params"), values, types, vehicle, comment=comment)
 
     def _unwritable(self, error: OSError) -> BadFile:
         return BadFile(

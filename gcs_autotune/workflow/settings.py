@@ -6,12 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gcs_autotune.identify import Structure
 from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import SigningKey, Transport, open_link
 from gcs_autotune.manoeuvres import Envelope
+
+if TYPE_CHECKING:
+    from gcs_autotune.workflow.given_gains import GivenGains
 
 __all__ = ["Connection", "TuneSettings"]
 
@@ -71,6 +75,8 @@ class TuneSettings:
     function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz] (None: 25, or 10 in
     simulated time). ``given``: a model
     to design from, instead of experiments; ``full_scale`` its input at full output, when that is in newtons or rad.
+    ``gains``: gains to prove instead of designing any; ``proving``: the command that proves the gains of a file as they
+    would be here, less the file.
     ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
 
     Raises
@@ -98,6 +104,8 @@ class TuneSettings:
     dry_run: bool = False
     control_rate: float | None = None
     most_relays: int = 3
+    gains: GivenGains | None = None
+    proving: str = ""
     envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Proposal, StepMetrics
+from gcs_autotune.design import Change, Proposal, StepMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import TuneStory
@@ -35,6 +35,7 @@ class Tale:
         self._ending, self._reason = "aborted", "it never got under way"
         self.fit: AxisFit | None = None
         self.proposal: Proposal | None = None
+        self.given_changes: tuple[Change, ...] = ()
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
@@ -70,6 +71,13 @@ class Tale:
         self._announced = intentions
         for text in intentions:
             self.say(f"will {text}")
+
+    def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
+        """Return MAV_PARAM_TYPE by parameter, and the vehicle's system and component id."""
+        if self._craft is None or self._craft.session.vehicle is None:
+            return {}, (1, 1)
+        vehicle = self._craft.session.vehicle
+        return self._craft.parameters.types, (vehicle.system, vehicle.component)
 
     def flown(self, trial: Trial) -> None:
         """Note a finished trial."""
@@ -112,6 +120,8 @@ class Tale:
             fit=self.fit,
             given=None if s.given is None else s.given.model.to_dict(),
             proposal=self.proposal,
+            given_changes=self.given_changes,
+            proving=s.proving,
             metrics_before=self.metrics_before,
             metrics_after=self.metrics_after,
             kept=kept,

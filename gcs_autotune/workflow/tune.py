@@ -8,26 +8,29 @@ fly the step as it is, swing the relay twice and identify (``identification``, u
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 from gcs_autotune.design.laws import LAWS
+from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal, MavlinkCraft
 from gcs_autotune.manoeuvres import visit
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import TuneStory, write_story
+from gcs_autotune.report import TuneStory, proof_command, write_story
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import axis_of, come_aboard, say_link_times
 from gcs_autotune.workflow.announcement import announce
 from gcs_autotune.workflow.axis_parameters import learn_parameters, read_again
-from gcs_autotune.workflow.decision import decide
+from gcs_autotune.workflow.decision import decide, decide_on_given
 from gcs_autotune.workflow.designing import Ruler, design_from_file, design_from_fit
 from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.experiments import dive_for, measure, noise_in, resolution, speed_for
 from gcs_autotune.workflow.given import given_for
+from gcs_autotune.workflow.given_gains import GivenGains, changes_of, step_of
 from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.identification import Identified, identify
 from gcs_autotune.workflow.ledger import Ledger
@@ -36,7 +39,7 @@ from gcs_autotune.workflow.preflight import CHECKED, STAGE, remarks_on, see_sign
 from gcs_autotune.workflow.proof import known_of, proof_about_rest, proof_of_velocity
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.resting import jitter_in, noise_behind
+from gcs_autotune.workflow.resting import jitter_in, noise_behind, resting_noise
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
 from gcs_autotune.workflow.voyage import Voyage
@@ -80,10 +83,14 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
 
 def _leave_report(tale: Tale, record: RunDirectory) -> None:
     """Write the report; a disk that is full must not hide how the run ended."""
+    story = tale.story()
     try:
-        write_story(tale.story(), record.path)
-    except OSError as error:
-        tale.say(f"the report could not be written to {record.path}: {error.strerror or error}")
+        if story.awaits_proof and story.proposal is not None:
+            comment = f"proposed by gcs-autotune {story.title}, {story.when}; not written and not proved. To prove:"
+            record.save_proposed(story.proposal.new, *tale.parameter_types(), f"{comment}\n{proof_command(story)}")
+        write_story(story, record.path)
+    except (OSError, BadFile) as error:
+        tale.say(f"the report could not be written to {record.path}: {error}")
 
 
 def _set_out(
@@ -103,7 +110,12 @@ def _set_out(
     tale.say(f"present parameters saved to {record.save_parameters('before', own)}")
     for remark in remarks_on(craft):
         tale.say(remark)
-    return Voyage(settings, operator, tale, record, craft, helm, desk, axis, law, given, present, throttle, speed)
+    voyage = Voyage(settings, operator, tale, record, craft, helm, desk, axis, law, given, present, throttle, speed)
+    if settings.gains is not None:
+        tale.given_changes = changes_of(voyage, settings.gains)
+        if not tale.given_changes:
+            raise UsageError(f"the vehicle has the gains of {settings.gains.file} already: there is nothing to prove")
+    return voyage
 
 
 def _keeper(craft: MavlinkCraft, record: RunDirectory, tale: Tale) -> Callable[[Trial], None]:
@@ -136,6 +148,9 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
     dive = dive_for(axis.dof, voyage.craft.firmware.kind, voyage.craft.observe())
     if dive is not None:
         voyage.fly(dive, "diving")
+    if settings.gains is not None:
+        _prove_given(voyage, settings.gains, journal)
+        return
     found: Identified | None = None
     if voyage.law.controls_velocity:
         if given is None:
@@ -161,6 +176,26 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
         proposal = design_from_file(voyage, given, before, ruler)
     tale.metrics_before = measure(before, ruler.noise, grain)
     decide(voyage, proposal, tale.metrics_before, ruler, journal)
+
+
+def _prove_given(voyage: Voyage, gains: GivenGains, journal: Journal) -> None:
+    """Fly the step of a proof with the present gains, then with those of a file; the better ones stay."""
+    asked = proof_about_rest(voyage.settings, voyage.axis, voyage.speed)
+    proof = replace(asked, settings=step_of(gains, asked.settings))
+    before = voyage.fly(proof.step("step-before"), "step with present gains").trial
+    grain = resolution(before)
+    ruler = Ruler(proof, _noise_in_proof(before, gains, voyage.law.controls_velocity, grain), grain)
+    metrics = voyage.tale.metrics_before = measure(before, ruler.noise, ruler.grain)
+    decide_on_given(voyage, metrics, ruler, journal)
+
+
+def _noise_in_proof(before: Trial, gains: GivenGains, moving: bool, grain: float) -> float:
+    """Return the noise a proof of given gains is measured through, as :func:`noise_behind` where there is a fit."""
+    signal = str(before.meta["signal"])
+    if moving:
+        return gains.noise.get(signal, noise_in(before, signal))
+    found = min(gains.noise.get(signal, math.inf), resting_noise(before, grain))
+    return found if math.isfinite(found) else noise_in(before, signal)
 
 
 def _check_signs(voyage: Voyage) -> None:

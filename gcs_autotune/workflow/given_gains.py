@@ -1,0 +1,114 @@
+"""Gains given by file instead of designed aboard: those a dry run proposed, or anybody's; proved like our own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.design import Change
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.identify.model_file import load_model
+from gcs_autotune.link import load_params, same_float32
+from gcs_autotune.logs import TRIALS_FOLDER
+from gcs_autotune.manoeuvres import StepSettings
+from gcs_autotune.report.story import STEPPED
+from gcs_autotune.trial import Trial, load_trial
+from gcs_autotune.workflow.record import PROPOSED
+from gcs_autotune.workflow.voyage import Voyage
+
+__all__ = ["GivenGains", "changes_of", "load_gains", "step_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class GivenGains:
+    """Values by the vehicle's own parameter names, the ``file`` they are from, and the ``step`` flown in its run.
+
+    ``step`` is None where the file does not lie in the directory of a run that has flown one. ``noise``: standard
+    deviation per signal (SI) that the model identified in that run has left, as far as there is one.
+    """
+
+    file: Path
+    values: Mapping[str, float]
+    step: StepSettings | None
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+
+def load_gains(path: Path, axis: str) -> GivenGains:
+    """Read a parameter file, or the run directory whose proposal is meant, for the proof of *axis*.
+
+    Raises
+    ------
+    BadFile
+        Unreadable, or a directory without a proposal.
+    UsageError
+        The run flew the step of another axis, or the axis needs the step of a run and there is none: a speed and a
+        turn rate are stepped about what the craft was found to keep.
+    """
+    file = path / PROPOSED if path.is_dir() else path
+    if path.is_dir() and not file.is_file():
+        raise BadFile(f"{path} holds no {PROPOSED}: only a run that proposed gains and did not write them leaves one")
+    values, flown = load_params(file), _proof_in(file.parent / TRIALS_FOLDER)
+    if flown is not None and flown.meta.get("signal") != STEPPED[axis]:
+        raise UsageError(
+            f"the run beside {file} steps {flown.meta.get('signal')}, a tune of {axis} steps {STEPPED[axis]}: give the "
+            "axis that run was about"
+        )
+    if flown is None and STEPPED[axis] in ("u", "r"):
+        raise UsageError(
+            f"{file} lies in no run that has flown a step of {axis}, and without one it is not known what this craft "
+            "keeps: give the directory of a dry run (`tune ... --dry-run`)"
+        )
+    if flown is None:
+        return GivenGains(file, values, None)
+    fit = file.with_name("fit.json")
+    noise = load_model(fit).noise if fit.is_file() else {}
+    return GivenGains(file, values, _settings_of(flown), noise)
+
+
+def _proof_in(folder: Path) -> Trial | None:
+    """Return the first step flown in a run, None when there is none."""
+    runs = (load_trial(file) for file in sorted(folder.glob("*.csv")))
+    return next((run for run in runs if run.purpose == "proof"), None)
+
+
+def _settings_of(flown: Trial) -> StepSettings:
+    known: dict[str, Any] = {f.name: flown.meta[f.name] for f in fields(StepSettings) if f.name in flown.meta}
+    try:
+        numbers = {n: float(v) for n, v in known.items() if n != "signal"}
+        return StepSettings(signal=str(known["signal"]), **numbers)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadFile(f"the side file of '{flown.name}' does not tell the step that was flown: {error}") from error
+
+
+def step_of(given: GivenGains, asked: StepSettings) -> StepSettings:
+    """Return the step the run of *given* has flown, in size and time as *asked* where it has flown none."""
+    return asked if given.step is None else replace(given.step, speed=asked.speed)
+
+
+def changes_of(voyage: Voyage, given: GivenGains) -> tuple[Change, ...]:
+    """Return what *given* would change on the vehicle; nothing is written.
+
+    Raises
+    ------
+    UsageError
+        A parameter that is no gain of this axis, or a value outside the range its vendor documents.
+    """
+    names = voyage.axis.names
+    gains = {names.own(g.parameter): g for g in voyage.axis.gains}
+    changes = []
+    for own, new in given.values.items():
+        gain = gains.get(own)
+        if gain is None:
+            raise UsageError(
+                f"{given.file} sets {own}, which is no gain of the {voyage.axis.name} loop of this vehicle; those are "
+                f"{', '.join(gains)}"
+            )
+        low, high = sorted(names.own_value(gain.parameter, limit) for limit in (gain.low, gain.high))
+        if not low <= new <= high:
+            raise UsageError(f"{given.file} sets {own} to {new:g}; its documented range is {low:g} to {high:g}")
+        old = names.own_value(gain.parameter, voyage.present[gain.parameter])
+        if not same_float32(old, new):
+            changes.append(Change(own, old, new, low, high, f"{gain.meaning}: from {given.file}"))
+    return tuple(changes)

@@ -1,0 +1,135 @@
+"""A dry run leaves its proposal and the command that proves it; gains of a file are proved like our own."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.link import load_params
+from gcs_autotune.manoeuvres import StepSettings
+from gcs_autotune.trial import Channel, Trial, save_trial
+from gcs_autotune.workflow.given_gains import load_gains, step_of
+
+from .harbour import Answers, Harbour
+
+
+@pytest.fixture(scope="module")
+def proposed(tmp_path_factory):
+    """A dry run: its harbour and its story."""
+    harbour = Harbour(tmp_path_factory.mktemp("dry"), "automarine")
+    command = "gcs-autotune tune heading --gains"
+    return harbour, harbour.tune(dry_run=True, step=np.radians(25.0), proving=command)
+
+
+def test_a_dry_run_leaves_its_proposal_for_every_ground_station(proposed):
+    harbour, story = proposed
+    assert story.ending == "dry-run"
+    for name in ("proposed.param", "proposed.params"):
+        assert load_params(harbour.directory / name) == pytest.approx(dict(story.proposal.new), rel=1e-6)
+    plain = (harbour.directory / "proposed.param").read_text()
+    assert all(re.fullmatch(r"#.*|[A-Z0-9_]+,[-0-9.e]+", line) for line in plain.splitlines())
+    rows = (harbour.directory / "proposed.params").read_text().splitlines()
+    assert "# Vehicle-Id Component-Id Name Value Type" in rows
+    cells = [row.split("\t") for row in rows if not row.startswith("#")]
+    assert [(c[0], c[1], c[2], c[4]) for c in cells] == [("1", "1", name, "9") for name in story.proposal.new]
+
+
+def test_the_page_names_the_command_that_proves_it(proposed):
+    harbour, _ = proposed
+    page = (harbour.directory / "report.html").read_text()
+    assert f"gcs-autotune tune heading --gains {harbour.directory}/proposed.param" in page
+
+
+def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed, tmp_path):
+    dry, told = proposed
+    harbour = Harbour(tmp_path, "automarine")
+    operator = Answers(True, True)
+    story = harbour.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
+    assert story.ending == "kept", story.reason
+    assert "prove it by the same step" in operator.questions[1]
+    assert {n: harbour.vehicle.parameters.values[n] for n in told.proposal.new} == pytest.approx(
+        dict(told.proposal.new), rel=1e-6
+    )
+    flown = [json.loads(p.read_text())["meta"] for p in sorted((harbour.directory / "trials").glob("*step*.json"))]
+    assert [meta["size"] for meta in flown] == pytest.approx([np.radians(25.0)] * 2)
+    assert not list((harbour.directory / "trials").glob("*relay*"))
+    assert story.metrics_after.itae < story.metrics_before.itae
+    assert json.loads((harbour.directory / "summary.json").read_text())["gains"].keys() == told.proposal.new.keys()
+
+
+def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
+    file = tmp_path / "mine.param"
+    file.write_text("ATC_RAT_YAW_P,0.05\n")
+    harbour = Harbour(tmp_path, "automarine")
+    story = harbour.tune(gains=load_gains(file, "heading"))
+    assert story.ending == "restored", story.reason
+    harbour.assert_as_found()
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [("ATC_STR_RAT_P,50", "documented range"), ("CRUISE_SPEED,3", "no gain of the heading loop")],
+)
+def test_a_file_that_sets_what_this_loop_may_not_have_is_refused_before_anything_moves(line, why, tmp_path):
+    file = tmp_path / "mine.param"
+    file.write_text(f"ATC_STR_RAT_I,0.1\n{line}\n")
+    harbour = Harbour(tmp_path)
+    with pytest.raises(UsageError, match=why):
+        harbour.tune(gains=load_gains(file, "heading"))
+    assert not list((harbour.directory / "trials").iterdir())
+    harbour.assert_as_found()
+
+
+def flown_step(folder: Path, signal: str) -> Path:
+    """A run directory with a proposal and a step of *signal*."""
+    (folder / "trials").mkdir(parents=True)
+    (folder / "proposed.param").write_text("ATC_SPEED_P,0.5\n")
+    t = np.arange(0.0, 5.0, 0.1)
+    meta = {"purpose": "proof", "manoeuvre": "step", "signal": signal, "size": 0.4, "duration": 12.0, "base": 0.8}
+    run = Trial("step-before", {"u": Channel("u", "m/s", t, 0.0 * t)}, meta={**meta, "steady_band": 0.2})
+    save_trial(run, folder / "trials" / "07-step-before.csv")
+    save_trial(replace(run, meta={**meta, "size": 9.0}), folder / "trials" / "09-step-after.csv")
+    return folder
+
+
+def test_a_speed_is_stepped_about_what_the_run_found_the_craft_to_keep(tmp_path):
+    given = load_gains(flown_step(tmp_path / "run", "u"), "speed")
+    asked = StepSettings("u", 99.0, 99.0, speed=1.2)
+    assert step_of(given, asked) == StepSettings("u", 0.4, 12.0, base=0.8, steady_band=0.2, speed=1.2)
+
+
+def test_gains_without_the_step_they_need_or_of_another_axis_are_refused_by_name(tmp_path):
+    run = flown_step(tmp_path / "run", "u")
+    with pytest.raises(UsageError, match="axis that run was about"):
+        load_gains(run, "heading")
+    loose = tmp_path / "loose.param"
+    loose.write_text("ATC_SPEED_P,0.5\n")
+    with pytest.raises(UsageError, match="dry run"):
+        load_gains(loose, "speed")
+    with pytest.raises(BadFile, match=r"no proposed\.param"):
+        load_gains(tmp_path, "heading")
+
+
+def test_the_command_repeats_what_the_user_asked_of_link_step_and_safety(capsys, tmp_path, monkeypatch):
+    asked = {}
+    monkeypatch.setattr("gcs_autotune.workflow.tune", lambda settings, *_: asked.update(s=settings) or 1 / 0)
+    words = ["--connect", "udpin:0.0.0.0:14550", "--max-distance", "40", "--step", "20", "--system-id", "7"]
+    with pytest.raises(ZeroDivisionError):
+        main(["tune", "heading", "--dry-run", "--yes", "--function", "butterworth", "--relays", "2", *words])
+    said = asked["s"].proving.split()
+    assert said[:3] == ["gcs-autotune", "tune", "heading"]
+    assert said[-1] == "--gains"
+    told = {said[i]: said[i + 1] for i in range(3, len(said) - 1, 2)}
+    assert {k: float(v) if v.replace(".", "").isdigit() else v for k, v in told.items()} == {
+        "--connect": "udpin:0.0.0.0:14550",
+        "--max-distance": 40.0,
+        "--step": 20.0,
+        "--system-id": 7.0,
+    }
