@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
 if TYPE_CHECKING:
@@ -26,10 +29,13 @@ __all__ = [
     "add_experiment",
     "add_number",
     "add_output",
+    "add_quiet",
+    "connected",
     "connection_of",
     "envelope_from",
     "run_directory",
     "see_axis_limits",
+    "see_model_file",
 ]
 
 
@@ -178,6 +184,15 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    """Add ``--quiet``."""
+    parser.add_argument(
+        "--quiet",
+        action="store_true",
+        help=f"ring no bell at questions and at the end (the same: {BELL_VARIABLE}=off in the environment)",
+    )
+
+
 def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add the safety limits."""
     group = parser.add_argument_group("safety limits; leaving one ends the manoeuvre with neutral actuators")
@@ -215,6 +230,44 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     add_number(group, "control-rate", "HZ")
     add_number(group, "delay", "S")
     group.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
+
+
+@contextmanager
+def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
+    """Open *uri* before anything else is done, even before what takes seconds to import, and yield the connection.
+
+    Raises
+    ------
+    UsageError, UnknownName, CannotOpenLink
+        The link cannot be had.
+    """
+    from gcs_autotune.link import open_link
+
+    signing = signing_of(args, uri)
+    with open_link(uri, baud=args.baud, seed=args.seed, backend=args.backend) as transport:
+        from gcs_autotune.workflow import Connection
+
+        yield Connection(
+            uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing, transport
+        )
+
+
+def see_model_file(path: Path | None) -> None:
+    """See that a model file can be read at all, before anything is opened; what is in it is looked at later.
+
+    Raises
+    ------
+    BadFile
+        It cannot.
+    """
+    if path is None:
+        return
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadFile(f"{path} cannot be read as a model file: {error}") from error
+    if not isinstance(data, dict):
+        raise BadFile(f"{path} is no model file: it holds no object with the model's data")
 
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:

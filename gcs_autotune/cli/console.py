@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -12,8 +13,9 @@ from types import FrameType
 from gcs_autotune.errors import UsageError
 from gcs_autotune.foreign_text import visible
 
-__all__ = ["ConsoleOperator"]
+__all__ = ["BELL_VARIABLE", "ConsoleOperator"]
 
+BELL_VARIABLE = "GCS_AUTOTUNE_BELL"
 _STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
@@ -22,11 +24,22 @@ class ConsoleOperator:
 
     The first Ctrl-C (or SIGTERM, or the terminal closing) asks for an orderly stop: neutral actuators, mode
     and parameters as found. Further ones only say that clean-up is under way: it is never cut short.
+
+    yes : the answer to every question. otherwise : what else the command has for him who cannot be asked. bell :
+    whether a terminal rings when somebody is wanted.
     """
 
-    def __init__(self, *, yes: bool) -> None:
+    def __init__(self, *, yes: bool, otherwise: str = "", bell: bool = True) -> None:
         self._yes = yes
+        self._otherwise = f", {otherwise}" if otherwise else ""
+        self._bell = bell and os.environ.get(BELL_VARIABLE, "").lower() not in ("off", "0", "no")
         self._stop = False
+
+    def ring(self) -> None:
+        """Ring the terminal's bell: somebody is wanted. Silent where standard error is no terminal."""
+        if self._bell and sys.stderr and sys.stderr.isatty():
+            sys.stderr.write("\a")
+            sys.stderr.flush()
 
     def stop_requested(self) -> bool:
         """Whether a stop signal has come."""
@@ -55,13 +68,14 @@ class ConsoleOperator:
             return True
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
-                f"'{question}' cannot be asked: standard input is no terminal. Give --yes to agree beforehand, "
-                "or --dry-run to change nothing"
+                f"'{question}' cannot be asked: standard input is no terminal. Give --yes to agree "
+                f"beforehand{self._otherwise}"
             )
         answers: list[str] = []
         reader = threading.Thread(target=lambda: answers.append(sys.stdin.readline()), daemon=True)
         sys.stderr.write(f"{visible(question)} [y/N] ")
         sys.stderr.flush()
+        self.ring()
         reader.start()
         while reader.is_alive():
             while_waiting()

@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.command import (
     Command,
@@ -14,12 +15,16 @@ from gcs_autotune.cli.command import (
     add_envelope,
     add_experiment,
     add_output,
-    connection_of,
+    add_quiet,
+    connected,
     envelope_from,
     run_directory,
     see_axis_limits,
 )
 from gcs_autotune.cli.console import ConsoleOperator
+
+if TYPE_CHECKING:
+    from gcs_autotune.workflow import Connection
 
 __all__ = ["COMMAND"]
 
@@ -31,23 +36,30 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connection(parser, default=DEFAULT_CONNECTION)
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
+    add_quiet(parser)
     parser.add_argument("--json", action="store_true", help="print the fit as JSON on standard output")
     add_experiment(parser)
     add_envelope(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
+    see_axis_limits(args, ("relay-hysteresis",))
+    with connected(args, args.connect) as connection:
+        return _experiment(args, connection)
+
+
+def _experiment(args: argparse.Namespace, connection: Connection) -> int:
+    """Fly and identify over a link that is open, and tell of it."""
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher, fit_summary
     from gcs_autotune.workflow import TuneSettings, experiment
 
-    see_axis_limits(args, ("relay-hysteresis",))
     hysteresis = args.relay_hysteresis
     settings = TuneSettings(
         axis=args.axis,
-        connection=connection_of(args, args.connect),
-        directory=run_directory(args, args.connect, datetime.now()),
+        connection=connection,
+        directory=run_directory(args, connection.uri, datetime.now()),
         relay_output=args.relay_output,
         relay_hysteresis=math.radians(hysteresis) if args.axis == "heading" and hysteresis else hysteresis,
         throttle=args.throttle,
@@ -58,7 +70,7 @@ def _run(args: argparse.Namespace) -> int:
         most_relays=args.relays,
         envelope=envelope_from(args),
     )
-    operator = ConsoleOperator(yes=args.yes)
+    operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         fit = experiment(settings, operator, watcher)
     if args.json:
@@ -66,6 +78,7 @@ def _run(args: argparse.Namespace) -> int:
     else:
         Console().print(fit_summary(fit))
         sys.stdout.write(f"Recorded in {settings.directory}\n")
+    operator.ring()
     return 0
 
 

@@ -18,15 +18,18 @@ from gcs_autotune.cli.command import (
     add_experiment,
     add_number,
     add_output,
-    connection_of,
+    add_quiet,
+    connected,
     envelope_from,
     run_directory,
     see_axis_limits,
+    see_model_file,
 )
 from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
-    from gcs_autotune.identify.model_file import ModelFile
+    from gcs_autotune.workflow import Connection
     from gcs_autotune.workflow.given_gains import GivenGains
 
 __all__ = ["COMMAND"]
@@ -37,6 +40,8 @@ DEFAULT_CONNECTIONS = {
     "speed": "sitl:charlie",
     "yaw": "sitl:charlie",
 }
+FUNCTIONS = ("bessel", "butterworth")
+"""Model functions, by name: the table itself takes a second to import."""
 RESTORED = 8
 """Exit code: tuned, but the old gains proved better and are back."""
 
@@ -47,6 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
+    add_quiet(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
     step = parser.add_argument_group("proof")
     add_number(step, "step")
@@ -63,21 +69,34 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="prove these gains, keep or restore: proposed.param of a dry run (or its directory), any NAME,VALUE file",
     )
     add_number(design, "full-scale")
-    design.add_argument("--function", default="bessel", help="model function: bessel or butterworth (default bessel)")
+    design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
     add_envelope(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
+    see_axis_limits(args, ("step", "relay-hysteresis"))
+    if args.model is None and args.full_scale is not None:
+        raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
+    if args.model is not None and str(args.model) in FUNCTIONS:
+        raise UsageError(f"--model is a model file; for the model function write --function {args.model}")
+    if args.model is not None and args.gains is not None:
+        raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
+    see_model_file(args.model)
+    with connected(args, args.connect or DEFAULT_CONNECTIONS[args.axis]) as connection:
+        return _tune(args, connection)
+
+
+def _tune(args: argparse.Namespace, connection: Connection) -> int:
+    """Tune over a link that is open, and tell of it."""
     from rich.console import Console
 
+    from gcs_autotune.identify.model_file import load_model
     from gcs_autotune.report import TerminalWatcher, show_tune, summarise
     from gcs_autotune.workflow import TuneSettings, tune
 
-    see_axis_limits(args, ("step", "relay-hysteresis"))
     now = datetime.now()
-    uri = args.connect or DEFAULT_CONNECTIONS[args.axis]
     angular = args.axis in ("heading", "yaw")
 
     def inside(value: float | None) -> float | None:
@@ -85,8 +104,8 @@ def _run(args: argparse.Namespace) -> int:
 
     settings = TuneSettings(
         axis=args.axis,
-        connection=connection_of(args, uri),
-        directory=run_directory(args, uri, now),
+        connection=connection,
+        directory=run_directory(args, connection.uri, now),
         step=inside(args.step),
         step_duration=args.step_duration,
         relay_output=args.relay_output,
@@ -94,7 +113,7 @@ def _run(args: argparse.Namespace) -> int:
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,
-        given=_given(args),
+        given=None if args.model is None else load_model(args.model),
         full_scale=args.full_scale,
         settling_time=args.settling_time,
         omega_0=args.omega_0,
@@ -107,13 +126,14 @@ def _run(args: argparse.Namespace) -> int:
         gains=_gains(args),
         proving=_proving(args),
     )
-    operator = ConsoleOperator(yes=args.yes)
+    operator = ConsoleOperator(yes=args.yes, otherwise="or --dry-run to change nothing", bell=not args.quiet)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
         story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
     if args.json:
         sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
     else:
         show_tune(Console(), story)
+    operator.ring()
     return RESTORED if story.ending == "restored" else 0
 
 
@@ -139,27 +159,9 @@ def _gains(args: argparse.Namespace) -> GivenGains | None:
     """Read the gains to prove."""
     if args.gains is None:
         return None
-    from gcs_autotune.errors import UsageError
     from gcs_autotune.workflow.given_gains import load_gains
 
-    if args.model is not None:
-        raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
     return load_gains(args.gains, args.axis)
-
-
-def _given(args: argparse.Namespace) -> ModelFile | None:
-    """Read the model to design from."""
-    from gcs_autotune.design import MODEL_FUNCTIONS
-    from gcs_autotune.errors import UsageError
-    from gcs_autotune.identify.model_file import load_model
-
-    if args.model is None:
-        if args.full_scale is not None:
-            raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
-        return None
-    if str(args.model) in MODEL_FUNCTIONS:
-        raise UsageError(f"--model is a model file; for the model function write --function {args.model}")
-    return load_model(args.model)
 
 
 COMMAND = Command(

@@ -45,8 +45,10 @@ def telemetry_rates(control_rate: float) -> dict[str, float]:
 def connect(
     connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory | None = None
 ) -> Iterator[Session]:
-    """Open the link and find the vehicle; the link is closed on every way out."""
+    """Open the link, make the *record* and find the vehicle; the link is closed on every way out."""
     with connection.open() as transport:
+        if record is not None:
+            record.make()
         watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         if connection.signing is not None:
             watcher.say(f"signing with the {connection.signing.origin}; what is not signed with it is refused")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,21 +24,41 @@ PROPOSED = "proposed.param"
 class RunDirectory:
     """``trials/NN-name.csv`` (+ ``.json``), ``telemetry.tlog``, ``journal.jsonl``, parameters, model, report.
 
+    It is made by :meth:`make`, when there is a link that has something to leave in it.
+
     Raises
     ------
     UsageError
-        When the directory cannot be made, or already holds a run.
+        When the directory could not be made, or already holds a run.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            (path / "trials").mkdir(parents=True)
-        except FileExistsError:
-            raise UsageError(f"{path} already holds a run; give another --out") from None
-        except OSError as error:
-            raise UsageError(f"cannot make the run directory {path}: {error}; give another --out") from error
+        self.is_made = False
         self._count = 0
+        if (path / "trials").exists():
+            raise UsageError(f"{path} already holds a run; give another --out")
+        above = next(p for p in (path, *path.absolute().parents) if p.exists())
+        if not above.is_dir():
+            raise UsageError(f"cannot make the run directory {path}: {above} is no directory; give another --out")
+        if not os.access(above, os.W_OK | os.X_OK):
+            raise UsageError(f"cannot make the run directory {path}: {above} may not be written to; give another --out")
+
+    def make(self) -> None:
+        """Make the directory.
+
+        Raises
+        ------
+        UsageError
+            It cannot be made.
+        """
+        try:
+            (self.path / "trials").mkdir(parents=True)
+        except FileExistsError:
+            raise UsageError(f"{self.path} already holds a run; give another --out") from None
+        except OSError as error:
+            raise UsageError(f"cannot make the run directory {self.path}: {error}; give another --out") from error
+        self.is_made = True
 
     @property
     def tlog(self) -> Path:

@@ -36,7 +36,7 @@ def _see_limits(settings: object, fields: Sequence[str], axis: str = "") -> None
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """How to reach the vehicle.
+    """How to reach the vehicle; ``opened`` is the link itself where it was opened already.
 
     Raises
     ------
@@ -51,18 +51,21 @@ class Connection:
     seed: int | None = 1
     backend: str = "pymavlink"
     signing: SigningKey | None = None
+    opened: Transport | None = None
 
     def __post_init__(self) -> None:
         """See that the numbers may be used."""
         _see_limits(self, ("baud", "system_id", "source_system", "seed"))
 
     def open(self) -> Transport:
-        """Open the link.
+        """Open the link, or return the one that is open already.
 
         Raises
         ------
         CannotOpenLink, UsageError, UnknownName
         """
+        if self.opened is not None:
+            return self.opened
         return open_link(self.uri, baud=self.baud, seed=self.seed, backend=self.backend)
 
 

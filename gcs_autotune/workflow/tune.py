@@ -82,7 +82,9 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
 
 
 def _leave_report(tale: Tale, record: RunDirectory) -> None:
-    """Write the report; a disk that is full must not hide how the run ended."""
+    """Write the report, if there was a link; a disk that is full must not hide how the run ended."""
+    if not record.is_made:
+        return
     story = tale.story()
     try:
         if story.awaits_proof and story.proposal is not None:

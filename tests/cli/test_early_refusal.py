@@ -1,0 +1,129 @@
+"""A typo costs nothing: refused before anything heavy is imported, and no run directory is left."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import main, make_parser
+from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.errors import CannotOpenLink, UsageError
+from gcs_autotune.link import Transport
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Connection, TuneSettings, Unattended, experiment, tune
+
+WRONG = (
+    ("--connect", "/dev/ttyNOSUCH,57600"),
+    ("--connect", "udpin:127.0.0.1:99999"),
+    ("--connect", "udpin:127.0.0.1:TAKEN"),
+    ("--connect", "udbin:127.0.0.1:14550"),
+    ("--connect", "nonsense"),
+    ("--connect", "sitl:charly"),
+    ("--backend", "pymavlnk"),
+    ("--model", "nowhere.json"),
+    ("--model", "broken.json"),
+    ("--model", "bessel"),
+    ("--function", "besel"),
+    ("--signing-key", "nowhere.key"),
+    ("--relay-output", "5"),
+)
+PROGRAM = """
+import sys
+from gcs_autotune.cli import main
+for line in sys.argv[1:]:
+    code = main(line.split())
+    print(code, sorted(m for m in ("numba", "scipy", "gcs_autotune.workflow", "matplotlib") if m in sys.modules))
+"""
+
+
+def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_nothing(tmp_path):
+    (tmp_path / "broken.json").write_text("{")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = str(taken.getsockname()[1])
+        lines = [f"tune heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG]
+        lines += [f"experiment heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG[:7]]
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, *lines],
+            cwd=tmp_path,
+            env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": ""},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    assert done.returncode == 0, done.stderr
+    told = done.stdout.splitlines()
+    assert len(told) == len(lines)
+    assert {line.split()[0] for line in told} <= {"2", "3", "6"}
+    assert {line.partition(" ")[2] for line in told} == {"[]"}
+    assert [p.name for p in tmp_path.iterdir()] == ["broken.json"]
+
+
+class Broken(Connection):
+    """A connection that cannot be had."""
+
+    __slots__ = ()
+
+    def open(self) -> Transport:
+        raise CannotOpenLink("no")
+
+
+@pytest.mark.parametrize("fly", ["tune", "experiment"])
+def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_either(fly, tmp_path):
+    settings = TuneSettings("heading", Broken("sitl:x"), tmp_path / "runs" / "one")
+    with pytest.raises(CannotOpenLink):
+        if fly == "tune":
+            tune(settings, Unattended(), SilentWatcher(), "")
+        else:
+            experiment(settings, Unattended(), SilentWatcher())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_where_no_run_directory_can_be_is_found_out_before_the_link_is_opened(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="no directory"):
+        tune(TuneSettings("heading", Broken("sitl:x"), tmp_path / "file" / "run"), Unattended(), SilentWatcher(), "")
+
+
+def options_of(*path: str) -> set[str]:
+    parser: argparse.ArgumentParser = make_parser()
+    for name in path:
+        parser = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction)).choices[name]
+    return {flag for action in parser._actions for flag in action.option_strings}
+
+
+@pytest.mark.parametrize("command", ["tune", "experiment", "restore", "params restore"])
+def test_a_command_that_cannot_ask_names_only_options_it_has(command, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setattr("sys.stdin", None)
+    asked: list[ConsoleOperator] = []
+    made = ConsoleOperator.__init__
+
+    def note(self: ConsoleOperator, **given: object) -> None:
+        made(self, **given)
+        asked.append(self)
+        raise UsageError("far enough")
+
+    monkeypatch.setattr(ConsoleOperator, "__init__", note)
+    (tmp_path / "a.param").write_text("ATC_STR_RAT_P,0.2\n")
+    words = command.split()
+    rest = {"tune": ["heading"], "experiment": ["heading"], "restore": [], "params restore": ["a.param"]}[command]
+    if command == "restore":
+        (tmp_path / "run").mkdir()
+        (tmp_path / "run" / "journal.jsonl").write_text('{"event": "opened", "link": "sitl:charlie"}\n')
+        rest = ["run"]
+    assert main([*words, *rest, "--connect", "sitl:charlie"]) == 2
+    with pytest.raises(UsageError, match="--yes") as caught:
+        asked[0].ask("go?", lambda: None)
+    named = set(re.findall(r"--[a-z][a-z-]*", str(caught.value)))
+    assert named
+    assert named <= options_of(*words)
+    assert ("--dry-run" in named) == (command == "tune")
