@@ -37,6 +37,7 @@ def test_craft_have_time_constants_from_a_tenth_of_a_second_to_twenty_seconds(ki
     rng = np.random.default_rng(3)
     for _ in range(30):
         craft = draw_craft(kind, rng)
+        assert craft.dofs
         assert all(FASTEST <= craft.time_constant(dof) * 1.0001 <= SLOWEST * 1.001 for dof in craft.dofs)
         for name in MANOEUVRES:
             commands = draw_commands(rng, craft, name, turns=False)

@@ -79,7 +79,9 @@ def test_the_step_is_better_for_every_craft_in_the_region_too(proposals: dict[st
     model, axis, spec = CRAFTS[name]
     proposal, law = proposals[name], LAWS[axis.law]
     scenario = Scenario(float(proposal.after.target[-1]), float(proposal.after.t[-1]))
-    for sample in sample_region(model, uncertain(model)).samples:
+    samples = sample_region(model, uncertain(model)).samples
+    assert len(samples) > 12
+    for sample in samples:
         found = []
         for gains in (present(axis), gains_of(axis, proposal)):
             m = law.simulate(sample, gains, scenario, spec.speed, 0.0)
@@ -89,6 +91,7 @@ def test_the_step_is_better_for_every_craft_in_the_region_too(proposals: dict[st
 
 @pytest.mark.parametrize("name", CRAFTS)
 def test_gains_stay_in_their_documented_ranges_and_survive_float32(proposals: dict[str, Proposal], name: str) -> None:
+    assert proposals[name].changes
     for change in proposals[name].changes:
         assert change.low <= change.new <= change.high
         assert float(f"{np.float32(change.new):.4g}") == pytest.approx(change.new, rel=1e-6)
@@ -146,6 +149,7 @@ def test_a_bias_leaves_no_standing_error_worth_mentioning(proposals: dict[str, P
 
 
 def test_a_proposal_is_plain_json(proposals: dict[str, Proposal]) -> None:
+    assert set(proposals) == set(CRAFTS)
     for proposal in proposals.values():
         text = json.dumps(proposal.to_dict())
         assert "Infinity" not in text

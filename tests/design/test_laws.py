@@ -28,14 +28,13 @@ POSITIONS = [name for name, law in LAWS.items() if not law.controls_velocity]
 STEADY = {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 1.5, "ATC_STR_RAT_I": 0.02, "ATC_STR_ANG_P": 1.0}
 
 
-def test_every_axis_of_every_firmware_has_its_law_and_the_law_knows_its_parameters() -> None:
-    for firmware in FIRMWARE.values():
-        for axis in firmware.axes.values():
-            law = LAWS[axis.law]
-            names = {g.parameter for g in axis.gains}
-            assert {*law.tuned, *law.fixed, *law.measured} == names
-            assert law.integral in law.tuned
-            assert set(law.defaults) <= set(axis.context)
+@pytest.mark.parametrize(("firmware", "axis"), [(f, a) for f, kind in FIRMWARE.items() for a in kind.axes])
+def test_every_axis_of_every_firmware_has_its_law_and_the_law_knows_its_parameters(firmware: str, axis: str) -> None:
+    given = FIRMWARE[firmware].axes[axis]
+    law = LAWS[given.law]
+    assert {*law.tuned, *law.fixed, *law.measured} == {g.parameter for g in given.gains}
+    assert law.integral in law.tuned
+    assert set(law.defaults) <= set(given.context)
 
 
 @pytest.mark.parametrize("name", POSITIONS)

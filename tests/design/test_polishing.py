@@ -39,6 +39,7 @@ def test_a_loop_that_saturates_its_thruster_may_be_the_better_one(polished: Mapp
 def test_what_is_flown_is_predicted_to_pass_the_verdict_from_the_firmwares_defaults(
     polished: Mapping[str, Proposal],
 ) -> None:
+    assert len(polished) > 1
     for name, proposal in polished.items():
         assert proposal.changes, name
         verdict = is_better(proposal.before.metrics, proposal.after.metrics)
@@ -46,6 +47,7 @@ def test_what_is_flown_is_predicted_to_pass_the_verdict_from_the_firmwares_defau
 
 
 def test_the_margins_wished_for_hold_over_the_whole_region(polished: Mapping[str, Proposal]) -> None:
+    assert len(polished) > 1
     for name, proposal in polished.items():
         low = proposal.worst_margins
         assert low.stable, name
@@ -71,6 +73,7 @@ def test_a_wish_of_the_users_is_matched_and_not_polished() -> None:
 
 
 def test_a_prediction_lasts_as_long_as_the_flown_step(polished: Mapping[str, Proposal]) -> None:
+    assert len(polished) > 1
     for proposal in polished.values():
         for prediction in (proposal.before, proposal.after):
             assert prediction.t[0] == pytest.approx(0.0, abs=0.03)

@@ -113,14 +113,15 @@ def test_only_the_effects_asked_for_are_tried_and_others_must_be_in_the_book():
         diagnose(towed(), effects=["dead-zoone"])
 
 
-def test_every_entry_of_the_book_says_what_it_is_and_what_separates_it():
-    for slug, entry in BOOK.items():
-        assert entry.slug == slug
-        assert entry.meaning
-        assert entry.shown_by
-        assert entry.separated_by
-        assert set(entry.mistaken_for) <= set(BOOK)
-        assert set(entry.yields_to) <= set(BOOK)
+@pytest.mark.parametrize("slug", BOOK)
+def test_every_entry_of_the_book_says_what_it_is_and_what_separates_it(slug):
+    entry = BOOK[slug]
+    assert entry.slug == slug
+    assert entry.meaning
+    assert entry.shown_by
+    assert entry.separated_by
+    assert set(entry.mistaken_for) <= set(BOOK)
+    assert set(entry.yields_to) <= set(BOOK)
 
 
 def test_what_a_promising_cause_is_easily_mistaken_for_is_fitted_too_however_little_it_promised():

@@ -141,7 +141,7 @@ def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name: str) -> None:
-    scene = SCENES[name]
+    scene, pictures = SCENES[name], 0
     for slug in SLUGS:
         entry = BOOK[slug]
         for place in entry.places(scene):
@@ -153,6 +153,8 @@ def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name:
             assert drawn.plain is None or len(drawn.plain) == len(drawn.x)
             assert np.all(np.isfinite(drawn.y)) and np.ptp(drawn.y) > 0.0
             assert "[" in drawn.x_label and drawn.y_label and drawn.title
+            pictures += 1
+    assert pictures
 
 
 def test_every_entry_tells_what_it_is_and_points_to_others() -> None:

@@ -48,6 +48,7 @@ def test_a_journal_cut_at_any_byte_is_read_and_never_owes_less_than_was_sent(pat
     data = written(path)
     sent = data.index(b'"written"')  # the line before it was on the disk when PARAM_SET left
     last_of_writing = data.rindex(b"}", 0, sent) + 1
+    assert 0 < last_of_writing < len(data)
     edges = [i + d for i in range(len(data)) if data[i : i + 1] == b"\n" for d in (-1, 0, 1, 2)]
     for cut in sorted({*range(0, len(data), 37), *edges, len(data)} - {-1}):
         path.write_bytes(data[:cut])

@@ -259,9 +259,11 @@ def test_another_stations_write_to_a_borrowed_parameter_trips(flying: MavlinkCra
 
 
 def test_our_own_mode_changes_do_not_trip(flying: MavlinkCraft) -> None:
-    flying.set_mode("GUIDED")
-    for _ in range(30):
-        flying.observe()
+    for mode in ("GUIDED", "MANUAL"):
+        flying.set_mode(mode)
+        seen = [flying.observe() for _ in range(30)]
+        assert {o.mode for o in seen} == {mode}
+        assert {o.armed for o in seen} == {True}
 
 
 # --- targets --------------------------------------------------------------------------------
@@ -447,6 +449,7 @@ def test_the_same_flight_gives_the_same_record_to_the_last_bit() -> None:
         return craft.stop_recording("completed")
 
     first, second = flight(), flight()
+    assert {"psi", "r", "N"} <= set(first.channels) == set(second.channels)
     for name, channel in first.channels.items():
         assert channel.t.tobytes() == second[name].t.tobytes()
         assert channel.values.tobytes() == second[name].values.tobytes()

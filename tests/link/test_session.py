@@ -266,7 +266,9 @@ def test_simulated_runs_leave_the_same_log_to_the_last_bit(tmp_path: Path) -> No
 
 
 def test_lossy_links_still_find_the_vehicle() -> None:
-    for seed in random.Random(1).sample(range(1000), 5):
+    seeds = random.Random(1).sample(range(1000), 5)
+    assert len(seeds) == 5
+    for seed in seeds:
         session = Session(MemoryLink(ScriptedVehicle(), loss=0.3, seed=seed))
         assert session.discover().system == 1
 

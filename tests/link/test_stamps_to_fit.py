@@ -140,6 +140,7 @@ def test_a_good_gyro_joins_the_fit_on_every_run_and_the_inertia_is_as_sure_as_it
 def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]) -> None:
     """The heading then says neither where the changes of output were nor much of the craft; the gyro does."""
     rng = np.random.default_rng(3)
+    assert len(swings) >= 4
     for run in swings[:4]:
         psi = run["psi"]
         noisy = replace(psi, values=psi.values + rng.normal(0.0, 0.02, len(psi)))
@@ -158,6 +159,7 @@ def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]
 def test_a_late_filtered_scaled_or_biased_gyro_is_left_out_of_every_fit(
     wrong: Callable[[Channel], Channel], why: str, swings: list[Trial]
 ) -> None:
+    assert len(swings) >= 4
     for run in swings:
         fit = fit_axis([with_rate(run, wrong)], dof="yaw", structure="linear")
         assert fit.extra["signals"] == ["psi"]

@@ -31,6 +31,7 @@ fractions = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
 @given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=50), st.floats(-100.0, 100.0))
 def test_an_unwrapped_angle_is_continuous(steps: list[float], start: float) -> None:
     true, unwrapper = start, Unwrapper()
+    assert steps
     first = unwrapper.unwrap(math.remainder(start, math.tau))
     for step in steps:
         true += step
@@ -56,6 +57,7 @@ def test_milliseconds_wrap_after_49_days_and_are_unwrapped() -> None:
 
 @given(fractions, fractions, fractions, fractions)
 def test_mixed_motors_give_back_the_forces(N: float, X: float, Y: float, Z: float) -> None:
+    assert len(SUB.mixing) >= 3
     for factors in SUB.mixing.values():
         outputs = [Output(i, 1500, 1100, 1900) for i in range(1, len(factors) + 1)]
         servos = ServoMap.of_mixing(outputs, factors)
@@ -331,7 +333,11 @@ def test_a_craft_at_rest_may_have_a_constant_attitude() -> None:
     for k in range(1000):
         watchdog.see_outputs(0.1 * k, {"N": 0.0, "X": 0.01})
         watchdog.see_attitude(0.1 * k, (0.1, 0.2))
-    watchdog.check()
+        assert watchdog.check() is None, "no fault is raised"
+    for k in range(1000, 1110):
+        watchdog.see_outputs(0.1 * k, {"N": 0.0, "X": 0.3})
+        watchdog.see_attitude(0.1 * k, (0.1, 0.2))
+    assert "frozen" in fault(watchdog), "under way it may not"
 
 
 def test_a_clock_that_jumps_ahead_is_a_fault() -> None:

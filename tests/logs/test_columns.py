@@ -78,7 +78,9 @@ def test_a_channel_that_has_a_unit_keeps_its_numbers_and_takes_no_other_unit(tmp
 @needs_data
 @pytest.mark.parametrize("folder", ["kvlcc2_hsva", "blueboat"])
 def test_measured_sets_load_with_their_own_heads(folder: str) -> None:
-    for run in load_runs(DATA / folder):
+    runs = load_runs(DATA / folder)
+    assert len(runs) > 1
+    for run in runs:
         assert {"psi", "r", "u", "v"} <= set(run.channels)
         assert float(np.max(np.abs(run["r"].values))) < 2.0
         assert not run.meta.get("notes")

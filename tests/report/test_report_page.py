@@ -64,7 +64,9 @@ def test_plots_take_the_colours_of_the_page_so_that_a_dark_page_has_dark_plots(p
 
 
 def test_no_plot_lies_on_paper_of_its_own(pages):
-    for figure in re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL):
+    figures = re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL)
+    assert len(figures) > 2
+    for figure in figures:
         patch = re.search(r'<g id="[^"]*patch_1">\s*<path[^>]*>', figure)[0]
         assert "fill: none" in patch
 
@@ -86,7 +88,9 @@ def test_on_paper_only_what_is_small_is_kept_on_one_page(pages):
 
 
 def test_a_clip_or_marker_used_in_a_figure_is_defined_in_the_same_figure(pages):
-    for figure in re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL):
+    figures = re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL)
+    assert len(figures) > 2
+    for figure in figures:
         used = set(re.findall(r"url\(#([^)]+)\)", figure)) | set(re.findall(r'href="#([^"]+)"', figure))
         assert used <= set(re.findall(r'id="([^"]+)"', figure))
 

@@ -179,7 +179,10 @@ def test_every_effect_of_the_book_reaches_ardupilot_or_is_refused_in_words(slug)
         with pytest.raises(BadEffect, match="sway"):
             Physics(load_vehicle("bluerov2"), effects=[effect])
         return
-    fly(Physics(load_vehicle("bluerov2"), effects=[effect]), pulses(s1=1600, s4=1600), 0.5)
+    states = fly(Physics(load_vehicle("bluerov2"), effects=[effect]), pulses(s1=1600, s4=1600), 0.5)
+    assert len(states) == 100
+    told = [x for s in states for x in (*s.gyro, *s.force, *s.attitude, *s.position, *s.velocity)]
+    assert all(map(math.isfinite, told))
 
 
 def test_a_compass_deviation_turns_the_heading_and_nothing_else():

@@ -26,7 +26,9 @@ def _value(name: str, table: str, key: str) -> Any:
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
-    for heading, table in load_vehicle(name).tables.items():
+    tables = load_vehicle(name).tables
+    assert sum(len(table) for table in tables.values() if isinstance(table, dict)) > 5
+    for heading, table in tables.items():
         if isinstance(table, dict):
             for key, entry in table.items():
                 assert set(entry) == {"value", "unit", "source"}, (heading, key)
@@ -55,6 +57,7 @@ def test_a_name_near_nothing_lists_them_all():
 
 def test_charlies_yaw_is_the_mean_of_both_days():
     rows = _published("charlie_ls_table_7_12")
+    assert len(_value("charlie", "yaw", "n2")) > 1
     for n2, alpha, beta in zip(*(_value("charlie", "yaw", key) for key in ("n2", "alpha", "beta")), strict=True):
         days = [row for row in rows if row[1] == n2]
         assert alpha == pytest.approx(statistics.mean(row[2] for row in days), abs=1e-9)

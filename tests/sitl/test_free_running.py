@@ -227,8 +227,11 @@ def test_a_client_that_does_not_read_stops_nothing():
     link = TcpLink("127.0.0.1", 0)
     with socket.create_connection(link._server.getsockname()):
         link.read()
+        began = time.monotonic()
         for _ in range(100):
             link.write(bytes(65536))
+        assert time.monotonic() - began < PATIENCE
+        assert link.read() == b""
     link.close()
 
 

@@ -31,7 +31,9 @@ def test_without_noise_the_truth_is_read():
 
 def test_the_compass_shows_whole_steps():
     step = math.radians(2)
-    for reading in _samples(dataclasses.replace(QUIET, heading_quantum=step, heading_noise=0.05), 200):
+    readings = list(_samples(dataclasses.replace(QUIET, heading_quantum=step, heading_noise=0.05), 200))
+    assert len({round(reading.psi / step) for reading in readings}) > 2
+    for reading in readings:
         assert reading.psi / step == pytest.approx(round(reading.psi / step), abs=1e-9)
 
 

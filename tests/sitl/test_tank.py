@@ -129,6 +129,7 @@ def test_effects_that_do_nothing_leave_the_file_as_it_is():
         make_effect("measurement-delay", "psi", {"delay": 0.0}),
     ]
     altered = tow(FULL, commands, effects=nothing, **usual)
+    assert set(altered) == set(plain) >= {"t", "psi", "r", "N"}
     for name, values in plain.items():
         assert altered[name] == pytest.approx(values, abs=1e-12), name
 

@@ -115,3 +115,5 @@ def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none(
     craft = open_craft(Session(MemoryLink(open_vehicle("charlie", parameters={"MOT_THR_MAX": 80.0}))))
     see_throttle_is_free(craft, "surge", WORKING)
     see_throttle_is_free(craft, "yaw", 1.0)
+    with pytest.raises(PreconditionFailed, match="MOT_THR_MAX is 80 %"):
+        see_throttle_is_free(craft, "surge", WORKING + 0.01)

@@ -43,6 +43,7 @@ def test_the_vehicle_is_left_neutral_disarmed_and_in_its_mode(tuned):
 
 def test_gains_stay_inside_their_documented_ranges(tuned):
     _, story = tuned
+    assert story.proposal.changes
     assert all(c.low <= c.new <= c.high for c in story.proposal.changes)
 
 

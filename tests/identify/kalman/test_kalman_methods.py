@@ -39,6 +39,7 @@ def test_the_filter_finds_all_fifteen_coefficients_within_its_errors(by_ekf):
 def test_starting_all_coefficients_at_plus_or_minus_20_leads_to_the_same_place(zigzag, by_ekf):
     for value in (20.0, -20.0):
         other = fit(zigzag, FORM, "ekf", start=dict.fromkeys(TRUTH, value))
+        assert set(other.parameters) == set(by_ekf.parameters) >= set(FORM.free)
         for name, parameter in by_ekf.parameters.items():
             assert abs(other.parameters[name].value - parameter.value) <= 0.2 * parameter.std + 1e-12
 
@@ -87,6 +88,7 @@ def test_sigma_points_agree_with_the_linearised_filter_where_little_is_curved():
     run = sail("zigzag", 3, noise=0.005, duration=24.0)
     form = FORM.fixing({n: v for n, v in TRUTH.items() if n not in ("N_r", "N_rr", "X_u", "X_uu")})
     ekf, ukf = fit(run, form, "ekf"), fit(run, form, "ukf")
+    assert set(form.free) == {"N_r", "N_rr", "X_u", "X_uu"} & set(TRUTH)
     for name in form.free:
         p = ekf.parameters[name]
         assert abs(ukf.parameters[name].value - p.value) < 0.3 * p.std

@@ -46,6 +46,7 @@ def test_a_circle_names_the_pairs_that_move_together_and_sends_to_a_zigzag(
 def test_the_change_said_to_be_open_is_open(round_and_round: tuple[list[Trial], Fit]) -> None:
     runs, made = round_and_round
     found = identifiability(made, runs)
+    assert found.directions
     for direction in found.directions:
         step = np.zeros(len(found.names))
         for name in direction.members:

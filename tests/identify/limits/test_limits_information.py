@@ -49,6 +49,7 @@ def test_the_bound_agrees_with_the_fit_of_greatest_likelihood() -> None:
     runs = [recorded(Steps(1), 30.0, 1), recorded(Zigzag(), 30.0, 2)]
     made = fit(runs, FORM, delay=0.0)
     bounds = information_on(subject_of(made, runs)).bounds
+    assert set(bounds) >= set(FORM.free) != set()
     for name in FORM.free:
         assert bounds[name] == pytest.approx(made.parameters[name].bound, rel=0.01)
 

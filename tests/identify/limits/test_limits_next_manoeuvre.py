@@ -55,6 +55,7 @@ def test_every_standard_error_falls_and_the_ranking_is_by_the_worst(
 def test_inputs_stay_within_those_the_runs_have_used(circled: tuple[list[Trial], Fit, Proposal]) -> None:
     runs, _, proposal = circled
     X, N = (float(np.abs(runs[0][n].values).max()) for n in "XN")
+    assert len(proposal.plans) > 1
     for plan in proposal.plans:
         inputs = plan.flight.inputs
         assert inputs[:, 0].min() >= 0.0  # thrust was never reversed

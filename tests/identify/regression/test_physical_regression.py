@@ -56,6 +56,7 @@ def test_the_constrained_fit_obeys_where_the_free_one_does_not():
 def test_the_constrained_fit_is_the_free_one_when_that_obeys():
     trials = [velocity_run(0, 2.0, 0.06, 0.01)]
     free, held = (fit(trials, coupled(), "least-squares", physical=p) for p in (False, True))
+    assert set(held.parameters) >= set(TRUTH)
     for name in TRUTH:
         assert held.parameters[name].value == pytest.approx(free.parameters[name].value, rel=1e-3)
 

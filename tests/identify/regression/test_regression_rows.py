@@ -36,6 +36,7 @@ def test_coriolis_forces_of_a_full_inertia_do_no_work():
     )  # fmt: skip
     nu = rng.normal(size=(50, 6))
     E = force_columns(form, nu, np.zeros((50, 6)), np.zeros((50, 0)))
+    assert len(form.free) == 9
     for p in range(len(form.free)):
         assert np.abs(np.sum(E[:, :, p] * nu, axis=1)).max() < 1e-12
         assert np.abs(E[:, :, p]).max() > 0.0

@@ -52,6 +52,7 @@ def test_a_rounding_sensor_is_smoothed_by_at_least_its_rounding_error():
 def test_the_setting_of_one_signal_smooths_another_alike():
     first, _ = wave(0.02)
     second, t = wave(0.02, seed=1)
+    assert len(SMOOTHERS) >= 2
     for smoother in SMOOTHERS.values():
         setting = smoother(first, 2, None).setting
         doubled = Signal("psi", second.t, 2.0 * second.values, 0.0)

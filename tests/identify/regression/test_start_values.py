@@ -19,6 +19,7 @@ def case_of(trial, form, **change) -> CoupledCase:
 
 def test_they_are_near_the_truth():
     found = start_values(case_of(velocity_run(0, 2.0, 0.06, 0.01), coupled()))
+    assert set(found) == set(TRUTH)
     for name, truth in TRUTH.items():
         assert found[name] == pytest.approx(truth, rel=0.1)
 
@@ -35,6 +36,7 @@ def test_a_velocity_nobody_measured_leaves_a_rule_of_thumb():
     run = velocity_run(0, 2.0, 0.06, 0.01)
     blind = replace(run, channels={n: c for n, c in run.channels.items() if n != "v"})
     found = start_values(case_of(blind, coupled()))
+    assert set(found) == set(TRUTH)
     assert all(np.isfinite(v) and v < 0.0 for v in found.values())
 
 
@@ -46,5 +48,6 @@ def test_pure_noise_still_gives_sane_signs():
         for n, c in run.channels.items()
     }
     found = start_values(case_of(replace(run, channels=noise), coupled("Y_rdot")))
+    assert set(found) == {*TRUTH, "Y_rdot"}
     assert all(found[n] < 0.0 for n in TRUTH)
     assert all(np.isfinite(v) for v in found.values())

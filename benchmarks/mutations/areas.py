@@ -1,0 +1,87 @@
+"""What matters, by area, and the faults that are none."""
+
+from __future__ import annotations
+
+__all__ = ["AREAS", "EQUIVALENT"]
+
+AREAS: dict[str, tuple[str, ...]] = {
+    "safety": (
+        "gcs_autotune/manoeuvres/answer.py",
+        "gcs_autotune/manoeuvres/envelope.py",
+        "gcs_autotune/manoeuvres/sequencer.py",
+        "gcs_autotune/manoeuvres/sign_check.py",
+        "gcs_autotune/manoeuvres/thrust_check.py",
+        "gcs_autotune/manoeuvres/relay.py",
+        "gcs_autotune/workflow/restore.py",
+        "gcs_autotune/workflow/decision.py",
+    ),
+    "link": (
+        "gcs_autotune/link/driver.py",
+        "gcs_autotune/link/fingerprint.py",
+        "gcs_autotune/link/hands.py",
+        "gcs_autotune/link/hearing.py",
+        "gcs_autotune/link/neutral.py",
+        "gcs_autotune/link/obedience.py",
+        "gcs_autotune/link/outputs.py",
+        "gcs_autotune/link/overrides.py",
+        "gcs_autotune/link/param_value.py",
+        "gcs_autotune/link/parameters.py",
+        "gcs_autotune/link/returning.py",
+        "gcs_autotune/link/signing.py",
+        "gcs_autotune/link/sticks.py",
+        "gcs_autotune/link/telemetry.py",
+        "gcs_autotune/link/watchdog.py",
+    ),
+    "journal": (
+        "gcs_autotune/link/journal.py",
+        "gcs_autotune/link/journal_reading.py",
+        "gcs_autotune/link/loan.py",
+        "gcs_autotune/link/params_file.py",
+        "gcs_autotune/link/tlog.py",
+    ),
+    "stamps": (
+        "gcs_autotune/identify/axis/redating.py",
+        "gcs_autotune/link/latency.py",
+        "gcs_autotune/link/stamp_store.py",
+        "gcs_autotune/link/stamps.py",
+        "gcs_autotune/logs/dataflash_stamps.py",
+        "gcs_autotune/logs/tape.py",
+    ),
+    "results": (
+        "gcs_autotune/chi_square.py",
+        "gcs_autotune/frames.py",
+        "gcs_autotune/sname.py",
+        "gcs_autotune/trial.py",
+        "gcs_autotune/design/margins.py",
+        "gcs_autotune/design/open_loop.py",
+        "gcs_autotune/design/selection.py",
+        "gcs_autotune/design/step_metrics.py",
+        "gcs_autotune/design/verdict.py",
+        "gcs_autotune/diagnose/heldout.py",
+        "gcs_autotune/diagnose/judging.py",
+        "gcs_autotune/identify/axis/likelihood.py",
+        "gcs_autotune/identify/axis/objective.py",
+        "gcs_autotune/identify/axis/residuals.py",
+        "gcs_autotune/identify/cleaning.py",
+        "gcs_autotune/identify/colour.py",
+        "gcs_autotune/identify/least_squares.py",
+        "gcs_autotune/identify/unit_check.py",
+        "gcs_autotune/logs/channels.py",
+    ),
+    "kernels": (
+        "gcs_autotune/design/laws/kernel.py",
+        "gcs_autotune/effects/backlash.py",
+        "gcs_autotune/effects/between.py",
+        "gcs_autotune/effects/earlier.py",
+        "gcs_autotune/effects/narrow_band.py",
+        "gcs_autotune/identify/kalman/sigma.py",
+        "gcs_autotune/identify/kalman/sweep.py",
+        "gcs_autotune/identify/kalman/transition.py",
+        "gcs_autotune/models/coupled/kernel.py",
+        "gcs_autotune/models/simulation.py",
+    ),
+}
+"""Area -> files faults are put into."""
+
+EQUIVALENT: dict[str, str] = {}
+"""Fault (``Mutant.key``) -> why nobody could notice it: it changes nothing that anybody may rely on. Judged by hand."""

@@ -1,0 +1,189 @@
+"""A scratch copy of the tree, and forks of a process that has imported what takes long: one fault, one fork.
+
+The work tree itself is never touched. Sources keep their time stamps, so that what Python and numba have compiled of
+them in the work tree counts here too. Numba does not notice that a function compiled into another file's has changed;
+files with compiled functions are therefore tried with numba switched off.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.mutations.mirror import mirroring
+from benchmarks.mutations.mutant import Mutant
+
+__all__ = ["Slot", "Verdict", "copy_tree"]
+
+HEAVY = (
+    "numpy",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.stats",
+    "scipy.integrate",
+    "scipy.linalg",
+    "numba",
+    "control",
+)
+HEAVY += ("matplotlib.figure", "jinja2", "rich.console", "pytest", "serial")
+HEAVY += ("pymavlink.dialects.v20.ardupilotmega", "pymavlink.mavutil")
+BROKEN = 99
+"""Exit code of a fork that did not even get to its tests."""
+ONE_TEST = 40.0
+"""Seconds after which one test counts as hanging; it is then tried without the fault, so that slowness is no notice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of a fault: the test that noticed it ("" if none did), after how many seconds, how many had run."""
+
+    mutant: Mutant
+    noticed_by: str
+    seconds: float
+    ran: int
+    complete: bool
+
+
+def copy_tree(root: Path, target: Path) -> Path:
+    """Copy the work tree with its compiled caches and all time stamps; data beside it is linked."""
+    tree = target / "tree"
+    skipped = shutil.ignore_patterns(".git", ".mypy_cache", ".ruff_cache", ".pytest_cache", "*.egg-info", "build")
+    shutil.copytree(root, tree, ignore=skipped, symlinks=True)
+    beside = root.parent / "shared"
+    if beside.is_dir():
+        (target / "shared").symlink_to(beside)
+    command = [sys.executable, "-m", "compileall", "-q", "gcs_autotune", "sitl", "tests", "benchmarks"]
+    subprocess.run(command, cwd=tree, check=False, stdout=subprocess.DEVNULL)
+    return tree
+
+
+def import_heavy() -> None:
+    """Import what every test needs, once, before the first fork; nothing of the project."""
+    for name in HEAVY:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+
+
+class Slot:
+    """One scratch tree in which one fault at a time is tried."""
+
+    def __init__(self, tree: Path, budget: float) -> None:
+        self.tree, self.budget = tree, budget
+        self.mutant: Mutant | None = None
+        self._pid = 0
+        self._began = 0.0
+        self._stamp = 0.0
+        self._again = ""
+        self._log = tree.parent / "told.jsonl"
+
+    def begin(self, mutant: Mutant) -> None:
+        """Put the fault in and start its tests."""
+        self.mutant, self._again = mutant, ""
+        path = self.tree / mutant.path
+        self._source, self._stamp = path.read_text(encoding="utf-8"), path.stat().st_mtime
+        path.write_text(mutant.applied(self._source), encoding="utf-8")
+        self._fork(mirroring(mutant.path, self.tree))
+
+    def poll(self) -> Verdict | None:
+        """Return the verdict when there is one; the fault is out again then."""
+        if self.mutant is None:
+            return None
+        seconds = time.monotonic() - self._began
+        pid, status = os.waitpid(self._pid, os.WNOHANG)
+        if not pid and seconds < self.budget:
+            return None
+        if not pid:
+            os.killpg(self._pid, signal.SIGKILL)
+            os.waitpid(self._pid, 0)
+        told = self._told()
+        if pid and os.waitstatus_to_exitcode(status) == BROKEN:
+            raise RuntimeError(f"the tests of {self.mutant.path} could not be started")
+        failed = next((t for t in told if t["outcome"] == "failed"), None)
+        code = os.waitstatus_to_exitcode(status) if pid else None
+        if self._again:  # the test that hung, without the fault
+            was, self._again = self._again, ""
+            return self._end(was if code == 0 else "", len(told), bool(pid))
+        if failed and failed["hung"]:
+            self._restore()
+            self._again = failed["test"]
+            self._fork([failed["test"]])
+            return None
+        noticed = failed["test"] if failed else "it cannot even be collected" if pid and code not in (0, 1, 5) else ""
+        return self._end(noticed, len(told), bool(pid))
+
+    def _end(self, noticed: str, ran: int, complete: bool) -> Verdict:
+        mutant, self.mutant = self.mutant, None
+        assert mutant is not None
+        self._restore(mutant)
+        return Verdict(mutant, noticed, time.monotonic() - self._began, ran, complete)
+
+    def _restore(self, mutant: Mutant | None = None) -> None:
+        path = self.tree / (mutant or self.mutant).path  # type: ignore[union-attr]
+        path.write_text(self._source, encoding="utf-8")
+        os.utime(path, (self._stamp, self._stamp))
+
+    def _told(self) -> list[dict[str, Any]]:
+        if not self._log.exists():
+            return []
+        lines = self._log.read_text(encoding="utf-8").splitlines()
+        return [json.loads(line) for line in lines if line.endswith("}")]
+
+    def _fork(self, tests: Sequence[str]) -> None:
+        self._log.unlink(missing_ok=True)
+        self._began = time.monotonic()
+        has_compiled = "njit" in self._source
+        self._pid = os.fork()
+        if self._pid == 0:
+            code = BROKEN
+            try:
+                os.setpgid(0, 0)
+                code = _run(self.tree, tests, self._log, has_compiled)
+            finally:  # nothing of what the parent would clean up is the fork's
+                os._exit(code)
+        with contextlib.suppress(OSError):
+            os.setpgid(self._pid, self._pid)
+
+
+class _Telling:
+    """A pytest plugin: one line for every test that has run."""
+
+    def __init__(self, log: Path) -> None:
+        self._log = log
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.when == "call" or report.failed:
+            hung = report.failed and "Timeout" in str(report.longrepr)
+            line = {"test": report.nodeid, "outcome": report.outcome, "hung": hung}
+            with self._log.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(line) + "\n")
+
+
+def _run(tree: Path, tests: Sequence[str], log: Path, has_compiled: bool) -> int:
+    """Run *tests* in *tree*, to the first that fails; this process is a fork and ends with it."""
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(quiet, stream)
+    os.chdir(tree)
+    sys.dont_write_bytecode = True
+    sys.path[:] = [str(tree), *(p for p in sys.path if p and Path(p).resolve() != Path(__file__).parents[2])]
+    for name in [n for n in sys.modules if n.split(".")[0] in ("benchmarks", "gcs_autotune", "sitl", "tests")]:
+        del sys.modules[name]
+    if has_compiled:
+        import numba
+
+        numba.config.DISABLE_JIT = True
+    import pytest
+
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--timeout", str(ONE_TEST), "--rootdir", str(tree)]
+    return int(pytest.main([*options, "-c", str(tree / "pyproject.toml"), *tests], plugins=[_Telling(log)]))
