@@ -46,7 +46,7 @@ class FlownModel:
 
 
 def read_model(path: Path) -> FlownModel:
-    """Read a model file (plain ``coupled``, or ``extended`` with effects).
+    """Read a model file (``single-dof``, plain ``coupled``, or ``extended`` with effects).
 
     Raises
     ------
@@ -66,8 +66,12 @@ def read_model(path: Path) -> FlownModel:
 
 
 def _model_from(data: Mapping[str, Any]) -> FlownModel:
+    if data.get("model") == "single-dof":
+        data = _of_one_axis(data)
     if data.get("model") not in ("extended", "coupled"):
-        raise BadModel(f"a model of kind '{data.get('model')}' cannot be flown; 'extended' and 'coupled' ones can")
+        raise BadModel(
+            f"a model of kind '{data.get('model')}' cannot be flown; 'single-dof', 'coupled' and 'extended' ones can"
+        )
     base = data["base"] if data["model"] == "extended" else data
     form = base["form"]
     values = {str(name): float(value) for name, value in base["values"].items()}
@@ -89,6 +93,22 @@ def _model_from(data: Mapping[str, Any]) -> FlownModel:
     effects = [*_built_in(values, swing), *(_effect_from(e, swing) for e in data.get("effects", ()))]
     forces = {_FORCES[dof]: values.get(f"{_FORCES[dof]}_0", 0.0) for dof in dofs}
     return FlownModel(axes, forces, gains, tuple(effects), coupling, swing)
+
+
+def _of_one_axis(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return ``alpha nu_dot + (beta + beta_quadratic |nu|) nu = tau + delta`` as derivatives, its delay an effect."""
+    dof = str(data["dof"])
+    if dof not in _FORCES:
+        raise BadModel(f"the simulator does not model {dof}")
+    force, speed = _FORCES[dof], _SPEEDS[dof]
+    channel = "delta" if data.get("input_unit") == "rad" else force
+    names = (f"{force}_{speed}dot", f"{force}_{speed}", f"{force}_{speed}{speed}")
+    numbers = (data["alpha"], data["beta"], data["beta_quadratic"])
+    values = {n: -float(v) for n, v in zip(names, numbers, strict=True)} | {f"{force}_0": float(data["delta"])}
+    base = {"form": {"dofs": [dof], "inputs": {channel: {force: 1.0}}, "coriolis": False}, "values": values}
+    delay = float(data.get("delay", 0.0))
+    late = [{"slug": "input-delay", "place": channel, "values": {"delay": delay}}] if delay > 0.0 else []
+    return {"model": "extended", "base": base, "effects": late}
 
 
 def _swing(data: Mapping[str, Any], channel: str) -> float:

@@ -229,7 +229,11 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     add_number(group, "speed")
     add_number(group, "control-rate", "HZ")
     add_number(group, "delay", "S")
-    group.add_argument("--structure", choices=("linear", "nonlinear", "affine"), help="drag (default: decided by data)")
+    group.add_argument(
+        "--structure",
+        choices=("linear", "nonlinear", "affine"),
+        help="damping; nonlinear is quadratic, affine both (default: decided by data)",
+    )
 
 
 @contextmanager

@@ -21,7 +21,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--list-effects", action="store_true", help="show the effects there are and their parameters, and end"
     )
-    base = parser.add_argument_group("the simulation in question (default: uncoupled, linear drag, fitted to the runs)")
+    base = parser.add_argument_group(
+        "the simulation in question (default: uncoupled, linear damping, fitted to the runs)"
+    )
     base.add_argument("--model", type=Path, metavar="FILE", help="a model file of identify, tune or diagnose (JSON)")
     base.add_argument(
         "--simulation",

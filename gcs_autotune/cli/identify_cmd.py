@@ -31,7 +31,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--structure",
         metavar="S",
-        help="one axis: linear, nonlinear or affine drag (default: decided by data); several: form name or TOML file",
+        help="one axis: its damping, linear, nonlinear (quadratic) or affine (both; default: decided by data); "
+        "several: form name or TOML file",
     )
     what.add_argument(
         "--known",
@@ -90,7 +91,6 @@ def _run(args: argparse.Namespace) -> int:
 
     from gcs_autotune.identify import METHODS
     from gcs_autotune.identify.model_file import load_model, save_model
-    from gcs_autotune.identify.surge import predictor
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
@@ -122,7 +122,7 @@ def _run(args: argparse.Namespace) -> int:
     said = []
     if args.save is not None:
         replaced = on_replacing(args.save)
-        save_model(found.fit, args.save, predictor(found.fit))
+        save_model(found.fit, args.save)
         said.append(f"Model: {args.save}{replaced}")
     page = _page(args)
     if page is not None:
@@ -200,7 +200,7 @@ def _list(methods: Any) -> None:
 
 COMMAND = Command(
     name="identify",
-    help="identify inertia, drag and constant force from recorded runs",
+    help="identify inertia, damping and constant force from recorded runs",
     description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, or a coupled "
     "model (--dof horizontal, --dof 6dof) from run directories, CSV files with columns like t[s], psi[rad], "
     "r[rad/s], N[N m], telemetry logs (.tlog) or logs on board (.bin). Several runs are fitted together.",

@@ -55,6 +55,8 @@ def force_unit(dof: str, scene: Scene) -> str:
     for channel, gain in _drives(dof, scene):
         if not isinstance(gain, str):
             return scene.inputs.get(channel, "1")
+    if DOFS[dof].force in scene.form.per_inertia:
+        return "rad/s^2" if DOFS[dof].angular else "m/s^2"
     if scene.form.normalised:
         return "1"
     return "N m" if DOFS[dof].angular else "N"

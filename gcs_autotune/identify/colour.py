@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 
-__all__ = ["all_white", "autocorrelation", "correlation_time", "scores_covariance", "whiteness"]
+__all__ = [
+    "Remainder",
+    "all_white",
+    "autocorrelation",
+    "correlation_time",
+    "remainder_of",
+    "scores_covariance",
+    "whiteness",
+]
 
 Array = NDArray[np.float64]
 
@@ -19,6 +28,44 @@ LAGS = 10
 
 SIGNIFICANCE = 0.01
 """Chance of calling white residuals coloured."""
+
+
+NOISE_SHARE = 0.9
+"""Chosen: what is left counts as noise when this share of its rms changes from sample to sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remainder:
+    """What a model leaves of a signal (SI): its ``rms`` and the part of it that is ``noise``.
+
+    Noise is what changes from sample to sample, as that of a sensor does; the rest is correlated, so it is motion that
+    the model does not explain.
+    """
+
+    rms: float
+    noise: float
+
+    @property
+    def unexplained(self) -> float:
+        """Root mean square of the correlated part; 0 when all is noise."""
+        if self.noise >= NOISE_SHARE * self.rms:
+            return 0.0
+        return math.sqrt(self.rms**2 - self.noise**2)
+
+
+def remainder_of(errors: Sequence[Array], rounding: float = 0.0) -> Remainder:
+    """Return what is left and how much of it is noise, from second differences, which slow motion leaves alone.
+
+    errors : residuals, an array (n,) per run. rounding : standard deviation of what a coarse sensor's steps make, which
+    repeats with the motion and is noise all the same.
+    """
+    together = np.concatenate([e[np.isfinite(e)] for e in errors]) if errors else np.zeros(0)
+    if not len(together):
+        return Remainder(math.nan, math.nan)
+    rms = math.sqrt(float(np.mean(together**2)))
+    second = np.concatenate([np.diff(e[np.isfinite(e)], n=2) for e in errors])
+    noise = math.sqrt(float(np.mean(second**2)) / 6.0) if len(second) else rms
+    return Remainder(rms, min(rms, max(noise, rounding)))
 
 
 def autocorrelation(errors: Array, lags: int) -> Array:

@@ -48,15 +48,16 @@ def fit(
 
     Parameters
     ----------
-    structure : for one degree of freedom its drag, ``linear``, ``nonlinear`` or ``affine`` (decided by evidence when
-        None); for several a name in ``FORMS`` (``horizontal``, ``6dof`` and so on), a form file (TOML) or a ``Form``.
+    structure : for one degree of freedom its damping: ``linear``, ``nonlinear`` (quadratic) or ``affine`` (both);
+        decided by evidence when None. For several a name in ``FORMS`` (``horizontal``, ``6dof`` and so on), a form file
+        (TOML) or a ``Form``.
     method : name in ``METHODS``.
     dof : name in ``DOFS`` or ``FORMS``; guessed from *structure* and from what moves when None.
     delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
     use : names of the signals to fit; chosen when None.
     loss : ``soft_l1`` bears with outliers.
     effects : effects of the book to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
-        *structure* the base is then the plain one: uncoupled, linear drag, what the runs show.
+        *structure* the base is then the plain one: uncoupled, linear damping, what the runs show.
     start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`);
         or start values by name, for a method that has that option.
     options : what *method* alone understands, see ``METHODS[method].options``.

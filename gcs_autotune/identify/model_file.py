@@ -8,7 +8,7 @@ what its numbers rest on: units of the inputs, noise, parameters with covariance
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,12 @@ from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
-from gcs_autotune.identify.result import Fit, Model, Structure
+from gcs_autotune.identify.result import AxisFit, Fit, Model, Structure
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.sname import DOFS
 
-__all__ = ["ModelFile", "load_model", "save_model"]
+__all__ = ["ModelFile", "load_model", "model_document", "save_model", "whole_model"]
 
 Array = NDArray[np.float64]
 
@@ -52,17 +53,26 @@ class ModelFile:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def save_model(fit: Fit, path: Path, model: Model | None = None) -> None:
-    """Write the model of *fit* to *path*, with what its numbers rest on.
+def save_model(fit: Fit, path: Path) -> None:
+    """Write the model of *fit* to *path*, with what its numbers rest on."""
+    path.write_text(json.dumps(model_document(fit), indent=1) + "\n", encoding="utf-8")
 
-    model : to write in its place: the same with what the fit knows besides (a thrust curve).
-    """
+
+def model_document(fit: Fit) -> dict[str, Any]:
+    """Return what a model file of *fit* holds: the whole model, and what its numbers rest on."""
     data = fit.to_dict()
-    if model is not None:
-        data["model"] = model.to_dict()
     known = {k: data[k] for k in ("structure", "parameters", "correlation", "noise", "used")}
-    file = {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
-    path.write_text(json.dumps(file, indent=1) + "\n", encoding="utf-8")
+    return {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
+
+
+def whole_model(fit: Fit) -> Model:
+    """Return the model of *fit* with the effects of its actuator, where it is one of a single axis that has some."""
+    if not isinstance(fit, AxisFit) or not fit.effects:
+        return fit.model
+    plain = as_extended(fit.model)
+    inputs = plain.base.form.inputs
+    swing = {str(k): float(v) for k, v in fit.extra.get("swing", {}).items() if k in inputs}
+    return ExtendedModel(plain.base, (*plain.effects, *fit.effects), swing, dict.fromkeys(inputs, fit.model.input_unit))
 
 
 def load_model(path: Path) -> ModelFile:
@@ -79,7 +89,7 @@ def load_model(path: Path) -> ModelFile:
         raise BadFile(f"{path} cannot be read as a model file: {error}") from error
     inner, around = _model_in(data, path)
     model, axis = _built(inner, path)
-    names, covariance = _uncertainty(around, path)
+    names, covariance = _uncertainty(around, model.base.form.dofs, path)
     inputs = dict(model.units) or {str(k): str(v) for k, v in (around.get("inputs") or {}).items()}
     if axis is not None:
         inputs = dict.fromkeys(model.base.form.inputs, axis.input_unit)
@@ -125,7 +135,8 @@ def as_extended(axis: SingleDof) -> ExtendedModel:
     return ExtendedModel(base, delay)
 
 
-def _uncertainty(around: Mapping[str, Any], path: Path) -> tuple[tuple[str, ...], Array]:
+def _uncertainty(around: Mapping[str, Any], dofs: Sequence[str], path: Path) -> tuple[tuple[str, ...], Array]:
+    """Return the names of what was fitted, as derivatives, and its covariance (p, p)."""
     parameters, correlation = around.get("parameters"), around.get("correlation")
     if not isinstance(parameters, dict) or correlation is None:
         return (), np.zeros((0, 0))
@@ -136,4 +147,15 @@ def _uncertainty(around: Mapping[str, Any], path: Path) -> tuple[tuple[str, ...]
         raise BadFile(f"{path}: parameters or correlation are damaged: {error!r}") from error
     if covariance.shape != (len(std),) * 2:
         raise BadFile(f"{path}: {len(std)} parameters, but a correlation of {covariance.shape}")
-    return tuple(parameters), covariance
+    return _as_derivatives(tuple(parameters), covariance, dofs)
+
+
+def _as_derivatives(names: tuple[str, ...], covariance: Array, dofs: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+    """Return names and covariance with ``alpha_r`` and its like as ``N_rdot``, of the other sign."""
+    if len(dofs) != 1:
+        return names, covariance
+    dof = DOFS[dofs[0]]
+    own = (*dof.parameter_names(), "delay")
+    words = {a: (b, s) for a, b, s in zip(own, derivative_names(dof), SIGNS, strict=True)}
+    signs = np.array([words.get(n, (n, 1.0))[1] for n in names])
+    return tuple(words.get(n, (n, 1.0))[0] for n in names), np.outer(signs, signs) * covariance

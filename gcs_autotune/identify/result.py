@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.colour import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 
@@ -36,7 +38,7 @@ __all__ = [
 ]
 
 Structure = Literal["linear", "nonlinear", "affine"]
-"""Thesis words: ``linear`` = constant drag, ``nonlinear`` = drag linear in |nu|, ``affine`` = both."""
+"""Thesis words: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (|nu| nu), ``affine`` = both."""
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
@@ -172,7 +174,8 @@ class Fit:
 
     ``covariance`` (p, p) stands in the order of ``parameters``, with zero rows for what was not fitted;
     ``fit_percent`` = 100 (1 - rms/std) of the free-run simulation, averaged over signals; ``noise`` the standard
-    deviation of the measurement noise per signal, in SI units; ``used`` the names of the runs.
+    deviation per signal (SI) that the fit took for noise, :attr:`remainder` how much of it is noise; ``used`` the names
+    of the runs.
     """
 
     dof: str
@@ -200,6 +203,15 @@ class Fit:
     def residuals(self) -> tuple[Residuals, ...]:
         """Measured minus fitted, per run and signal."""
         return tuple(Residuals(t.run, t.signal, t.unit, t.t, t.measured - t.fitted) for t in self.traces)
+
+    @property
+    def remainder(self) -> Mapping[str, Remainder]:
+        """What the model leaves of each signal it was held against, and how much of that is noise."""
+        steps = self.extra.get("quantum") or {}
+        rounding = self.extra.get("rounding") or {n: float(q) / math.sqrt(12.0) for n, q in steps.items()}
+        signals = dict.fromkeys(t.signal for t in self.traces)
+        left = {s: [t.measured - t.fitted for t in self.traces if t.signal == s] for s in signals}
+        return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in left.items()}
 
     def validate(self, runs: Trial | Sequence[Trial]) -> Validation:
         """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`."""
@@ -230,6 +242,9 @@ class Fit:
             },
             "correlation": self.correlation.tolist(),
             "noise": dict(self.noise),
+            "remainder": {
+                n: {"rms": r.rms, "noise": r.noise, "unexplained": r.unexplained} for n, r in self.remainder.items()
+            },
             "fit_percent": self.fit_percent,
             "used": list(self.used),
             "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
@@ -244,8 +259,9 @@ class Fit:
 class AxisFit(Fit):
     """A model of one degree of freedom.
 
-    ``covariance`` is (5, 5), that of ``(alpha, beta, beta_quadratic, delta, delay)``; ``noise_std`` the measurement
-    noise estimated from the residuals [rad or m]; ``residual_rms`` that of the free-run simulation.
+    ``effects`` of its actuator (thrust curve, dead zone), if any were fitted with it. ``parameters`` are those of
+    ``(alpha, beta, beta_quadratic, delta, delay)``, then those of the effects. ``noise_std`` is the standard
+    deviation [rad or m] of what the fit took for noise; ``residual_rms`` that of the free-run simulation.
     """
 
     structure: Structure
@@ -255,11 +271,23 @@ class AxisFit(Fit):
     iso: tuple[IsoEstimate, ...] = ()
     decision: Decision | None = None
     candidates: tuple[Candidate, ...] = ()
+    effects: tuple[Applied, ...] = ()
+
+    @property
+    def craft_covariance(self) -> NDArray[np.float64]:
+        """Covariance (5, 5) of ``(alpha, beta, beta_quadratic, delta, delay)``."""
+        return self.covariance[:5, :5]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form, with what one axis adds: ``iso``, ``decision``, ``candidates``."""
+        """Return the JSON form, with what one axis adds: ``iso``, ``decision``, ``candidates``.
+
+        ``model`` is a model file's: with the effects of the actuator, if the fit has any.
+        """
+        from gcs_autotune.identify.model_file import whole_model
+
         return {
             **Fit.to_dict(self),
+            "model": plain_data(whole_model(self).to_dict()),
             "noise_std": self.noise_std,
             "residual_rms": self.residual_rms,
             "iso": [_iso_dict(e) for e in self.iso],

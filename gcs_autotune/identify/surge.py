@@ -17,15 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.along_track import along_track, doubt_of, through_water
 from gcs_autotune.identify.door import fit_axis
-from gcs_autotune.identify.model_file import as_extended
-from gcs_autotune.identify.result import AxisFit, Doubt, Fit, Model, Structure
+from gcs_autotune.identify.extended.wish import label_of
+from gcs_autotune.identify.result import AxisFit, Doubt, Parameter, Structure
 from gcs_autotune.trial import Trial
 
-__all__ = ["CURVE", "bent", "extended", "fit_surge", "predictor", "square_of"]
+__all__ = ["CURVE", "bent", "fit_surge", "square_of"]
 
 Array = NDArray[np.float64]
 
@@ -117,8 +116,8 @@ def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["a
     best = min(points, key=lambda p: p.misfit)
     std = _spread(points, best)
     final = fit_axis([bent(t, best.square) for t in trials], dof="surge", structure=structure, delay=delay)
-    covariance = final.covariance + _carried(final, lambda q: at(q, final.structure), best.square, std)
-    return _with_square(final, best.square, std, covariance)
+    slope = _carried(final, lambda q: at(q, final.structure), best.square, std)
+    return _with_square(final, best.square, std, slope)
 
 
 def _profile(at: Callable[[float], _Point]) -> list[_Point]:
@@ -168,10 +167,10 @@ def _spread(points: Sequence[_Point], best: _Point) -> float:
 
 
 def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: float) -> Array:
-    """Return what the uncertainty of the share adds to the covariance of the five."""
+    """Return by how much the five change (5,) when the share does by its standard error."""
     reach = min(std, UNKNOWN)
     if not reach > 0.0:
-        return np.zeros((5, 5))
+        return np.zeros(5)
     ends = []
     for q in (square - reach, square + reach):
         try:
@@ -179,13 +178,20 @@ def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: fl
         except NotInformative:
             m = fit.model
         ends.append(np.array([m.alpha, m.beta, m.beta_quadratic, m.delta, 0.0]))
-    slope = 0.5 * (ends[1] - ends[0])
-    return np.outer(slope, slope)
+    slope: Array = 0.5 * (ends[1] - ends[0])
+    return slope
 
 
-def _with_square(fit: AxisFit, square: float, std: float, covariance: Array) -> AxisFit:
+def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisFit:
+    """Return *fit* with the curve: its share among the parameters, its error in all of them."""
+    reach = np.append(slope, min(std, UNKNOWN))
+    covariance = np.outer(reach, reach)
+    covariance[:5, :5] += fit.covariance
+    curve = Applied("quadratic-actuator", fit.model.axis.force, {"share": min(square, 1.0)}, {"u_ref": 1.0})
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=True)}
+    known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=False)}
+    label = label_of(curve, "share")
+    known[label] = Parameter(label, curve["share"], "1", std)
     doubts = tuple(d for d in fit.doubts if d.slug not in BY_DESIGN)
     if not std <= UNKNOWN:
         unknown = Doubt(
@@ -195,16 +201,4 @@ def _with_square(fit: AxisFit, square: float, std: float, covariance: Array) -> 
         )
         doubts = (*doubts, unknown)
     extra = {**fit.extra, CURVE: {"square": square, "std": std}}
-    return replace(fit, parameters=known, covariance=covariance, doubts=doubts, extra=extra)
-
-
-def predictor(fit: Fit) -> Model:
-    """Return what predicts motion from the recorded input: of a fit with a thrust curve the model with it."""
-    return extended(fit) if isinstance(fit, AxisFit) and CURVE in fit.extra else fit.model
-
-
-def extended(fit: AxisFit) -> ExtendedModel:
-    """Return the model of *fit* with its thrust curve, as model files hold it."""
-    plain = as_extended(fit.model)
-    curve = Applied("quadratic-actuator", "X", {"share": square_of(fit)}, {"u_ref": 1.0})
-    return replace(plain, effects=(*plain.effects, curve))
+    return replace(fit, parameters=known, covariance=covariance, doubts=doubts, extra=extra, effects=(curve,))

@@ -25,9 +25,9 @@ from gcs_autotune.report.wording import (
     doubt_sentence,
     headline,
     model_sentences,
+    model_words,
     proof_command,
     safety,
-    structure_words,
     undo_command,
     undo_sentence,
 )
@@ -71,7 +71,7 @@ def _context(story: TuneStory) -> dict[str, Any]:
 
 def _fit(fit: AxisFit) -> Mapping[str, Any]:
     return {
-        "structure": structure_words(fit.structure),
+        "structure": model_words(fit),
         "method": fit.method,
         "used": ", ".join(fit.used),
         "sentences": model_sentences(fit),

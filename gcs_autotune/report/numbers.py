@@ -6,8 +6,10 @@ import math
 from datetime import datetime
 
 __all__ = [
+    "MOST_FACTOR",
     "UNKNOWN",
     "format_change",
+    "format_factor",
     "format_moment",
     "format_number",
     "format_percent",
@@ -21,6 +23,9 @@ __all__ = [
 
 UNKNOWN = "?"
 """Shown where a number is NaN: it is not known."""
+
+MOST_FACTOR = 100.0
+"""Chosen: a margin of gain beyond this is all the same to whoever relies on it."""
 
 _PEOPLE: dict[str, tuple[str, float]] = {
     "rad": ("°", 180.0 / math.pi),
@@ -78,6 +83,11 @@ def format_number(value: float, digits: int = 4) -> str:
     if math.isinf(value):
         return "unlimited" if value > 0 else "-unlimited"
     return f"{value + 0.0:.{digits}g}"
+
+
+def format_factor(factor: float, digits: int = 3) -> str:
+    """Return a margin's factor; above 100, infinity included, it is ``more than 100``: nobody needs to know better."""
+    return "more than 100" if factor > MOST_FACTOR else format_number(factor, digits)
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.design.result import StepMetrics
+from gcs_autotune.identify.model_file import model_document, whole_model
 from gcs_autotune.report.html import render_report
 from gcs_autotune.report.story import TuneStory
 
@@ -46,7 +47,7 @@ def write_story(story: TuneStory, directory: Path) -> Path:
 def _documents(story: TuneStory) -> Mapping[str, Any]:
     documents: dict[str, Any] = {}
     if story.fit is not None:
-        documents["model.json"] = story.fit.model.to_dict()
+        documents["model.json"] = model_document(story.fit)
         documents["fit.json"] = story.fit.to_dict()
     if story.given is not None:
         documents["model.json"] = story.given
@@ -78,7 +79,7 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "stable": None
         if proposal is None
         else {"model": proposal.margins.stable, "worst": proposal.worst_margins.stable},
-        "model": story.given if fit is None else fit.model.to_dict(),
+        "model": story.given if fit is None else whole_model(fit).to_dict(),
         "std": None if fit is None else {name: p.std for name, p in fit.parameters.items()},
         "doubts": [*story.doubts, *(d.slug for d in (fit.doubts if fit else ()))],
         "differences": {name: list(pair) for name, pair in story.differences.items()},

@@ -16,7 +16,7 @@ from gcs_autotune.report.figures import Picture
 from gcs_autotune.report.numbers import format_moment, format_percent
 from gcs_autotune.report.page import render_page
 from gcs_autotune.report.study import Study
-from gcs_autotune.report.study_wording import structure_title, verdict_headline
+from gcs_autotune.report.study_wording import structure_title, unseen_remarks, verdict_headline
 from gcs_autotune.report.wording import decision_sentence, doubt_sentence
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def _context(study: Study) -> dict[str, Any]:
         "parameters": study_tables.parameter_table(fit),
         "runs": study_tables.run_table(study),
         "unseen": study_tables.unseen_table(answer),
+        "unseen_remarks": unseen_remarks(answer),
         "decision": "" if axis is None or axis.decision is None else decision_sentence(axis.decision),
         "candidates": tables.candidate_table(axis) if axis is not None and axis.candidates else None,
         "choice": study_tables.choice_table(study) if study.choice else None,

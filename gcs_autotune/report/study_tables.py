@@ -16,7 +16,7 @@ from gcs_autotune.report.numbers import (
     pretty_unit,
 )
 from gcs_autotune.report.study import Outcome, Study
-from gcs_autotune.report.tables import Table, model_table
+from gcs_autotune.report.tables import Table, meanings, model_table, short_name
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
@@ -71,14 +71,15 @@ def parameter_table(fit: Fit, *, brief: bool = False) -> Table:
     """Every parameter rounded to its standard error, beside the bound no method can beat; *brief* for 80 columns."""
     if isinstance(fit, AxisFit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
+    axis = meanings(fit) if isinstance(fit, AxisFit) else None
     rows = tuple(
         (
-            p.name,
+            short_name(p.name) if axis is not None else p.name,
             "0" if p.status == "absent" else format_value(p.value, p.std),
             pretty_unit(p.unit) or "1",
             _relative(p),
             _over_bound(p),
-            meaning_of(p.name),
+            meaning_of(p.name) if axis is None else axis.get(p.name, ""),
             _remark(p),
         )
         for p in fit.parameters.values()

@@ -10,23 +10,24 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.identify.method import Method
 from gcs_autotune.report import study_tables, tables
 from gcs_autotune.report.study import Study
-from gcs_autotune.report.study_wording import answer_sentences, structure_title
-from gcs_autotune.report.terminal import doubts_shown, grid, paragraph, title
+from gcs_autotune.report.study_wording import answer_sentences, structure_title, unseen_remarks, verdict_headline
+from gcs_autotune.report.terminal import STYLES, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.wording import decision_sentence, doubt_sentence
 
 __all__ = ["method_list", "study_summary"]
 
 
 def study_summary(study: Study) -> Group:
-    """Return model, validation, structure decision, methods side by side, what cannot be told, doubts."""
+    """Return model, validation, structure decision, methods side by side, what cannot be told, doubts, verdict."""
     fit, answer = study.fit, study.answer
     parts: list[RenderableType] = [title(structure_title(fit)), grid(study_tables.parameter_table(fit, brief=True))]
     parts.extend(paragraph(s) for s in answer_sentences(study))
     if study.how_unseen:
         parts += [title("On data it has not seen"), paragraph(study.how_unseen)]
         parts.append(grid(study_tables.unseen_table(answer)))
+        parts.extend(paragraph(s) for s in unseen_remarks(answer))
     if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
-        parts.append(title("Which kind of drag"))
+        parts.append(title("Which kind of damping"))
         if fit.decision is not None:
             parts.append(paragraph(decision_sentence(fit.decision)))
         if fit.candidates:
@@ -42,6 +43,8 @@ def study_summary(study: Study) -> Group:
         parts += [title("What to fly next"), paragraph(study.proposal_verdict)]
         parts.append(grid(study_tables.proposal_table(study)))
     parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
+    verdict = verdict_headline(study)
+    parts.append(title(verdict.text, STYLES[verdict.tone]))
     return Group(*parts)
 
 

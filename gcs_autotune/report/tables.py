@@ -7,10 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
+from gcs_autotune.effects import BOOK
+from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.result import AxisFit, Candidate, IsoEstimate, Parameter
 from gcs_autotune.report.numbers import (
+    MOST_FACTOR,
     UNKNOWN,
     format_change,
+    format_factor,
     format_number,
     format_quantity,
     format_seconds,
@@ -20,7 +24,6 @@ from gcs_autotune.report.numbers import (
 )
 from gcs_autotune.report.story import TuneStory
 from gcs_autotune.report.wording import structure_words
-from gcs_autotune.sname import Dof
 
 __all__ = [
     "Table",
@@ -30,9 +33,11 @@ __all__ = [
     "estimate_table",
     "gains_table",
     "margins_table",
+    "meanings",
     "metrics_table",
     "model_table",
     "rates_table",
+    "short_name",
     "vehicle_rows",
 ]
 
@@ -119,9 +124,15 @@ def _metrics_of_one(metrics: StepMetrics | None) -> Table:
 
 def model_table(fit: AxisFit) -> Table:
     """Identified parameters, rounded to their standard error."""
-    meaning = _meanings(fit.model.axis)
+    meaning = meanings(fit)
     rows = tuple(
-        (p.name, _parameter_value(p), pretty_unit(p.unit) or "1", meaning.get(p.name, ""), _STATUS[p.status])
+        (
+            short_name(p.name),
+            _parameter_value(p),
+            pretty_unit(p.unit) or "1",
+            meaning.get(p.name, ""),
+            _STATUS[p.status],
+        )
         for p in fit.parameters.values()
     )
     return Table(("parameter", "value ± std", "unit", "meaning", "remark"), "lrlll", rows)
@@ -133,9 +144,18 @@ def _parameter_value(parameter: Parameter) -> str:
     return format_value(parameter.value, parameter.std)
 
 
-def _meanings(axis: Dof) -> dict[str, str]:
-    words = ("inertia with added mass", "drag, constant", "drag, growing with speed", "constant disturbance")
-    return {**dict(zip(axis.parameter_names(), words, strict=True)), "delay": "input to force"}
+def meanings(fit: AxisFit) -> dict[str, str]:
+    """Return what each parameter of one axis is in words."""
+    words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
+    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input to force"}
+    for own in fit.effects:
+        found |= {label_of(own, q.name): q.meaning for q in BOOK[own.slug].parameters}
+    return found
+
+
+def short_name(name: str) -> str:
+    """Return what a table calls a parameter: ``dead-zone@N.width`` is ``width``; its meaning stands beside it."""
+    return name.rpartition(".")[2] if "@" in name else name
 
 
 def cycle_table(fit: AxisFit) -> Table:
@@ -207,8 +227,8 @@ def margins_table(proposal: Proposal) -> Table:
 
 
 def _margin_cells(margins: Margins) -> tuple[str, ...]:
-    gain = format_number(margins.gain, 3)
-    if 0.0 < margins.gain < math.inf:
+    gain = format_factor(margins.gain)
+    if 0.0 < margins.gain <= MOST_FACTOR:
         gain += f" ({20.0 * math.log10(margins.gain):.1f} dB)"
     phase = format_quantity(margins.phase, "rad")
     return ("yes" if margins.stable else "NO", gain, phase, format_seconds(margins.delay))

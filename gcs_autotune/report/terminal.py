@@ -29,9 +29,9 @@ from gcs_autotune.report.wording import (
     headline,
     improvement,
     model_sentences,
+    model_words,
     proof_command,
     safety,
-    structure_words,
     undo_command,
 )
 
@@ -63,12 +63,12 @@ def render_text(thing: RenderableType, width: int = 80) -> str:
 
 def fit_summary(fit: AxisFit) -> Group:
     """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
-    parts: list[RenderableType] = [title(f"Model of {fit.dof}: {structure_words(fit.structure)} ({fit.structure})")]
+    parts: list[RenderableType] = [title(f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})")]
     parts.append(grid(tables.model_table(fit)))
     parts.extend(paragraph(s) for s in model_sentences(fit))
     parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
     if fit.decision is not None:
-        parts.extend((title("Which kind of drag"), paragraph(decision_sentence(fit.decision))))
+        parts.extend((title("Which kind of damping"), paragraph(decision_sentence(fit.decision))))
     if fit.candidates:
         parts.append(grid(tables.candidate_table(fit)))
     parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))

@@ -10,9 +10,14 @@ from pathlib import PurePath
 from typing import Literal
 
 from gcs_autotune.design.result import Margins, Proposal, StepMetrics
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify.colour import Remainder
+from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt
+from gcs_autotune.report.diagnosis_names import listed
 from gcs_autotune.report.numbers import (
     format_change,
+    format_factor,
     format_number,
     format_percent,
     format_quantity,
@@ -29,11 +34,14 @@ __all__ = [
     "bound_sentence",
     "decision_sentence",
     "doubt_sentence",
+    "explains",
     "headline",
     "improvement",
     "model_sentences",
+    "model_words",
     "parameters_sentence",
     "proof_command",
+    "remainder_sentence",
     "safety",
     "sentence",
     "structure_words",
@@ -70,11 +78,19 @@ _ENDINGS: Mapping[str, tuple[str, Tone]] = {
 """Ending -> headline, tone."""
 
 _STRUCTURES: Mapping[str, str] = {
-    "linear": "constant drag",
-    "nonlinear": "drag growing with speed",
-    "affine": "drag with a constant and a growing part",
+    "linear": "linear damping",
+    "nonlinear": "quadratic damping",
+    "affine": "linear and quadratic damping",
 }
-"""Structure -> what it means (thesis: linear and nonlinear model)."""
+"""Structure -> what the field calls it (thesis: linear and nonlinear model)."""
+
+_DAMPING: Mapping[str, str] = {
+    "linear": "Linear damping: the water's resistance grows in proportion to the speed.",
+    "nonlinear": "Quadratic damping: the water's resistance grows with the square of the speed.",
+    "affine": "Linear and quadratic damping: one part of the water's resistance grows in proportion to the speed, "
+    "one with its square.",
+}
+"""Structure -> its words explained, once, where a model is first told."""
 
 
 def headline(story: TuneStory) -> Headline:
@@ -134,9 +150,8 @@ def safety(proposal: Proposal) -> str:
 
 
 def _margin_words(margins: Margins) -> str:
-    gain = "more than a factor of 100" if margins.gain > 100.0 else f"a factor of {format_number(margins.gain, 2)}"
     return (
-        f"{gain} in gain, "
+        f"a factor of {format_factor(margins.gain, 2)} in gain, "
         f"{format_quantity(margins.phase, 'rad', 2)} of phase and {format_seconds(margins.delay)} of extra delay"
     )
 
@@ -185,8 +200,14 @@ def proof_command(story: TuneStory) -> str:
 
 
 def structure_words(structure: str) -> str:
-    """Return what a drag structure means, e.g. ``nonlinear`` -> ``drag growing with speed``."""
+    """Return what a structure means, e.g. ``nonlinear`` -> ``quadratic damping``."""
     return _STRUCTURES.get(structure, structure)
+
+
+def model_words(fit: AxisFit) -> str:
+    """Return what a model consists of: its damping, and what was found of its actuator."""
+    found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
+    return structure_words(fit.structure) + (f", with {found}" if found else "")
 
 
 def doubt_sentence(doubt: Doubt) -> str:
@@ -198,8 +219,8 @@ def decision_sentence(decision: Decision) -> str:
     """Return the two-experiment decision (7.1)-(7.2) in words."""
     gap = decision.sigma_beta - decision.sigma_beta_quadratic
     numbers = (
-        "Between the two experiments the constant-drag coefficient differs by "
-        f"{format_percent(decision.sigma_beta)}, the speed-proportional one by "
+        "Between the two experiments the linear damping differs by "
+        f"{format_percent(decision.sigma_beta)}, the quadratic one by "
         f"{format_percent(decision.sigma_beta_quadratic)}, the inertia by {format_percent(decision.sigma_alpha)}."
     )
     if decision.verdict == "undecided":
@@ -228,29 +249,65 @@ def bound_sentence(bound: tuple[float, float]) -> str:
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return what the model means for the craft: its lag, its top speed at full output, and how well it fits."""
+    """Return what the model means for the craft: damping, lag, top speed at full output, actuator, and its fit."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
-    said = []
+    said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
         said.append(f"Slow motion dies out with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
         top = abs(model.steady_velocity(1.0 - model.delta))
         if math.isfinite(top):
             said.append(f"Full output sustains {format_quantity(top, unit)}.")
-    fitted = fit.traces[0].unit if fit.traces and fit.traces[0].unit else axis.position_unit
-    if "thrust_curve" in fit.extra:
-        curve = fit.extra["thrust_curve"]
-        said.append(
-            f"Thrust at throttle x goes as (1 - q) x + q x\u00b2 with q = "
-            f"{format_value(float(curve['square']), float(curve['std']))}: 0 is proportional, 1 a plain propeller."
-        )
+    said.extend(_actuator_sentence(fit, own) for own in fit.effects)
+    trace = fit.traces[0] if fit.traces else None
+    left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
+    shown = trace.unit if trace is not None and trace.unit else axis.position_unit
     said.append(
-        f"The model, simulated from the inputs alone, explains {format_percent(fit.fit_percent)} of the "
-        f"measured motion; {format_quantity(fit.residual_rms, fitted, 2)} rms remain, of which "
-        f"{format_quantity(fit.noise_std, fitted, 2)} is measurement noise."
+        f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} "
+        f"the motion it was fitted to. {remainder_sentence(left, shown)}"
     )
     return tuple(said)
+
+
+def explains(percent: float) -> str:
+    """Return ``explains 74 % of``; a model that errs by more than there is to explain explains nothing of it."""
+    if percent > 0.0:
+        return f"explains {format_percent(percent)} of"
+    return "explains nothing of"
+
+
+def remainder_sentence(left: Remainder, unit: str) -> str:
+    """Return what a model leaves: what changes from sample to sample is noise, what is correlated is unexplained."""
+    rms = format_quantity(left.rms, unit, 2)
+    if not math.isfinite(left.rms):
+        return ""
+    if left.unexplained <= 0.0:
+        return f"{rms} rms remain, which change from sample to sample, as measurement noise does."
+    noise, rest = format_quantity(left.noise, unit, 2), format_quantity(left.unexplained, unit, 2)
+    return f"{rms} rms remain: {noise} change from sample to sample, as noise does; {rest} stay unexplained."
+
+
+def _actuator_sentence(fit: AxisFit, own: Applied) -> str:
+    """Return what was found of the actuator, its number rounded to its error."""
+
+    def number(name: str) -> str:
+        found = fit.parameters.get(label_of(own, name))
+        return format_value(own[name], math.nan if found is None else found.std)
+
+    if own.slug == "quadratic-actuator":
+        return (
+            f"The force at output x goes as (1 - q) x + q x² with q = {number('share')}: 0 is proportional, 1 a plain "
+            "propeller."
+        )
+    if own.slug == "dead-zone":
+        return f"The actuator does nothing below {number('width')} of full output (dead zone)."
+    values = ", ".join(f"{name} {number(name)}" for name in own.values)
+    return f"Found of the actuator: {_effect_title(own)}, {values}."
+
+
+def _effect_title(own: Applied) -> str:
+    return {"quadratic-actuator": "thrust curve"}.get(own.slug, own.slug.replace("-", " "))
 
 
 def sentence(text: str) -> str:

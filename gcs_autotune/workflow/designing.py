@@ -43,7 +43,8 @@ def design_from_fit(voyage: Voyage, found: Identified, ruler: Ruler) -> Proposal
             return tale.proposal
         except NoGainsMeetSpec as error:
             tale.say(f"with the thrust curve {error}; designing without it")
-    tale.proposal = voyage.think(design, fit.model, fit.covariance, axis, voyage.present, spec, reduction)
+            tale.fit = fit
+    tale.proposal = voyage.think(design, fit.model, fit.craft_covariance, axis, voyage.present, spec, reduction)
     return tale.proposal
 
 

@@ -10,7 +10,8 @@ from typing import Literal
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotInformative, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
-from gcs_autotune.identify.surge import extended, fit_surge
+from gcs_autotune.identify.model_file import save_model
+from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import visit
 from gcs_autotune.trial import Trial
@@ -79,9 +80,8 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
                     fit = think(craft, desk, fit_axis, trials, dof=dof, structure=settings.structure, delay=delay)
         finally:
             ledger.leave()
-    model = extended(fit).to_dict() if surge else fit.model.to_dict()
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
-    (record.path / "model.json").write_text(json.dumps(model, indent=1) + "\n", encoding="utf-8")
+    save_model(fit, record.path / "model.json")
     return fit
 
 

@@ -90,7 +90,7 @@ def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
         )
         for r in choice.table
     )
-    return Weighed(rows, "; ".join(choice.reasons) + ".")
+    return Weighed(rows, ". ".join(reason[0].upper() + reason[1:] for reason in choice.reasons) + ".")
 
 
 def _people(value: float, signal: str) -> str:
@@ -110,7 +110,7 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
     """
     if form is None:
         raise UsageError("--choose drops terms of a coupled model: give --dof horizontal, 6dof or a form's TOML file")
-    form = form.fixing(settings.known).driven_by({name for run in runs for name in run.channels})
+    form = form.knowing(settings.known).driven_by({name for run in runs for name in run.channels})
     method = settings.method if settings.method in METHODS else "output-error"
     delay = None if settings.delay == "auto" else float(settings.delay)
     return eliminate(runs, form, method, delay=delay, **settings.options)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_autotune.identify import AxisFit, Fit, fit_axis
-from gcs_autotune.identify.model_file import save_model
+from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import relay_for, second_output, throttle_steps_for
@@ -67,7 +67,7 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
         curved = voyage.think(fit_thrust_curve, trials, plain, step)
     if curved is not None:
         tale.say(told(curved, plain, step))
-        save_model(curved, voyage.record.path / "model_with_thrust_curve.json")
+        tale.fit = with_actuator(curved, plain)
     return Identified(plain, trials, curved)
 
 

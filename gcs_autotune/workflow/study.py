@@ -14,8 +14,9 @@ from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.door import form_of
+from gcs_autotune.identify.model_file import whole_model
 from gcs_autotune.identify.result import Structure
-from gcs_autotune.identify.surge import fit_surge, predictor
+from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.identify.validate import Validation, join, validate
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.report.study import Outcome, RunRow, Study
@@ -86,7 +87,7 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
     answer = outcomes[0]
     assert answer.fit is not None
     drags = Weighed()
-    plain = predictor(answer.fit) is answer.fit.model
+    plain = whole_model(answer.fit) is answer.fit.model
     if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None and plain:
         drags = drags_weighed(answer.fit, runs)
     flown = Proposed() if settings.plan_next is None else next_manoeuvres(answer.fit, runs, settings.plan_next)
@@ -116,7 +117,7 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
         raise UsageError(
             "constants (--known) belong to a coupled model: give --dof horizontal, 6dof or a form's TOML file"
         )
-    return form.fixing(settings.known)
+    return form.knowing(settings.known)
 
 
 def _methods(settings: StudySettings) -> list[str]:
@@ -197,16 +198,16 @@ def _folds(
     """Yield a way to the model and the runs it is to predict."""
     if unseen:
         for run in unseen:
-            yield (lambda: predictor(found)), [run]
+            yield (lambda: whole_model(found)), [run]
         return
     if len(runs) == 1:
         run = runs[0]
         cut = run.end - HELD_BACK * run.duration
         held_back = run.between(cut, run.end)
-        whole = predictor(found)
+        whole = whole_model(found)
         if isinstance(whole, ExtendedModel):
             held_back = _with_what_went_before(held_back, run, whole)
-        yield (lambda: predictor(identify([run.between(run.start, cut)]))), [held_back]
+        yield (lambda: whole_model(identify([run.between(run.start, cut)]))), [held_back]
         return
     folds = min(len(runs), MOST_FOLDS)
     for k in range(folds):
@@ -222,7 +223,7 @@ def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Tri
 
 
 def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Any:
-    return predictor(identify(runs))
+    return whole_model(identify(runs))
 
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: Outcome) -> str:

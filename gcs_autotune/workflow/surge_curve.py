@@ -25,4 +25,4 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
         f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would straighten it (then tune again)",
     )
     remarks = (curve,) if abs(square) > STRAIGHT else ()
-    return Reduction(fit.model, fit.model.axis.force, fit.covariance, Actuator(square=square), remarks=remarks)
+    return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)

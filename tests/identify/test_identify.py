@@ -308,6 +308,18 @@ def test_a_delay_that_can_be_neither_proved_nor_excluded_is_a_doubt(record: Reco
     assert abs(right.value - 0.36) <= 4.0 * right.std
 
 
+def test_no_relay_is_doubted_or_wished_for_where_none_flew(record: Record) -> None:
+    """A zig-zag switches at two headings as a relay does; who steered it by hand ran no relay."""
+    trial = record((0.36, 0.2, 0.0, 0.0), Relay(0.1, 0.02), 6.0, delay=0.1, noise=0.004, seed=1)
+    flown = dataclasses.replace(trial, meta={"manoeuvre": "relay"})
+    told, doubted = (fit_axis(run, structure="affine").doubts for run in (trial, flown))
+    assert "few-periods" in {d.slug for d in doubted}
+    assert "relay" in " ".join(d.cure for d in doubted)
+    assert told
+    assert "few-periods" not in {d.slug for d in told}
+    assert not any("relay" in d.cause + d.cure or "oscillation" in d.cause for d in told)
+
+
 def test_a_craft_faster_than_its_sampling_is_called_unresolved_and_not_given_a_firm_inertia(
     record: Record,
 ) -> None:

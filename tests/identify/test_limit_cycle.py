@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from identify_water import DEG, Levels, Relay
+from identify_water import DEG, Levels, Relay, fly
 
 from gcs_autotune.identify import LimitCycleMonitor, decide, find_cycles
 from gcs_autotune.identify.relay.describing_function import relay, relay_bias
 from gcs_autotune.identify.relay.iso import estimate
 from gcs_autotune.identify.relay.limit_cycle import MonitorState
-from gcs_autotune.trial import Mark, Trial
+from gcs_autotune.trial import Channel, Mark, Trial
 
 Record = Callable[..., Trial]
 PLANT = (0.36, 0.12, 0.05, 0.0)
@@ -144,3 +144,22 @@ def test_wrapped_heading_across_south_does_not_break_the_reading(record: Record)
         find_cycles(dataclasses.replace(trial, channels=channels), "yaw"),
     )
     assert south.X_m == pytest.approx(plain.X_m, rel=1e-9)
+
+
+@pytest.mark.parametrize("cruise", [0.0, 0.5])
+def test_the_return_to_neutral_at_the_end_is_no_switching(cruise: float) -> None:
+    """A relay on a velocity swings about the mean of whole periods: a half one would shift it."""
+    end = 62.0
+
+    def record_until(end: float) -> Trial:
+        relay = Relay(0.3, 0.15)
+        t, _, u, tau = fly(
+            (1.0, 0.4, 0.0, 0.0), lambda t, x: relay(t, x) if t < 61.0 else -cruise, end, dt=0.1, delay=0.0, h=0.01
+        )
+        return Trial("surge", {"u": Channel("u", "m/s", t, u), "X": Channel("X", "1", t, tau + cruise)})
+
+    (whole,) = find_cycles(record_until(end), "surge")
+    (without,) = find_cycles(record_until(61.0), "surge")
+    assert whole.nu_0 == pytest.approx(without.nu_0, abs=1e-3)
+    assert whole.X_m == pytest.approx(without.X_m, rel=1e-3)
+    assert (whole.periods, whole.C) == (without.periods, pytest.approx(without.C))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify.model_file import load_model, save_model
-from gcs_autotune.identify.surge import CURVE, bent, extended, fit_surge, predictor, square_of
+from gcs_autotune.identify.surge import CURVE, bent, fit_surge, square_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
 from gcs_autotune.trial import Channel, Mark, Trial
@@ -83,7 +82,7 @@ def test_a_surge_model_with_its_curve_is_a_model_file(tmp_path) -> None:
     model = SingleDof("surge", "1", 4.0, 0.0, 0.444)
     fit = fit_surge([flown(model, 1.0, levels, n) for n, levels in enumerate(LEVELS)])
     path = tmp_path / "model.json"
-    path.write_text(json.dumps(extended(fit).to_dict()))
+    save_model(fit, path)
     curve = load_model(path).model.effects[-1]
     assert curve.slug == "quadratic-actuator"
     assert curve["share"] == pytest.approx(1.0, abs=0.1)
@@ -106,5 +105,5 @@ def test_identify_finds_the_curve_in_runs_flown_for_it_and_predicts_with_it(tmp_
     assert found.answer.unseen is not None
     assert found.answer.unseen.fit_percent > 85.0
     path = tmp_path / "model.json"
-    save_model(found.fit, path, predictor(found.fit))
+    save_model(found.fit, path)
     assert [effect.slug for effect in load_model(path).model.effects] == ["quadratic-actuator"]

@@ -9,6 +9,7 @@ import pytest
 
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import FORMS, CoupledModel
 from gcs_autotune.models.coupled.form import Form
 from sitl import BadModel, read_model
@@ -45,6 +46,15 @@ def test_a_yaw_model_replaces_the_yaw_of_a_vehicle_alone(tmp_path):
     assert ground.vehicle.actuators.full["yaw"] == 3.0
     assert ground.vehicle.body.surge.alpha == plain.vehicle.body.surge.alpha
     assert ground.vehicle.actuators.full["surge"] == plain.vehicle.actuators.full["surge"]
+
+
+def test_a_model_of_one_axis_is_flown_as_the_derivatives_it_stands_for(tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(SingleDof("yaw", "1", 2.0, 1.5, 0.5, delta=0.05, delay=0.2).to_dict()), encoding="utf-8")
+    flown = read_model(path)
+    assert flown.axes == {"yaw": (2.0, 1.5, 0.5)}
+    assert flown.forces == {"N": 0.05}
+    assert [e.slug for e in flown.effects] == ["input-delay"]
 
 
 @pytest.mark.parametrize("craft", [rov, boat])

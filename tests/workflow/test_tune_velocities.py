@@ -6,7 +6,9 @@ import json
 
 import pytest
 
+from gcs_autotune.identify.model_file import load_model
 from gcs_autotune.identify.surge import CURVE
+from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Unattended, experiment
 from sitl.effects import parse_effect
@@ -80,9 +82,22 @@ def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_th
 def test_what_a_straight_model_leaves_of_bent_thrust_is_not_taken_for_noise_of_the_turn_rate(tmp_path) -> None:
     harbour = Harbour(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
     story = harbour.tune(axis="yaw")
-    assert 100.0 - story.fit.fit_percent > 10.0
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
+    _assert_all_is_told_of_the_model_with_the_curve(harbour, story)
+
+
+def _assert_all_is_told_of_the_model_with_the_curve(harbour: Harbour, story: TuneStory) -> None:
+    """Page, fit.json, model.json and doubts are of the model that the gains came from: one model, one file."""
+    assert ("quadratic-actuator", "N") in [(e.slug, e.place) for e in story.fit.effects]
+    assert story.fit.fit_percent > 95.0
+    assert not {"run-apart", "runs-disagree"} & {d.slug for d in story.fit.doubts}
+    assert [p.name for p in harbour.directory.glob("*model*.json")] == ["model.json"]
+    file = load_model(harbour.directory / "model.json")
+    assert file.model.effects == story.fit.effects
+    assert "quadratic-actuator@N.share" in file.names
+    assert load_model(harbour.directory / "fit.json").model == file.model
+    assert "quadratic share of the thrust" in (harbour.directory / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:

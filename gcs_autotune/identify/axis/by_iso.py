@@ -137,6 +137,6 @@ def _first_harmonic() -> Doubt:
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "one limit cycle, or two alike, cannot tell linear from nonlinear drag; the linear one was taken",
+        "one limit cycle, or two alike, cannot tell linear from quadratic damping; the linear one was taken",
         "fly a second relay with a clearly different C",
     )

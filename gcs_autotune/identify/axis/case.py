@@ -39,6 +39,18 @@ class Case:
     trials: tuple[Trial, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def relay_flown(self) -> bool:
+        """Whether a relay was flown: a zig-zag by hand also switches at two headings, but nobody ran a relay there."""
+        return any(t.meta.get("manoeuvre") == "relay" or any(m.kind == "switch" for m in t.marks) for t in self.trials)
+
+    @property
+    def more_levels(self) -> str:
+        """What to do so that kinds of damping, or damping and delay, can be told apart."""
+        if self.relay_flown:
+            return "fly a second relay with a clearly different C"
+        return "record a run with clearly larger or smaller inputs as well"
+
 
 def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None:
     """Return the decision from the two most different limit cycles, None when there are no two."""

@@ -5,7 +5,7 @@ One function per reason; :data:`CHECKS` lists those every fit goes through.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +13,22 @@ import numpy as np
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import Decision, Doubt, Parameter, Structure
+from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter, Structure
 from gcs_autotune.models import SingleDof
 
-__all__ = ["CHECKS", "Findings", "collect"]
+__all__ = ["CHECKS", "OF_THE_RUNS", "Findings", "collect"]
+
+OF_THE_RUNS = (
+    "few-periods",
+    "unsettled",
+    "not-self-oscillation",
+    "one-sided-input",
+    "saturated-input",
+    "irregular-sampling",
+    "time-unit",
+    "dropped-rows",
+)
+"""Doubts about the runs themselves, whatever model is fitted to them."""
 
 WEAK = 0.30
 """Relative standard error above which a parameter counts as weakly excited."""
@@ -33,6 +45,11 @@ class Findings:
     decision: Decision | None
     noise: float
     fit_percent: float
+
+    @property
+    def relays(self) -> Sequence[LimitCycle]:
+        """Limit cycles of relays that were flown."""
+        return self.case.cycles if self.case.relay_flown else ()
 
     @property
     def level(self) -> float:
@@ -54,9 +71,9 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
 
 
 def _few_periods(f: Findings) -> Doubt | None:
-    if not f.case.cycles or max(c.periods for c in f.case.cycles) >= PERIODS:
+    if not f.relays or max(c.periods for c in f.relays) >= PERIODS:
         return None
-    most = max(c.periods for c in f.case.cycles)
+    most = max(c.periods for c in f.relays)
     return Doubt(
         "few-periods",
         f"only {most} full period(s) of self-oscillation, {PERIODS} are asked for",
@@ -65,9 +82,9 @@ def _few_periods(f: Findings) -> Doubt | None:
 
 
 def _unsettled(f: Findings) -> Doubt | None:
-    if not f.case.cycles or min(c.scatter for c in f.case.cycles) <= SCATTER:
+    if not f.relays or min(c.scatter for c in f.relays) <= SCATTER:
         return None
-    worst = min(c.scatter for c in f.case.cycles)
+    worst = min(c.scatter for c in f.relays)
     cause = "the single period found" if np.isinf(worst) else f"extremes that scatter by {100 * worst:.0f} %"
     return Doubt(
         "unsettled",
@@ -77,12 +94,12 @@ def _unsettled(f: Findings) -> Doubt | None:
 
 
 def _condition(f: Findings) -> Doubt | None:
-    broken = [c for c in f.case.cycles if not c.valid]
+    broken = [c for c in f.relays if not c.valid]
     if not broken:
         return None
     return Doubt(
         "not-self-oscillation",
-        f"{len(broken)} of {len(f.case.cycles)} relay settings break condition "
+        f"{len(broken)} of {len(f.relays)} relay settings break condition "
         "x_a* + |x_0| < X_m (7.12): IS-O does not hold there (the exact fit still does)",
         "use a larger C or a smaller x_a; trim away the constant force",
     )
@@ -94,12 +111,12 @@ def _one_sided(f: Findings) -> Doubt | None:
     return Doubt(
         "one-sided-input",
         "the input never changes sign: constant force and drag are told apart poorly",
-        "fly a manoeuvre that pushes both ways, such as the relay",
+        "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
     )
 
 
 def _saturated(f: Findings) -> Doubt | None:
-    if f.case.records[0].input_unit != "1" or f.case.cycles:
+    if f.case.records[0].input_unit != "1" or f.relays:
         return None
     share = max(_time_at(r, 0.999) for r in f.case.records)
     if share <= 0.1:
@@ -175,7 +192,7 @@ def _weak(f: Findings) -> Doubt | None:
     return Doubt(
         "weakly-excited",
         f"{', '.join(weak)}: standard error above {100 * WEAK:.0f} %",
-        "record longer, with larger or more different inputs (a second relay with another C)",
+        f"record longer, with larger or more different inputs: {f.case.more_levels}",
     )
 
 
@@ -217,11 +234,17 @@ def _poor(f: Findings) -> Doubt | None:
 
 
 def _disagreement(f: Findings) -> Doubt | None:
-    if f.decision is None or f.structure == "affine" or f.decision.verdict in ("undecided", f.structure):
+    if (
+        not f.relays
+        or f.decision is None
+        or f.structure == "affine"
+        or f.decision.verdict in ("undecided", f.structure)
+    ):
         return None
+    kind = {"linear": "linear", "nonlinear": "quadratic"}
     return Doubt(
         "decisions-disagree",
-        f"two limit cycles speak for {f.decision.verdict} drag, the exact fit for {f.structure}",
+        f"two limit cycles speak for {kind[f.decision.verdict]} damping, the exact fit for {kind[f.structure]}",
         "fly a further relay with a clearly different C",
     )
 

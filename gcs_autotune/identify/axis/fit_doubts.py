@@ -37,11 +37,11 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
         found.append(
             Doubt(
                 "structure-undecided",
-                "linear and nonlinear drag explain the record equally well; the linear one was taken",
-                "fly a second relay with a clearly different C",
+                "linear and quadratic damping explain the record equally well; the linear one was taken",
+                case.more_levels,
             )
         )
-    second_drag = _second_drag(chosen)
+    second_drag = _second_drag(chosen, case)
     if second_drag is not None:
         found.append(second_drag)
     if solution.delay_fitted:
@@ -53,7 +53,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
                 "give --delay if you know it; a slow actuator looks like a delay too",
             )
         )
-    undecided_delay = _delay_undecided(chosen)
+    undecided_delay = _delay_undecided(chosen, case)
     if undecided_delay is not None:
         found.append(undecided_delay)
     if "a" in solution.at_bound or "c" in solution.at_bound:
@@ -81,23 +81,24 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
     return [*found, *apart, *([disagree] if disagree is not None else [])]
 
 
-def _second_drag(chosen: Selection) -> Doubt | None:
-    """A second drag the evidence is undecided about."""
+def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
+    """A second damping the evidence is undecided about."""
     bic = {c.structure: c.bic for c in chosen.candidates}
     if chosen.rival is None or bic["affine"] - bic[chosen.structure] > UNDECIDED:
         return None
     i = 1 if chosen.structure == "linear" else 2
     one, both = chosen.solution.theta, chosen.rival.theta
     change = float((both[i] / both[0]) / (one[i] / one[0])) - 1.0
+    own, other = ("linear", "quadratic") if chosen.structure == "linear" else ("quadratic", "linear")
     return Doubt(
         "second-drag-undecided",
-        f"a second drag beside the {chosen.structure} one is neither proved nor excluded; it would change the "
-        f"{chosen.structure} one by {100.0 * change:+.0f} %; standard errors were raised for it",
-        "fly a relay with a larger or a smaller C: a wider range of speeds tells the two apart",
+        f"{other} damping beside the {own} one is neither proved nor excluded; it would change the "
+        f"{own} one by {100.0 * change:+.0f} %; standard errors were raised for it",
+        f"{case.more_levels}: a wider range of speeds tells the two apart",
     )
 
 
-def _delay_undecided(chosen: Selection) -> Doubt | None:
+def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
     """A delay that would change the inertia, can be neither proved nor excluded (likelihood ratio at 10 %)."""
     tried = chosen.with_delay
     if tried is None or chosen.solution.delay_fitted:
@@ -110,7 +111,7 @@ def _delay_undecided(chosen: Selection) -> Doubt | None:
     return Doubt(
         "delay-undecided",
         f"a delay of {tried.theta[4]:.2f} s fits as well as none; inertia changes by {100.0 * change:+.0f} %",
-        "give --delay if you know it; fly a second relay with a clearly different x_a, or with larger C",
+        f"give --delay if you know it; {case.more_levels}",
     )
 
 

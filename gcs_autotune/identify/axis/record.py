@@ -193,7 +193,7 @@ def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) 
     if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):
         raise NotInformative(
             f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: "
-            "inertia, drag and constant force cannot be told apart; fly a relay or a sequence of steps"
+            "inertia, damping and constant force cannot be told apart; fly a relay or a sequence of steps"
         )
     if not any(_varies(c) for c in outputs):
         names = " and ".join(c.name for c in outputs)

@@ -18,7 +18,7 @@ from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
 from gcs_autotune.identify.coupled.record import CoupledRecord, later, within_horizon
 from gcs_autotune.identify.result import Fit, Parameter, Status, Trace
-from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["fit_coupled_by_output_error", "fit_of", "with_known_delay"]
@@ -74,7 +74,7 @@ def fit_of(
         parameters[name] = Parameter(
             name,
             float(solution.theta[place]),
-            unit_of(name, units, normalised=form.normalised),
+            form.unit_of(name, units),
             std,
             status,
             bounds.get(name, float("nan")),

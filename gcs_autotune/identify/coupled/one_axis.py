@@ -9,22 +9,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters
+from gcs_autotune.identify.axis.doubts import OF_THE_RUNS
 from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import CoupledRecord
-from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Status, Structure
+from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Parameter, Status, Structure
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS, Dof
 
-__all__ = ["axis_fit", "axis_form", "coupled_case", "derivative_names", "for_axis"]
+__all__ = ["axis_fit", "axis_form", "coupled_case", "derivative_names", "for_axis", "with_actuator"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +48,7 @@ def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bo
     known = {} if not delay else {"delay": float(delay)}
     return Form(
         name=f"{dof.name}/{structure}",
-        title=f"{dof.name}, {structure} drag",
+        title=f"{dof.name}, {structure} damping",
         dofs=(dof.name,),
         free=tuple(free if delay is not None else [*free, "delay"]),
         known=known,
@@ -82,24 +85,9 @@ def _record(record: Record, use: object) -> CoupledRecord:
 def axis_fit(case: Case, structure: Structure, fit: Fit) -> AxisFit:
     """Return what a coupled method found for :func:`coupled_case` in the words of one axis."""
     dof: Dof = DOFS[case.records[0].dof.name]
-    names = derivative_names(dof)
-    order = list(fit.parameters)
-    values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
-    covariance = np.zeros((5, 5))
-    bounds = [math.nan] * 5
-    for i, (n, s) in enumerate(zip(names, SIGNS, strict=True)):
-        if n in order:
-            bounds[i] = fit.parameters[n].bound
-        for j, (o, z) in enumerate(zip(names, SIGNS, strict=True)):
-            if n in order and o in order:
-                covariance[i, j] = s * z * fit.covariance[order.index(n), order.index(o)]
-    model = SingleDof(dof.name, case.records[0].input_unit, *(float(v) for v in values))
-    status: list[Status] = ["fitted" if on else "absent" for on in FREE[structure]]
-    status.append(fit.parameters["delay"].status if "delay" in order else "absent")
-    parameters = named_parameters(model, covariance, status, bounds)
+    model, parameters, covariance = _in_words(dof, case.records[0].input_unit, structure, fit)
     main = case.records[0].main.name
-    own = [t for t in fit.traces if t.signal == main] or list(fit.traces)
-    rms = math.sqrt(float(np.mean(np.concatenate([(t.measured - t.fitted) ** 2 for t in own])))) if own else math.nan
+    rms = _left(fit, main)
     return AxisFit(
         dof=dof.name,
         structure=structure,
@@ -116,6 +104,74 @@ def axis_fit(case: Case, structure: Structure, fit: Fit) -> AxisFit:
         traces=fit.traces,
         extra=fit.extra,
     )
+
+
+def with_actuator(fit: Fit, plain: AxisFit) -> AxisFit:
+    """Return *fit*, a model of one axis with effects of its actuator, in the words of one axis.
+
+    plain : the model of the same runs without them. Of it the readings of limit cycles stay and what is doubtful about
+    the runs themselves; what it doubts of itself, and how its drag was chosen, does not hold for *fit*.
+    """
+    assert isinstance(fit.model, ExtendedModel)
+    axis, main = plain.model.axis, plain.traces[0].signal if plain.traces else plain.model.axis.position
+    structure: Structure = "affine"
+    model, parameters, covariance = _in_words(axis, plain.model.input_unit, structure, fit)
+    effects = tuple(e for e in fit.model.effects if e.place == axis.force)
+    labels = [n for n in fit.parameters if n.startswith(tuple(f"{e.slug}@{e.place}." for e in effects))]
+    order = list(fit.parameters)
+    names, signs = [*derivative_names(axis), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
+    places = [i for i, n in enumerate(names) if n in order]
+    at = [order.index(names[i]) for i in places]
+    whole = np.zeros((len(names),) * 2)
+    whole[np.ix_(places, places)] = np.outer(signs[places], signs[places]) * fit.covariance[np.ix_(at, at)]
+    whole[:5, :5] = covariance
+    of_the_runs = [d for d in plain.doubts if d.slug in OF_THE_RUNS]
+    own = tuple(t for t in fit.traces if t.signal == main)
+    rms = _left(fit, main)
+    return replace(
+        plain,
+        structure=structure,
+        method=fit.method,
+        model=model,
+        parameters={**parameters, **{n: fit.parameters[n] for n in labels}},
+        covariance=whole,
+        noise=fit.noise,
+        noise_std=fit.noise.get(main, rms),
+        residual_rms=rms,
+        fit_percent=fit.fit_percent,
+        used=fit.used,
+        doubts=tuple({(d.slug, d.cause): d for d in (*of_the_runs, *fit.doubts)}.values()),
+        traces=own or fit.traces,
+        extra=fit.extra,
+        decision=None,
+        candidates=(),
+        effects=effects,
+    )
+
+
+def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit) -> tuple[SingleDof, dict[str, Parameter], Array]:
+    """Return model, parameters and their covariance (5, 5) of a form of one axis."""
+    names = derivative_names(dof)
+    order = list(fit.parameters)
+    values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
+    covariance = np.zeros((5, 5))
+    bounds = [math.nan] * 5
+    for i, (n, s) in enumerate(zip(names, SIGNS, strict=True)):
+        if n in order:
+            bounds[i] = fit.parameters[n].bound
+        for j, (o, z) in enumerate(zip(names, SIGNS, strict=True)):
+            if n in order and o in order:
+                covariance[i, j] = s * z * fit.covariance[order.index(n), order.index(o)]
+    model = SingleDof(dof.name, unit, *(float(v) for v in values))
+    status: list[Status] = ["fitted" if on else "absent" for on in FREE[structure]]
+    status.append(fit.parameters["delay"].status if "delay" in order else "absent")
+    return model, named_parameters(model, covariance, status, bounds), covariance
+
+
+def _left(fit: Fit, signal: str) -> float:
+    """Return the root mean square of what is left of *signal*, or of everything where it was not fitted."""
+    own = [t for t in fit.traces if t.signal == signal] or list(fit.traces)
+    return math.sqrt(float(np.mean(np.concatenate([(t.measured - t.fitted) ** 2 for t in own])))) if own else math.nan
 
 
 def for_axis(method: Callable[[CoupledCase], Fit]) -> Callable[[Case], AxisFit]:

@@ -110,7 +110,7 @@ def _parameters(scene: Scene, fitted: Fitted, solution: CoupledSolution) -> tupl
     form = fitted.form
     normalised = form.normalised or set(scene.inputs.values()) == {"1"}
     values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
-    units = {n: unit_of(n, scene.inputs, normalised=normalised) for n in form.parameters}
+    units = {n: unit_of(n, scene.inputs, normalised=normalised, per_inertia=form.per_inertia) for n in form.parameters}
     learnt = []
     for own in fitted.effects:
         entry = BOOK[own.slug]

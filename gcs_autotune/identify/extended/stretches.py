@@ -75,7 +75,7 @@ class Stretch:
 
 
 def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
-    """Return the base model: the degrees of freedom in the file, uncoupled, with linear drag.
+    """Return the base model: the degrees of freedom in the file, uncoupled, with linear damping.
 
     dof : names joined by commas, to look at these only; None: what the records say they swung, else all there are.
 
@@ -120,7 +120,7 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
             "no degree of freedom has both a varying input and a measured motion (for yaw: N[N m] or delta[rad] with "
             f"psi[rad] or r[rad/s]; surge: X and u; heave: Z and z or w); the runs have {have}"
         )
-    title = "uncoupled, linear drag: " + ", ".join(dofs)
+    title = "uncoupled, linear damping: " + ", ".join(dofs)
     return Form("plain", title, tuple(dofs), tuple(free), known, inputs, coriolis=False)
 
 
@@ -148,7 +148,7 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
     known = {"I_z": 1.0} if "yaw" in dofs else {}
     if not dofs:
         raise MissingChannel(f"two thrusters are recorded, but none of u, r, psi: {', '.join(sorted(there))}")
-    return Form("plain", "two fixed thrusters, linear drag", tuple(dofs), tuple(free), known, inputs, coriolis=False)
+    return Form("plain", "two fixed thrusters, linear damping", tuple(dofs), tuple(free), known, inputs, coriolis=False)
 
 
 def stretches_of(

@@ -46,7 +46,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
     """
     if case.structure not in (None, "linear"):
         raise UsageError(
-            f"method 'frequency' fits linear drag only, not {case.structure}: a frequency response knows no amplitude; "
+            f"method 'frequency' fits linear damping only, not {case.structure}: a response knows no amplitude; "
             "use method='output-error'"
         )
     response = _response(case)

@@ -73,5 +73,5 @@ def _misfit(first: NomotoFit, second: NomotoFit | None) -> Doubt | None:
         f"Nomoto's first order misses {100 * first.misfit:.0f} % of the motion beyond its noise{also}",
         "take the second order from nomoto_2"
         if better
-        else "drag that grows with speed, or runs of different amplitude: method='output-error' weighs nonlinear drag",
+        else "quadratic damping, or runs of different amplitude: method='output-error' weighs that too",
     )

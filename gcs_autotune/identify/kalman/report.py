@@ -16,7 +16,7 @@ from gcs_autotune.identify.kalman.bank import Levels, Passed
 from gcs_autotune.identify.kalman.doubts import filter_doubts
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
-from gcs_autotune.models.coupled import CoupledModel, unit_of
+from gcs_autotune.models.coupled import CoupledModel
 
 __all__ = ["MOST_POINTS", "Found", "report"]
 
@@ -50,7 +50,7 @@ def report(task: Task, method: str, found: Found) -> Fit:
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     parameters: dict[str, Parameter] = {}
     for name in form.parameters:
-        unit = unit_of(name, units, normalised=form.normalised)
+        unit = form.unit_of(name, units)
         if name in bank.free:
             i = bank.free.index(name)
             value, bound = float(found.parameters[i]), float(found.bounds[i])

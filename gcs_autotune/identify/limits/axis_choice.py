@@ -28,6 +28,10 @@ ALIKE = 0.02
 """Relative difference of the errors on data left out below which they are called alike."""
 
 
+WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "both kinds of damping"}
+"""Structure -> what it means."""
+
+
 @dataclass(frozen=True, slots=True)
 class ScoredDrag:
     """One drag structure: its criterion (NaN when the method gives none) and its rms error on data left out [SI]."""
@@ -92,27 +96,22 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
 
 
 def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[str, ...]:
-    unit = SIGNALS[signal][0]
-    scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
     said = []
     if fit.decision is not None:
         d = fit.decision
+        verdict = "undecided" if d.verdict == "undecided" else f"speak for {WORDS[d.verdict]}"
         said.append(
-            f"two experiments, thesis (7.2): beta scatters {d.sigma_beta:.1f} %, beta_quadratic "
-            f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {d.verdict}"
+            f"two experiments (thesis, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
+            f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {verdict}"
         )
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
-    told = ", ".join(f"{row.structure} {scale * row.left_out:.3g}" for row in table)
-    verdict = (
-        f"speaks for {best.structure}"
-        if best.left_out < (1.0 - ALIKE) * own.left_out
-        else f"does not object to {fit.structure}"
-    )
-    said.append(f"error on data left out [{unit} of {signal}]: {told}; {verdict}")
+    what = f"data left out ({SIGNALS[signal][1].split(',')[0]})"
+    if best.left_out < (1.0 - ALIKE) * own.left_out:
+        said.append(f"{what}: {WORDS[best.structure]} predicts best, better than {WORDS[own.structure]}")
+    else:
+        said.append(f"{what}: nothing predicts better than {WORDS[own.structure]}")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
-        least = min(row.bic for row in known)
-        told = ", ".join(f"{row.structure} {row.bic - least:+.1f}" for row in known)
-        said.append(f"Bayesian criterion above the lowest: {told}")
+        said.append(f"Bayesian criterion (BIC): lowest with {WORDS[min(known, key=lambda row: row.bic).structure]}")
     return tuple(said)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -201,17 +201,7 @@ def _started(form: Form, fit: Fit, name: str = "") -> Form:
     model = fit.model
     assert isinstance(model, CoupledModel)
     start = {n: model[n] for n in form.free}
-    return Form(
-        name or form.name,
-        form.title,
-        form.dofs,
-        form.free,
-        form.known,
-        form.inputs,
-        form.coriolis,
-        form.normalised,
-        start,
-    )
+    return replace(form, name=name or form.name, start=start, optional=())
 
 
 def _near(form: Form, table: Sequence[ScoredForm]) -> Form:

@@ -15,7 +15,7 @@ from gcs_autotune.identify.coupled.free_run import run_freely
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
-from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.models.coupled import CoupledModel, Form
 
 __all__ = ["fit_of", "model_of"]
 
@@ -54,7 +54,7 @@ def fit_of(
     parameters = {}
     for i, name in enumerate(form.parameters):
         std = math.sqrt(max(float(covariance[i, i]), 0.0))
-        unit = unit_of(name, units, normalised=form.normalised)
+        unit = form.unit_of(name, units)
         parameters[name] = Parameter(name, float(estimate.theta[i]), unit, std, "fitted" if i < f else "fixed")
     said = [note for record in case.records for note in record.notes] + list(doubts)
     traces: list[Trace] = []

@@ -24,6 +24,9 @@ LEVEL_TOLERANCE = 0.05
 """Spread of a relay's level from half period to half period that still counts as the same experiment."""
 
 
+NEUTRAL = 0.25
+"""Chosen: an input this share of the relay's swing away from its level has left the relay: half of it is neutral."""
+
 RELAY_SPREAD = 0.2
 """Largest scatter of a relay's switching positions, as a fraction of the distance between the two."""
 
@@ -112,12 +115,34 @@ def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
 
 
 def _switchings(record: Record) -> Array:
-    """Return when the input crosses the middle of its two positions."""
+    """Return when the input crosses the middle of its two positions, the return to neutral at the end left out."""
     low, high = np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
     side = np.where(record.tau > middle, 1, -1)
     switched: Array = record.t_in[1:][np.diff(side) != 0]
-    return switched
+    return switched[:-1] if _ends_at_neutral(record, switched) else switched
+
+
+def _ends_at_neutral(record: Record, switched: Array) -> bool:
+    """Whether the last crossing is no switching: what the input is held at from there on is not the relay's level."""
+    if len(switched) < 3:
+        return False
+    end = max(float(record.t_in[-1]), float(record.main.t[-1]))
+    same, other = (_held_longest(record, float(a), float(b)) for a, b in itertools.pairwise(switched[-3:]))
+    after = _held_longest(record, float(switched[-1]), end)
+    return abs(after - same) > NEUTRAL * abs(same - other)
+
+
+def _held_longest(record: Record, start: float, end: float) -> float:
+    """Return the value the input is held at for longest between two times."""
+    edges, values = _holds(record, start, end)
+    return float(values[int(np.argmax(np.diff(edges)))])
+
+
+def _holds(record: Record, start: float, end: float) -> tuple[Array, Array]:
+    """Return the input's values (n,) between two times and the times (n + 1,) that bound them."""
+    edges = np.concatenate([[start], record.t_in[(record.t_in > start) & (record.t_in < end)], [end]])
+    return edges, record.tau[np.searchsorted(record.t_in, edges[:-1], side="right") - 1]
 
 
 def _half_periods(t: Array, x: Array, record: Record, switchings: Array) -> list[HalfPeriod]:
@@ -137,8 +162,7 @@ def _half_periods(t: Array, x: Array, record: Record, switchings: Array) -> list
 
 def _level(record: Record, start: float, end: float) -> float | None:
     """Return the input's level in a half period, None when it is not held for four fifths of it."""
-    edges = np.concatenate([[start], record.t_in[(record.t_in > start) & (record.t_in < end)], [end]])
-    values = record.tau[np.searchsorted(record.t_in, edges[:-1], side="right") - 1]
+    edges, values = _holds(record, start, end)
     held = np.diff(edges)
     level = float(values[int(np.argmax(held))])
     near = np.abs(values - level) <= 2.0 * LEVEL_TOLERANCE * max(abs(level), float(np.ptp(record.tau)) / 2.0)

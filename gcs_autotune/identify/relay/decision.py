@@ -1,4 +1,4 @@
-"""Constant or linear drag? The decision from two experiments, thesis (7.1)-(7.2).
+"""Linear or quadratic damping? The decision from two experiments, thesis (7.1)-(7.2).
 
 The structure whose coefficient scatters less between two different limit cycles describes the craft better;
 the scatter of ``alpha``, which is the same in both structures, measures how sure one can be.
@@ -25,7 +25,7 @@ MARGINS: Mapping[str, Callable[[float], float]] = {
 
 
 def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decision:
-    """Decide between constant drag (``linear``) and drag linear in velocity (``nonlinear``).
+    """Decide between linear (``linear``) and quadratic damping (``nonlinear``).
 
     Raises
     ------

@@ -124,7 +124,7 @@ def _doubts(everything: Sequence[StepReading], model: StepModel) -> list[Doubt]:
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "these steps cannot tell linear from nonlinear drag; the simpler was taken",
+        "these steps cannot tell linear from quadratic damping; the simpler was taken",
         "step to clearly different levels",
     )
 

@@ -32,7 +32,7 @@ craft whose heave is not simulated.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.errors import BadFile
@@ -180,20 +180,28 @@ def _code(word: str, modulus: bool, inputs: Sequence[str]) -> int:
     return _POSITIONS[word]
 
 
-def unit_of(name: str, inputs: Mapping[str, str], *, normalised: bool = False) -> str:
+def unit_of(
+    name: str, inputs: Mapping[str, str], *, normalised: bool = False, per_inertia: Collection[str] = ()
+) -> str:
     """Return the unit of a parameter; *inputs* maps input names to their units.
 
     normalised : forces are known only as fractions, so ``N`` and ``N m`` do not appear.
+    per_inertia : force letters of the equations divided by their inertia: forces there are accelerations.
     """
     if name in SPECIAL:
         return SPECIAL[name]
     if name in RIGID_BODY:
-        return RIGID_BODY[name]
-    if name.startswith("k_"):
+        return "1" if per_inertia else RIGID_BODY[name]
+    gain = name.startswith("k_")
+    if gain and name[2:3] in per_inertia:
+        return _acceleration(name[2], [], [next(iter(inputs.values()), "1")])
+    if gain:
         return "1"
     match = _NAME.match(name)
     if match is None:
         return ""
+    if match["force"] in per_inertia:
+        return "1" if inertia_of(name) is not None else _per_inertia(name, match, inputs)
     force = "" if normalised else ("N" if FORCES.index(match["force"]) < 3 else "N m")
     inertia = inertia_of(name)
     if inertia is not None:
@@ -210,6 +218,28 @@ def unit_of(name: str, inputs: Mapping[str, str], *, normalised: bool = False) -
         elif word in _POSITIONS:
             lower.append("m" if word in "xyz" else "rad")
     return _joined(force, seconds, [w for w in lower if w != "1"])
+
+
+def _per_inertia(name: str, match: re.Match[str], inputs: Mapping[str, str]) -> str:
+    if match["rest"] == "0":
+        return _acceleration(match["force"], [], [])
+    words = [word for word, _ in _tokens(name, match["rest"], tuple(inputs))]
+    rates = ["rad" if w in _ANGULAR else "m" for w in words if w in STATES]
+    others = [inputs[w] for w in words if w in inputs]
+    others += ["m" if w in "xyz" else "rad" for w in words if w in _POSITIONS]
+    return _acceleration(match["force"], rates, [w for w in others if w != "1"])
+
+
+def _acceleration(force: str, rates: Sequence[str], others: Sequence[str]) -> str:
+    """Return the unit of an acceleration per product of *rates* (``m`` or ``rad`` per second) and *others*."""
+    powers: dict[str, int] = {"m" if FORCES.index(force) < 3 else "rad": 1}
+    for word in (*rates, *others):
+        powers[word] = powers.get(word, 0) - 1
+    powers["s"] = len(rates) - 2
+    above, below = ([(w, abs(p)) for w, p in powers.items() if p * sign > 0] for sign in (1, -1))
+    text = [" ".join(w if p == 1 else f"{w}^{p}" for w, p in part) for part in (above, below)]
+    bottom = f"({text[1]})" if len(below) > 1 else text[1]
+    return (text[0] or "1") + (f"/{bottom}" if bottom else "")
 
 
 def _joined(force: str, seconds: int, lower: Sequence[str]) -> str:

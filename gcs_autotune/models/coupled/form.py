@@ -27,14 +27,26 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from gcs_autotune.errors import BadFile
-from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of, unit_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["FORMS", "Form", "form_from", "load_form"]
 
 _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_KEYS = {"name", "title", "dofs", "free", "known", "inputs", "coriolis", "normalised", "start", "optional"}
+_KEYS = {
+    "name",
+    "title",
+    "dofs",
+    "free",
+    "known",
+    "inputs",
+    "coriolis",
+    "normalised",
+    "per_inertia",
+    "start",
+    "optional",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +58,8 @@ class Form:
     parameter's name, with ``-`` before it for the opposite sign; ``start`` values to begin a search from (optional).
     ``optional``: inputs that stay out when no run has their channel: nothing pushes there.
     ``normalised``: forces are fractions of full output, so inertias and drags have no newtons in them.
+    ``per_inertia``: force letters of the equations that are divided by their inertia, because no run tells a force
+    there: what stands in them are accelerations.
     """
 
     name: str
@@ -58,6 +72,7 @@ class Form:
     normalised: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
     optional: tuple[str, ...] = ()
+    per_inertia: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self)
@@ -74,6 +89,29 @@ class Form:
             free=tuple(n for n in self.free if n not in values),
             known={**self.known, **{n: float(v) for n, v in values.items()}},
         )
+
+    def knowing(self, values: Mapping[str, float]) -> Form:
+        """Return the form with constants a person knows of the craft.
+
+        Raises
+        ------
+        UsageError
+            A mass, in equations that know no newtons.
+        """
+        masses = [f"{n} = {v:g}" for n, v in values.items() if n in RIGID_BODY]
+        if masses and (self.per_inertia or self.normalised):
+            why = "forces are fractions of full output"
+            if self.per_inertia:
+                why = f"its equations of {', '.join(self.per_inertia)} are per unit of inertia"
+            raise UsageError(
+                f"{', '.join(masses)} cannot enter form '{self.name}': {why}, no force is known in newtons; leave it "
+                "out, or give a form whose inputs are forces (--dof horizontal)"
+            )
+        return self.fixing(values)
+
+    def unit_of(self, name: str, inputs: Mapping[str, str]) -> str:
+        """Return the unit of a parameter; *inputs* maps input names to their units."""
+        return unit_of(name, inputs, normalised=self.normalised, per_inertia=self.per_inertia)
 
     def freeing(self, *names: str) -> Form:
         """Return the form with some known (or new) parameters free; known values become start values."""
@@ -102,6 +140,9 @@ def _check(form: Form) -> None:
     twice = {n for n in form.parameters if form.parameters.count(n) > 1}
     if twice:
         raise BadFile(f"form '{form.name}': {', '.join(sorted(twice))} named twice (free and known)")
+    odd = set(form.per_inertia) - {DOFS[d].force for d in form.dofs}
+    if odd:
+        raise BadFile(f"form '{form.name}': per_inertia names {', '.join(sorted(odd))}, not among its equations")
     strange = set(form.optional) - set(form.inputs)
     if strange:
         raise BadFile(f"form '{form.name}': optional {', '.join(sorted(strange))} is not among its inputs")
@@ -149,6 +190,7 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
             normalised=bool(data.get("normalised", False)),
             start={str(k): float(v) for k, v in data.get("start", {}).items()},
             optional=tuple(str(c) for c in data.get("optional", ())),
+            per_inertia=tuple(str(f) for f in data.get("per_inertia", ())),
         )
     except KeyError as error:
         raise BadFile(f"{origin}: entry {error} is missing") from error

@@ -251,6 +251,7 @@ class CoupledModel:
                 "normalised": form.normalised,
                 "start": dict(form.start),
                 "optional": list(form.optional),
+                "per_inertia": list(form.per_inertia),
             },
             "values": {n: self[n] for n in form.parameters},
         }

@@ -84,7 +84,7 @@ def test_quadratic_drag_at_two_amplitudes_is_named(record: Record) -> None:
 
 def test_what_the_method_cannot_do_it_says(record: Record) -> None:
     run = record((0.36, 0.12, 0.0, 0.0), sweep(0.05, 3.0, 60.0), 60.0)
-    with pytest.raises(UsageError, match="linear drag only"):
+    with pytest.raises(UsageError, match="linear damping only"):
         fit_axis(run, method="frequency", structure="nonlinear")
     with pytest.raises(UsageError, match="source 'welch'"):
         fit_axis(run, method="frequency", source="welch")

@@ -127,6 +127,6 @@ def test_one_axis_shows_three_witnesses_for_its_drag() -> None:
     left_out = {row.structure: row.left_out for row in choice.table}
     assert choice.chosen == "nonlinear"
     assert left_out["linear"] > 1.2 * left_out["nonlinear"]
-    assert any("does not object to nonlinear" in r for r in choice.reasons)
+    assert any("nothing predicts better than quadratic damping" in r for r in choice.reasons)
     assert any("Bayesian criterion" in r for r in choice.reasons)
     assert choice.to_dict()["table"][0]["structure"] == "linear"

@@ -1,0 +1,126 @@
+"""Words that are true: noise, unexplained remainder, damping, one verdict, margins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import report_stories as stories
+
+from gcs_autotune.design.result import Margins
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.identify import AxisFit, fit
+from gcs_autotune.identify.colour import remainder_of
+from gcs_autotune.identify.result import Parameter
+from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report.numbers import format_factor
+from gcs_autotune.report.study_wording import verdict_headline
+from gcs_autotune.report.tables import margins_table, model_table
+from gcs_autotune.report.terminal import render_text
+from gcs_autotune.report.wording import model_sentences, model_words, remainder_sentence, safety
+from gcs_autotune.trial import Channel, Trial
+
+
+def noise(std: float, n: int = 2000, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0.0, std, n)
+
+
+def test_a_remainder_that_is_white_is_noise() -> None:
+    left = remainder_of([noise(0.01), noise(0.01, seed=2)])
+    assert left.rms == pytest.approx(0.01, rel=0.05)
+    assert left.unexplained == 0.0
+    assert "as measurement noise does" in remainder_sentence(left, "rad")
+
+
+def test_a_remainder_that_is_correlated_is_unexplained_and_its_noise_is_the_sensors() -> None:
+    slow = 0.05 * np.sin(np.arange(2000) * 0.02)
+    left = remainder_of([slow + noise(0.004)])
+    assert left.noise == pytest.approx(0.004, rel=0.05)
+    assert left.unexplained == pytest.approx(0.05 / np.sqrt(2.0), rel=0.05)
+    said = remainder_sentence(left, "rad")
+    assert said == "2° rms remain: 0.23° change from sample to sample, as noise does; 2° stay unexplained."
+    assert "measurement noise" not in said
+
+
+def test_what_a_coarse_sensor_rounds_away_is_noise_although_it_repeats() -> None:
+    motion = np.sin(np.arange(2000) * 0.01)
+    step = 0.1
+    left = remainder_of([np.round(motion / step) * step - motion], step / np.sqrt(12.0))
+    assert left.unexplained == 0.0
+
+
+def wave() -> Trial:
+    """A yaw run under a slow wave that its input knows nothing of; its sensor's noise is 0.01 rad/s."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 40.0, 0.1)
+    tau = np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+    r = np.zeros(len(t))
+    for k in range(len(t) - 1):
+        r[k + 1] = tau[k] + (r[k] - tau[k]) * np.exp(-0.05)
+    seen = r + 0.15 * np.sin(1.3 * t) + rng.normal(0.0, 0.01, len(t))
+    return Trial("wavy", {"r": Channel("r", "rad/s", t, seen), "N": Channel("N", "N m", t, tau)})
+
+
+@pytest.fixture(scope="module")
+def found() -> AxisFit:
+    answer = fit(wave(), "linear")
+    assert isinstance(answer, AxisFit)
+    return answer
+
+
+def test_a_fit_tells_how_much_of_what_is_left_is_noise(found: AxisFit) -> None:
+    left = found.remainder["r"]
+    assert left.noise == pytest.approx(0.01, rel=0.5)
+    assert left.unexplained > 0.05
+    assert "stay unexplained" in model_sentences(found)[-1]
+    assert found.to_dict()["remainder"]["r"]["unexplained"] == pytest.approx(left.unexplained)
+
+
+def study(found: AxisFit, unseen: float) -> Study:
+    checked = found.validate(wave())
+    checked = replace(checked, statistics=tuple(replace(s, fit_percent=unseen) for s in checked.statistics))
+    row = RunRow("wavy", "wavy.csv", 40.0, 400, ("r", "N"), "identification")
+    outcome = Outcome("output-error", found, 0.2, checked)
+    return Study("Identification of yaw", "2026-11-21T10:00:00", (row,), (outcome,), how_unseen="Predicted.")
+
+
+@pytest.mark.parametrize("unseen", [81.0, -15.0])
+def test_terminal_and_page_give_one_verdict_and_the_terminal_gives_it_last(found: AxisFit, unseen: float) -> None:
+    told = study(found, unseen)
+    verdict = verdict_headline(told).text
+    terminal = render_text(study_summary(told), width=200)
+    assert terminal.rstrip().splitlines()[-1] == verdict
+    assert verdict in render_study(told).replace("\u00a0", " ")
+
+
+def test_a_prediction_worse_than_none_explains_nothing(found: AxisFit) -> None:
+    verdict = verdict_headline(study(found, -15.0))
+    assert verdict.text.startswith("The model explains nothing of motion it has not seen")
+    assert "-15" not in verdict.text
+    assert verdict.tone == "bad"
+
+
+def test_damping_is_called_as_the_field_calls_it_and_explained_at_first_use(found: AxisFit) -> None:
+    assert model_words(found) == "linear damping"
+    assert model_sentences(found)[0] == "Linear damping: the water's resistance grows in proportion to the speed."
+    assert "linear damping" in {row[3] for row in model_table(found).rows}
+
+
+def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_table() -> None:
+    curve = Applied("quadratic-actuator", "N", {"share": 0.824}, {"u_ref": 1.0})
+    plain = stories.fit()
+    share = Parameter("quadratic-actuator@N.share", 0.824, "1", 0.031)
+    bent = replace(plain, effects=(curve,), parameters={**plain.parameters, share.name: share})
+    assert model_words(bent) == "quadratic damping, with thrust curve"
+    assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
+    assert ("share", "0.82 ± 0.03", "1", "quadratic share of the thrust at full command", "") in model_table(bent).rows
+
+
+@pytest.mark.parametrize("gain", [140.0, float("inf")])
+def test_a_gain_margin_above_100_is_said_one_way(gain: float) -> None:
+    assert format_factor(gain) == "more than 100"
+    wide = Margins(gain=gain, phase=1.0, delay=0.5, stable=True)
+    proposal = replace(stories.proposal(), margins=wide, worst_margins=wide)
+    assert "a factor of more than 100 in gain" in safety(proposal)
+    assert ("gain margin", "more than 100", "more than 100") in margins_table(proposal).rows
