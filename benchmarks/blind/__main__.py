@@ -13,23 +13,29 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from benchmarks.blind.case import BESIDE, GIVEN  # noqa: E402
 from benchmarks.blind.foreign import FOREIGN  # noqa: E402
 from benchmarks.blind.referee import Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES  # noqa: E402
 
 SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
-"""Of all cases when every kind is played."""
+"""Of all cases when every kind without a given model is played; ``numbers``: all with one."""
 
 Task = tuple[str, int, int, str]
 
 
 def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
     """Return (kind, seed, index, slug) of *cases* cases; effects by turns, so that each comes equally often."""
-    counts = {k: round(share * cases) for k, share in SHARES.items()} if kind == "all" else {kind: cases}
+    counts = {kind: cases}
+    if kind == "all":
+        counts = {k: round(share * cases) for k, share in SHARES.items()}
+    elif kind == "numbers":
+        counts = dict.fromkeys(GIVEN, max(1, cases // len(GIVEN)))
     found: list[Task] = []
     for each, count in counts.items():
-        table: Sequence[str] = {"single": list(RECIPES), "foreign": list(FOREIGN)}.get(each, [""])
+        beside = list(BESIDE) if each.endswith("-and-effect") else [""]
+        table: Sequence[str] = {"single": list(RECIPES), "foreign": list(FOREIGN)}.get(each, beside)
         chosen = [s for s in table if not only or s in only or not s]
         if chosen:
             found += [(each, seed, i // len(chosen), chosen[i % len(chosen)]) for i in range(count)]
@@ -58,7 +64,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
-    parser.add_argument("--kind", choices=("all", *SHARES), default="all")
+    parser.add_argument("--kind", choices=("all", "numbers", *SHARES, *GIVEN), default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     parser.add_argument("--quiet", action="store_true", help="the report only")
     return parser.parse_args(arguments)
@@ -91,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _said(o: Outcome) -> str:
     mark = "right" if o.strictly_right else "group" if o.right else "WRONG"
-    truth = "+".join(f"{t}@{p}" for t, p in zip(o.truth, o.places, strict=False)) or "nothing"
-    answer = "+".join(f"{c}@{p}" for c, p in zip(o.causes, o.found_at, strict=True))
+    truth = "+".join([*o.numbers, *(f"{t}@{p}" for t, p in zip(o.truth, o.places, strict=False))]) or "nothing"
+    answer = "+".join([*o.doubted, *(f"{c}@{p}" for c, p in zip(o.causes, o.found_at, strict=True))])
     head = f"{mark} {o.kind} {o.index} {o.craft} T={o.pace:.2g} s x{o.ratio:.2f}"
     return f"{head}: {truth} -> {o.verdict} {answer} {o.seconds:.1f} s"
 

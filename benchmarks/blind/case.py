@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.craft import POSITION, Craft, draw_craft, log_uniform
+from benchmarks.blind.craft import FORCE, POSITION, SPEED, Craft, draw_craft, log_uniform
 from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
 from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.plain import errors_of, misfit, whitened
@@ -25,7 +25,7 @@ from gcs_autotune.trial import Channel, Trial
 from sitl.effects import Effect, make_effect
 from sitl.tank import Hull, tow
 
-__all__ = ["Case", "NoCase", "draw_case"]
+__all__ = ["BESIDE", "GIVEN", "Case", "NoCase", "draw_case"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -37,6 +37,8 @@ LEAST_DOUBLE, MOST_DOUBLE = 1.5, 5.0
 """The same of the smaller one of two effects."""
 LEAST_NOISE, MOST_NOISE = 0.003, 0.1
 """Noise in shares of what each signal does."""
+LEAST_FACTOR, MOST_FACTOR = 1.1, 2.0
+"""By which a wrong number is too large or too small."""
 DRAWS = 200
 BOTTOM = 20.0
 """Depth of the tank [m]."""
@@ -84,6 +86,10 @@ class Case:
     manoeuvres: tuple[str, ...]
     levels: Mapping[str, float]
     """Standard deviation of the noise of every signal."""
+    wrong: Mapping[str, float] = field(default_factory=dict)
+    """Number of the given model that is wrong -> by which factor."""
+    simulations: tuple[Trial, ...] = ()
+    """What the given model makes of the same commands, for kinds that give no model file."""
 
     @property
     def slugs(self) -> tuple[str, ...]:
@@ -104,9 +110,9 @@ class _Voyage:
 
 
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
-    """Return case number *index* of *kind* (``single``, ``clean``, ``double``, ``foreign``).
+    """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, or of :data:`GIVEN`.
 
-    *slug*: the effect of a single or foreign case.
+    *slug*: the effect of a single or foreign case, or of one beside a given model.
 
     Raises
     ------
@@ -114,7 +120,8 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
         It could not be made to count.
     """
     rng = np.random.default_rng([seed, zlib.crc32(f"{kind}/{slug}".encode()), index])
-    drawn = {"single": _single, "clean": _clean, "double": _double, "foreign": _foreign}[kind]
+    kinds = {"single": _single, "clean": _clean, "double": _double, "foreign": _foreign, **GIVEN}
+    drawn = kinds[kind]
     for _ in range(DRAWS):
         case = drawn(rng, slug)
         if case is not None:
@@ -178,6 +185,120 @@ def _double(rng: Rng, slug: str) -> Case | None:
     levels = {n: noise * s for n, s in sizes.items()}
     files = _fly(voyage, pair, levels)
     return _case(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise, levels)
+
+
+# -- kinds with a model given, whose numbers are right or wrong
+
+
+def _numbers(rng: Rng, slug: str) -> Case | None:
+    """One or two wrong numbers, no effect."""
+    return _given(rng, None, int(rng.integers(1, 3)))
+
+
+def _numbers_beside(rng: Rng, slug: str) -> Case | None:
+    """One wrong number beside an effect, each of which counts."""
+    return _given(rng, slug, 1)
+
+
+def _honest(rng: Rng, slug: str) -> Case | None:
+    """Every number right, no effect."""
+    return _given(rng, None, 0)
+
+
+def _honest_beside(rng: Rng, slug: str) -> Case | None:
+    """Every number right, beside an effect."""
+    return _given(rng, slug, 0)
+
+
+def _simulation(rng: Rng, slug: str) -> Case | None:
+    """One or two wrong numbers of a simulator whose output alone is given."""
+    return _given(rng, None, int(rng.integers(1, 3)), told=False)
+
+
+def _honest_simulation(rng: Rng, slug: str) -> Case | None:
+    """A simulator that does as the craft, its output alone given."""
+    return _given(rng, None, 0, told=False)
+
+
+def _given(rng: Rng, slug: str | None, count: int, *, told: bool = True) -> Case | None:
+    """Return a case with a model of which *count* numbers are wrong, each so that it counts; *told*: as a file."""
+    if slug is None:
+        craft = draw_craft(str(rng.choice(("yaw", "yaw", "surge", "heave", "steered", "boat", "raft"))), rng)
+        hidden = Hidden("", "", {}, craft, turns=bool(rng.random() < 0.5))
+    else:
+        recipe = RECIPES[slug]
+        hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
+        if _cannot_be(hidden) or (hidden.turns and not turns_round(hidden.craft)):
+            return None
+    voyage = _voyage(rng, [hidden])
+    craft = voyage.craft
+    sizes = _sizes(rng, craft, 1.0)
+    dofs = [d for d in craft.dofs if d in craft.drives.values()]
+    choices = [(kind, dof) for dof in dofs for kind in ("inertia", "linear")]
+    chosen = [choices[int(i)] for i in rng.permutation(len(choices))[:count]]
+    wrong = {at: log_uniform(rng, LEAST_FACTOR, MOST_FACTOR) ** (1 if rng.random() < 0.5 else -1) for at in chosen}
+    plain = _fly(voyage, [])
+    weights = [_apart(plain, _fly(_with(voyage, {at: by}), []), sizes) for at, by in wrong.items()]
+    if slug is not None:
+        weights.append(_misfit(voyage, _fly(voyage, [hidden]), sizes))
+    noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
+    if weights:
+        noise = min(weights) / np.sqrt(log_uniform(rng, LEAST_DOUBLE, MOST_DOUBLE) ** 2 - 1.0)
+    if not LEAST_NOISE <= noise <= MOST_NOISE:
+        return None
+    levels = {n: noise * s for n, s in sizes.items()}
+    effects = [] if slug is None else [hidden]
+    files = _fly(voyage, effects, levels)
+    ratio = float(np.hypot(1.0, max(weights, default=0.0) / noise))
+    case = _case(rng, voyage, effects, files, ratio, noise, levels)
+    theirs = (
+        () if told else tuple(_trial(f"sim{k + 1}", f, False) for k, f in enumerate(_fly(_with(voyage, wrong), [])))
+    )
+    names = {_name(craft, *at): by for at, by in wrong.items()}
+    return replace(case, wrong=names, simulations=theirs[:-1], unseen=case.unseen if told else ())
+
+
+def _name(craft: Craft, kind: str, dof: str) -> str:
+    return f"{FORCE[dof]}_{SPEED[dof]}" + ("dot" if kind == "inertia" else "")
+
+
+def _with(voyage: _Voyage, wrong: Mapping[tuple[str, str], float]) -> _Voyage:
+    """Return a voyage of a craft with other numbers."""
+    numbers = {"inertia": dict(voyage.craft.inertia), "linear": dict(voyage.craft.linear)}
+    for (kind, dof), by in wrong.items():
+        numbers[kind][dof] *= by
+    return replace(voyage, craft=replace(voyage.craft, **numbers))
+
+
+def _apart(files: Sequence[File], others: Sequence[File], sizes: Mapping[str, float]) -> float:
+    """Return how far two sets of files differ: rms over all signals, each in its *sizes*."""
+    errors = [(f[n] - o[n]) / sizes[n] for f, o in zip(files, others, strict=True) for n in sizes]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+GIVEN = {
+    "wrong-numbers": _numbers,
+    "wrong-numbers-and-effect": _numbers_beside,
+    "honest": _honest,
+    "honest-and-effect": _honest_beside,
+    "simulation": _simulation,
+    "honest-simulation": _honest_simulation,
+}
+"""Kinds of cases with a model (or a simulator's output) given, whose numbers are to be judged."""
+
+BESIDE = (
+    "dead-zone",
+    "input-delay",
+    "saturation",
+    "backlash",
+    "quadratic-drag",
+    "gain-drift",
+    "input-bias",
+    "wind-moment",
+    "gyro-bias",
+    "steady-current",
+)
+"""Effects that wrong numbers are hidden beside: of every family, none that is another value of the same numbers."""
 
 
 def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: bool) -> Case | None:

@@ -11,14 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.case import Case, NoCase, draw_case
+from benchmarks.blind.case import GIVEN, Case, NoCase, draw_case
 from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify.extended.stretches import plain_form
+from gcs_autotune.models.coupled import CoupledModel, Form
 from sitl.effects import BadEffect
 
-__all__ = ["NEAR", "Outcome", "form_of", "judge", "play"]
+__all__ = ["NEAR", "Outcome", "form_of", "given_model", "judge", "play"]
 
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
@@ -47,6 +49,10 @@ class Outcome:
     seconds: float = 0.0
     drawing: float = 0.0
     error: str = ""
+    numbers: list[str] = field(default_factory=list)
+    """Numbers of the given model that are wrong."""
+    doubted: list[str] = field(default_factory=list)
+    """Those that the diagnosis says are."""
 
     @property
     def first(self) -> str:
@@ -56,6 +62,8 @@ class Outcome:
     @property
     def strictly_right(self) -> bool:
         """The right name first; nothing when there is nothing; both of two; no confident name for what is foreign."""
+        if self.kind in GIVEN:
+            return self._numbers_right and (self.causes[:1] == self.truth if self.truth else self._nothing_else)
         if self.kind == "single":
             return self.causes[:1] == self.truth
         if self.kind == "clean":
@@ -65,11 +73,24 @@ class Outcome:
         return self.verdict not in ("effect-found", "error")
 
     @property
+    def _numbers_right(self) -> bool:
+        """Exactly the numbers that are wrong; of a simulator the plain model's that they change."""
+        if self.kind.endswith("simulation"):
+            return set(self.doubted) == {w for n in self.numbers for w in _as_plain(n)}
+        return set(self.doubted) == set(self.numbers)
+
+    @property
+    def _nothing_else(self) -> bool:
+        return self.verdict == ("wrong-numbers" if self.numbers else "no-effect")
+
+    @property
     def right(self) -> bool:
         """The same when a name stands for its group of causes these runs cannot tell apart."""
         if self.strictly_right or self.kind in ("clean", "foreign"):
             return self.strictly_right
-        named = self.causes[:1] if self.kind == "single" else self.causes
+        if self.kind in GIVEN and not (self._numbers_right and self.truth):
+            return False
+        named = self.causes if self.kind == "double" else self.causes[:1]
         return all(t in named or any(t in g and set(g) & set(named) for g in self.groups) for t in self.truth)
 
     def to_json(self) -> str:
@@ -81,6 +102,12 @@ class Outcome:
         """Read :meth:`to_json`."""
         data: dict[str, Any] = json.loads(line)
         return cls(**data)
+
+
+def _as_plain(number: str) -> set[str]:
+    """Return what a wrong number changes of the plain model: drag both gain and time constant, inertia the latter."""
+    dof = next(d for d, f in FORCE.items() if f == number[0])
+    return {f"time constant of {dof}"} | (set() if number.endswith("dot") else {f"gain of {dof}"})
 
 
 def play(kind: str, seed: int, index: int, slug: str) -> Outcome:
@@ -108,10 +135,14 @@ def judge(case: Case, seed: int, slug: str, drawing: float) -> Outcome:
         noise=case.noise,
         verdict="error",
         drawing=drawing,
+        numbers=list(case.wrong),
     )
     begun = time.process_time()
     try:
-        found = diagnose(list(case.runs), unseen=list(case.unseen), form=form_of(case))
+        model = None if case.kind not in GIVEN or case.simulations else given_model(case)
+        form = form_of(case) if model is None else None
+        runs, unseen = list(case.runs), list(case.unseen)
+        found = diagnose(runs, unseen=unseen, form=form, model=model, simulations=case.simulations)
     except AutotuneError as error:
         told = f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001  a crash of the diagnosis is a wrong answer, and the suite goes on
@@ -134,12 +165,28 @@ def form_of(case: Case) -> Form | None:
     )  # fmt: skip
 
 
+def given_model(case: Case) -> ExtendedModel:
+    """Return the model that comes with a case: the true numbers, some of them wrong."""
+    form = plain_form(case.runs)
+    values = {}
+    for dof in case.craft.dofs:
+        heavy = case.craft.inertia[dof] if dof in case.craft.drives.values() else 1.0
+        values[f"{FORCE[dof]}_{SPEED[dof]}dot"] = -heavy
+        values[f"{FORCE[dof]}_{SPEED[dof]}"] = -case.craft.linear[dof] * heavy / case.craft.inertia[dof]
+    values = {n: v * case.wrong.get(n, 1.0) for n, v in values.items() if n in form.parameters}
+    return ExtendedModel(CoupledModel(form, values))
+
+
 def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
     pulls: dict[str, list[float]] = {}
     for cause in found.causes:
         if cause.applied.slug in case.truth:
             _, true = case.truth[cause.applied.slug]
             pulls.update(_pulls(cause.applied.slug, cause.parameters, true))
+    for number in found.wrong_numbers:
+        if number.name in case.wrong:
+            true_one = given_model(case).base[number.name] / case.wrong[number.name]
+            pulls[f"number.{number.name}"] = [true_one, number.value, number.std]
     return {
         "verdict": found.verdict,
         "causes": [c.applied.slug for c in found.causes],
@@ -147,6 +194,7 @@ def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
         "groups": [list(g) for g in found.indistinguishable],
         "pulls": pulls,
         "gain": found.gain.ratio if found.gain is not None else float("nan"),
+        "doubted": [n.name for n in found.wrong_numbers],
     }
 
 

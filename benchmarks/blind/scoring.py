@@ -9,11 +9,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.stats import beta
 
+from benchmarks.blind.case import GIVEN
 from benchmarks.blind.referee import NEAR, Outcome
 
 __all__ = ["bounds", "recovered", "report", "tally"]
 
-KINDS = ("single", "clean", "double", "foreign")
+KINDS = ("single", "clean", "double", "foreign", *GIVEN)
 
 
 def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
@@ -68,6 +69,12 @@ def report(outcomes: Sequence[Outcome]) -> str:
         ("clean", "silent on clean data"),
         ("double", "both of two named"),
         ("foreign", "no confident name for what is not in the book"),
+        ("wrong-numbers", "exactly the wrong numbers, nothing else"),
+        ("wrong-numbers-and-effect", "the wrong number, and the effect"),
+        ("honest", "silent on a model with honest numbers"),
+        ("honest-and-effect", "the effect only, where numbers are honest"),
+        ("simulation", "exactly what a simulator has wrong"),
+        ("honest-simulation", "silent on an honest simulator"),
     ):
         some = [o for o in played if o.kind == kind]
         if some:
@@ -80,7 +87,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
         ]
         lines += [_line(slug, singles) for slug in dict.fromkeys(sorted(o.slug for o in singles))]
         lines += ["", *_matrix(singles)]
-    for kind in ("clean", "double", "foreign"):
+    for kind in KINDS[1:]:
         lines += _missed([o for o in played if o.kind == kind], kind)
     lines += _parameters(played)
     lines += _seconds(played)
@@ -126,7 +133,11 @@ def _missed(some: Sequence[Outcome], kind: str) -> list[str]:
                 f"  {slug:20} {_counted(o.verdict for o in own)}; named {_counted(c for o in own for c in o.causes)}"
             )
         return lines
-    lines += [f"  {o.index:4d} {'+'.join(o.truth) or 'nothing'}: {o.verdict} {'+'.join(o.causes)}" for o in wrong]
+    lines += [
+        f"  {o.index:4d} {'+'.join([*o.numbers, *o.truth]) or 'nothing'}: "
+        f"{o.verdict} {'+'.join([*o.doubted, *o.causes])}"
+        for o in wrong
+    ]
     return lines
 
 

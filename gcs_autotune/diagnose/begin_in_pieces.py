@@ -42,10 +42,12 @@ def begin_in_pieces(search: Search) -> None:
     ends = best_of_each([*lost.ends, *search.ends_of(held)], lost.base)[:RUNNERS]
     if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
         return
-    former = search.fitted, search.parts, search.base_unseen, search.present_unseen, search.steps
+    former = search.fitted, search.parts, search.base_unseen, search.present_unseen, search.given_unseen, search.steps
     search.fitted, search.steps = lost.base, []
-    search.present_unseen = search.base_unseen if search.given is None else search.unseen(lost.base)
+    search.present_unseen = search.base_unseen if lost.base is search.base else search.unseen(lost.base)
     search.until_none_pays(search.judged_all(ends, lost.base, lost.tried))
     now, before = (fit.cost + price_of(fit, lost.base) for fit in (search.fitted, former[0]))
     if now >= before:
-        search.fitted, search.parts, search.base_unseen, search.present_unseen, search.steps = former
+        search.fitted, search.parts, search.base_unseen, search.present_unseen, search.given_unseen, search.steps = (
+            former
+        )

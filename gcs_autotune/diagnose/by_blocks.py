@@ -24,14 +24,15 @@ def judged_by_blocks(search: Search, found: Found) -> Found | None:
         return None
     if not explains_all(search.problem, found):
         return None
-    former = search.parts, search.base_unseen, search.present_unseen
+    former = search.parts, search.base_unseen, search.present_unseen, search.given_unseen
     search.parts = parts_of(search.problem, in_blocks=True)
-    search.base_unseen = search.unseen(search.base, refit=search.given is None)
+    search.base_unseen = search.unseen(search.base)
+    search.given_unseen = None if search.given is None else search.unseen(search.given, refit=False)
     search.present_unseen = search.unseen(present)
     paying = [j for j in found.judged if j.evidence > 0.0]
     again = ordered([search.judged(j.own, j.fitted, present, search.tried) for j in paying])
     winner = winner_of(again, search.tried, present)
     if winner is None:
-        search.parts, search.base_unseen, search.present_unseen = former
+        search.parts, search.base_unseen, search.present_unseen, search.given_unseen = former
         return None
     return Found(tuple(again), winner)

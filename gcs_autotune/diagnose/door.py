@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.explained import explains_all
-from gcs_autotune.diagnose.heldout import rms_of
+from gcs_autotune.diagnose.heldout import METRIC, rms_of
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
+from gcs_autotune.diagnose.numbers import Given, given_of, judge_numbers
 from gcs_autotune.diagnose.pieces import FAR, foretells, holds_over, horizon_for
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.search import Search, begin_search
-from gcs_autotune.diagnose.simulated import parameters_off, surrogate_of
-from gcs_autotune.diagnose.telling import METRIC, WHITE, told_of
+from gcs_autotune.diagnose.simulated import surrogate_of
+from gcs_autotune.diagnose.telling import WHITE, told_of
 from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import BOOK
@@ -24,6 +25,7 @@ from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base, given_base
 from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of, within
+from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
@@ -43,7 +45,7 @@ def diagnose(
     dof: str | None = None,
     use: Sequence[str] | None = None,
     form: Form | None = None,
-    model: ExtendedModel | None = None,
+    model: ExtendedModel | ModelFile | None = None,
     simulations: Sequence[Trial] = (),
     effects: Sequence[str] | None = None,
     progress: Progress | None = None,
@@ -57,10 +59,11 @@ def diagnose(
     unseen : runs to measure the gain on; without any, parts of *runs* are left out in turn.
     dof : degrees of freedom to look at, joined by commas; all in the file when None.
     use : signals to compare; all measured when None.
-    form : the base model's structure instead of the plain one. model : a base model with its numbers: its error is
-        that of the numbers as they are; effects are looked for on top of the same model refitted.
+    form : the base model's structure instead of the plain one. model : a base model with its numbers, as a file names
+        them where it comes from one: first it is told which of these are wrong, and what setting them right gains;
+        effects are looked for on top of the same model refitted, and their gains counted over it.
     simulations : what somebody else's simulator made of the same commands, one per run. It is modelled itself first;
-        that model takes its place.
+        that model takes its place, and the plain model's numbers are compared.
     effects : slugs to try; the whole book when None.
     progress : called with a stage, how much of it is done, and how much there is.
     horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
@@ -81,15 +84,16 @@ def diagnose(
         raise UsageError("no run was given to diagnose")
     slugs = list(BOOK) if effects is None else [lookup(BOOK, e, "effect").slug for e in effects]
     early: list[Doubt] = []
+    given = None if model is None else given_of(model)
     if simulations:
-        if model is not None:
+        if given is not None:
             raise UsageError("give either a model or a simulation's output, not both")
-        model, early = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
+        given, early = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
     together, doubts = taken_in(together)
     others, more = taken_in(unseen) if unseen else ([], [])
     together, repeats = without_repeats(together, others)
     check_alive(together)
-    base_form = _form(together, dof, form, model)
+    base_form = _form(together, dof, form, given)
     check_worth(together, base_form, use)
     stretches, notes = stretches_of(together, base_form, use)
     held = stretches_of(others, base_form, use)[0] if others else []
@@ -97,29 +101,29 @@ def diagnose(
     whole = held or stretches
     if horizon is not None:
         stretches, held = within(stretches, horizon), within(held, horizon)
-    search, pieces = _search(base_form, stretches, held, model, slugs, progress, jobs), ""
+    search, pieces = _search(base_form, stretches, held, given, slugs, progress, jobs), ""
     search.run()
     shorter = horizon_for(search) if horizon is None and _lost(search) else None
     if shorter is not None:
-        again = _search(base_form, within(stretches, shorter), within(held, shorter), model, slugs, progress, jobs)
+        again = _search(base_form, within(stretches, shorter), within(held, shorter), given, slugs, progress, jobs)
         again.run()
         if again.fitted.effects != again.base.effects and holds_over(again, whole):
             search, pieces = again, f"; in pieces of {shorter:.3g} s"
             doubts.append(_short_sighted(shorter))
         else:
             shorter = None
-    if held and model is None and shorter is None and _contradicted(search):
+    if held and given is None and shorter is None and _contradicted(search):
         # What the runs to fit do not show the runs to predict do: all are looked at together, parts left out in turn.
-        both = _search(base_form, [*stretches, *held], [], model, slugs, progress, jobs)
+        both = _search(base_form, [*stretches, *held], [], given, slugs, progress, jobs)
         both.run()
         if both.fitted.effects:
             search = both
             doubts.append(_needed_all())
-    doubts = [*early, *doubts, *parameters_off(search)]
+    numbers = None if given is None else judge_numbers(search, given)
+    doubts = [*early, *doubts]
     sure = shorter is None and (horizon is None or math.isinf(horizon) or foretells(search, whole))
-    return told_of(
-        search, search.parts.words + pieces, doubts, together, others, time.perf_counter() - begun, sure=sure
-    )
+    words = search.parts.words + pieces
+    return told_of(search, words, doubts, together, others, time.perf_counter() - begun, numbers=numbers, sure=sure)
 
 
 def _contradicted(search: Search) -> bool:
@@ -159,9 +163,9 @@ def _short_sighted(horizon: float) -> Doubt:
     )
 
 
-def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, model: ExtendedModel | None) -> Form:
-    if model is not None:
-        return model.base.form
+def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: Given | None) -> Form:
+    if given is not None:
+        return given.model.base.form
     return form if form is not None else plain_form(runs, dof)
 
 
@@ -169,14 +173,14 @@ def _search(
     form: Form,
     stretches: list[Stretch],
     unseen: list[Stretch],
-    model: ExtendedModel | None,
+    given: Given | None,
     slugs: Sequence[str],
     progress: Progress | None,
     jobs: int,
 ) -> Search:
-    given = None
-    if model is None:
+    as_it_is = None
+    if given is None:
         problem, fitted = fit_base(form, stretches)
     else:
-        problem, given, fitted = given_base(model.base, model.effects, stretches)
-    return begin_search(problem, fitted, unseen, slugs, given=given, progress=progress, jobs=jobs)
+        problem, as_it_is, fitted = given_base(given.model.base, given.model.effects, stretches)
+    return begin_search(problem, fitted, unseen, slugs, given=as_it_is, progress=progress, jobs=jobs)

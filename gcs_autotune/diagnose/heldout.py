@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from gcs_autotune.diagnose.result import Gain
 from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.sname import SIGNALS
 
-__all__ = ["Fold", "HeldOut", "Parts", "held_out", "p_value", "parts_of", "rms_of"]
+__all__ = ["METRIC", "Fold", "HeldOut", "Parts", "gains_of", "held_out", "p_value", "parts_of", "rms_of"]
 
 Array = NDArray[np.float64]
+
+METRIC = "held-out simulation RMSE"
 
 MOST_FOLDS = 4
 """Parts left out in turn."""
@@ -223,3 +227,16 @@ def ratio_interval(before: Sequence[Rest], after: Sequence[Rest], seed: int = 0)
     ratios = np.sqrt(b[draws].sum(axis=1) / np.maximum(a[draws].sum(axis=1), 1e-300))
     low, high = np.quantile(ratios, (0.025, 0.975))
     return float(low), float(high)
+
+
+def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:
+    """Return the gain of every signal; *words* say what was left out. None where a model runs away."""
+    old, new = rms_of(before.rests), rms_of(after.rests)
+    found = []
+    for name in old:
+        if name not in new or not old[name] > 0.0 or not before.complete or not after.complete:
+            continue
+        pairs = [(a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.signal == name]
+        interval = ratio_interval([a for a, _ in pairs], [b for _, b in pairs])
+        found.append(Gain(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words))
+    return tuple(found)

@@ -15,11 +15,26 @@ from gcs_autotune.effects.effect import Applied, Curve
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.identify.result import Doubt, Trace, plain_data
 
-__all__ = ["Cause", "Diagnosis", "Gain", "Portrait", "Ranked", "Signature", "Value", "Verdict"]
+__all__ = [
+    "Cause",
+    "Diagnosis",
+    "Gain",
+    "Number",
+    "Numbers",
+    "Portrait",
+    "Ranked",
+    "Signature",
+    "Value",
+    "Verdict",
+]
 
 Array = NDArray[np.float64]
 
-Verdict = Literal["effect-found", "partly-explained", "unexplained", "no-effect"]
+Verdict = Literal[
+    "wrong-numbers", "wrong-numbers-and-effect", "effect-found", "partly-explained", "unexplained", "no-effect"
+]
+"""``wrong-numbers``: with numbers of the given model set right nothing is missing; ``...-and-effect``: with these and
+the causes found nothing is. ``partly-explained``: numbers or causes pay on unseen data, but more remains than noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +61,49 @@ class Gain:
     ratio: float
     ci95: tuple[float, float]
     held_out: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One number of the given model against the runs: name, sign and unit as its owner has them.
+
+    ``given`` what the model has, ``given_std`` its standard error where the model states one, else 0; ``value`` what
+    the runs say, with ``std`` and its 95 % interval; ``wrong`` when they contradict each other.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    given: float
+    given_std: float
+    value: float
+    std: float
+    ci95: tuple[float, float]
+    wrong: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """The given model's numbers against the runs, the wrong ones first.
+
+    ``of``: numbers of a ``"model"``, or of the plain model fitted to a ``"simulation"`` and to the runs alike.
+    ``gains``: error on data left out of the model as it is (``before``) and with its numbers set right (``after``),
+    before any cause is added; empty when no number is wrong, or when the model as it is runs away.
+    """
+
+    of: Literal["model", "simulation"]
+    rows: tuple[Number, ...]
+    gains: tuple[Gain, ...] = ()
+
+    @property
+    def wrong(self) -> tuple[Number, ...]:
+        """Those that are wrong."""
+        return tuple(r for r in self.rows if r.wrong)
+
+    @property
+    def gain(self) -> Gain | None:
+        """The gain of the signal that gains most."""
+        return min(self.gains, key=lambda g: g.ratio, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +172,9 @@ class Diagnosis:
 
     ``causes`` in the order found; ``ranking`` best first within each step; ``indistinguishable`` groups of slugs these
     runs cannot tell apart, with ``next_manoeuvre`` that would. ``before`` and ``after`` hold one portrait per
-    signal. ``noise``: level each signal is left with, ``tried``: candidates examined.
+    signal. ``noise``: level each signal is left with, ``tried``: candidates examined. ``gain`` and ``gains`` are those
+    of the causes alone: of a given model, over the same with its numbers fitted; what that gains stands in ``numbers``
+    (None when no model was given). ``base_model`` is the model as given.
     """
 
     verdict: Verdict
@@ -136,6 +196,12 @@ class Diagnosis:
     tried: int
     seconds: float
     doubts: tuple[Doubt, ...] = ()
+    numbers: Numbers | None = None
+
+    @property
+    def wrong_numbers(self) -> tuple[Number, ...]:
+        """Numbers of the given model that the runs contradict."""
+        return () if self.numbers is None else self.numbers.wrong
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form of ``diagnose --json``."""
@@ -143,6 +209,7 @@ class Diagnosis:
             {
                 "schema": 1,
                 "verdict": self.verdict,
+                "numbers": None if self.numbers is None else _numbers(self.numbers),
                 "causes": [c.applied.slug for c in self.causes],
                 "ranking": [
                     {
@@ -191,6 +258,29 @@ class Diagnosis:
 
 def _value(value: Value) -> dict[str, Any]:
     return {"value": value.value, "unit": value.unit, "std": value.std}
+
+
+def _numbers(numbers: Numbers) -> dict[str, Any]:
+    return {
+        "of": numbers.of,
+        "wrong": [r.name for r in numbers.wrong],
+        "rows": [
+            {
+                "name": r.name,
+                "unit": r.unit,
+                "meaning": r.meaning,
+                "given": r.given,
+                "given_std": r.given_std,
+                "value": r.value,
+                "std": r.std,
+                "ci95": list(r.ci95),
+                "wrong": r.wrong,
+            }
+            for r in numbers.rows
+        ],
+        "gain": None if numbers.gain is None else _gain(numbers.gain),
+        "gains": [_gain(g) for g in numbers.gains],
+    }
 
 
 def _gain(gain: Gain) -> dict[str, Any]:

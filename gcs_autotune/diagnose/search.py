@@ -8,7 +8,7 @@ found, every earlier one has to hold its place against its rivals.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from gcs_autotune.diagnose.begin_in_pieces import LostBase, begin_in_pieces
 from gcs_autotune.diagnose.by_blocks import judged_by_blocks
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.judging import (
+    ALIKE,
     SIGNIFICANCE,
     Found,
     Judged,
@@ -30,7 +31,7 @@ from gcs_autotune.diagnose.judging import (
 )
 from gcs_autotune.diagnose.rewiring import lost, merged, rewired
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
-from gcs_autotune.diagnose.second_thoughts import reconsider
+from gcs_autotune.diagnose.second_thoughts import drop_swallowed, reconsider
 from gcs_autotune.diagnose.usual import name_as_usual
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.workers import in_parallel
@@ -50,6 +51,9 @@ MOST_CAUSES = 6
 SHORT_LIST = 18
 """Candidates fitted roughly."""
 
+RESTARTS = 3
+"""Better fits of the same model that a winner may lead to, at most."""
+
 DONE = 0.5
 """Whiteness at which the search is over."""
 
@@ -59,7 +63,11 @@ ASTRAY = 0.05
 
 @dataclass(eq=False)
 class Search:
-    """A search under way: the problem, the folds, the present model."""
+    """A search under way: the problem, the folds, the present model.
+
+    ``base``: what causes are added to and their gains counted over; of a ``given`` model the same with its numbers
+    fitted, for what these gain is no cause's merit.
+    """
 
     problem: Problem
     fitted: Fitted
@@ -72,14 +80,15 @@ class Search:
     steps: list[Found] = field(default_factory=list)
     renamed: list[tuple[str, str]] = field(default_factory=list)
     lost: LostBase | None = None
+    restarts: int = 0
     _alone: Sequence[Fitted] | None = None
     _former: Fitted | None = None
     """The base that a better one took the place of: the better may be none of the craft's, so causes begin at both."""
 
     def __post_init__(self) -> None:
-        self.base = self.fitted if self.given is None else self.given
-        self.base_unseen = self.unseen(self.base, refit=self.given is None)
-        self.present_unseen = self.base_unseen if self.given is None else self.unseen(self.fitted)
+        self.base = self.fitted
+        self.base_unseen = self.present_unseen = self.unseen(self.base)
+        self.given_unseen = None if self.given is None else self.unseen(self.given, refit=False)
 
     # -- the whole
 
@@ -88,6 +97,7 @@ class Search:
         self.until_none_pays()
         begin_in_pieces(self)
         name_as_usual(self)
+        drop_swallowed(self)
 
     def until_none_pays(self, first: Found | None = None) -> None:
         """Take one step after the other; *first*: the next one, judged already."""
@@ -107,11 +117,38 @@ class Search:
         taken: tuple[Found, ...] = (found,)
         if found.accepted is None and white < SIGNIFICANCE:
             taken = look_ahead(self, found, stage) or taken
-        self.steps.extend(taken)
         accepted = taken[-1].accepted
-        if accepted is not None:
-            self.take(accepted)
-        return accepted is not None
+        if accepted is None:
+            self.steps.extend(taken)
+            return False
+        better = self._without(accepted.fitted)
+        if better is not None:
+            self._begin_at(better)
+            again = self.judged(accepted.own, accepted.fitted, better, self.tried)
+            if winner_of([again], self.tried, better) is not None:
+                accepted = again
+                taken = (*taken[:-1], replace(taken[-1], accepted=again))
+            elif self.restarts < RESTARTS:
+                self.restarts += 1
+                return self._one_more(None)
+        self.steps.extend(taken)
+        self.take(accepted)
+        return True
+
+    def _without(self, fitted: Fitted) -> Fitted | None:
+        """Return the present model fitted from where a winner ended, if that is better: the gain was not the winner's.
+
+        A cause that gives a fit the way out of a valley must not be credited with what it found outside.
+        """
+        present = self.fitted
+        again = self.problem.fit(fitted.theta, present.effects, fitted.initial, shift=fitted.shift)
+        return again if again is not None and again.cost < present.cost - ALIKE else None
+
+    def _begin_at(self, better: Fitted) -> None:
+        """Make a better fit of the present model the present model."""
+        if self.fitted is self.base:
+            self.base, self.base_unseen, self._former = better, self.unseen(better), self.base
+        self.fitted, self.present_unseen = better, self.unseen(better)
 
     def take(self, judged: Judged) -> None:
         """Make a judged fit the present model."""
@@ -213,9 +250,9 @@ class Search:
 
     # -- helpers
 
-    def unseen(self, fitted: Fitted, *, refit: bool = True) -> HeldOut:
-        """Predict what is left out."""
-        return held_out(self.problem, self.parts, fitted, refit=refit)
+    def unseen(self, fitted: Fitted, *, refit: bool = True, problem: Problem | None = None) -> HeldOut:
+        """Predict what is left out; *problem*: with other numbers free."""
+        return held_out(self.problem if problem is None else problem, self.parts, fitted, refit=refit)
 
     def _others(self) -> Sequence[Fitted]:
         """Return other places for bookkeeping fits to begin; a better base found on the way becomes the base."""

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.heldout import HeldOut, ratio_interval, rms_of
+from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.judging import ALIKE, LUCK, Judged
 from gcs_autotune.diagnose.lateness import differ_only_at_first
 from gcs_autotune.diagnose.nameless import outdone_by
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked, Value, Verdict
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Numbers, Ranked, Value, Verdict
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
 from gcs_autotune.diagnose.usual import other_places
@@ -22,25 +22,27 @@ from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.effect import Applied, Leftover
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
-__all__ = ["METRIC", "WHITE", "told_of"]
+__all__ = ["WHITE", "told_of"]
 
 Array = NDArray[np.float64]
-
-METRIC = "held-out simulation RMSE"
 
 WHITE = 0.005
 """Chance of calling a complete model incomplete."""
 
-VERDICTS: Mapping[tuple[bool, bool], Verdict] = {
-    (True, True): "effect-found",
-    (True, False): "partly-explained",
-    (False, False): "unexplained",
-    (False, True): "no-effect",
+VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
+    (False, True, True): "effect-found",
+    (False, True, False): "partly-explained",
+    (False, False, False): "unexplained",
+    (False, False, True): "no-effect",
+    (True, True, True): "wrong-numbers-and-effect",
+    (True, True, False): "partly-explained",
+    (True, False, False): "partly-explained",
+    (True, False, True): "wrong-numbers",
 }
-"""(Some cause was accepted, what is left is white and no law without a name does better) -> verdict."""
+"""(Numbers of the given model are wrong, some cause was accepted, what is left is white and no law without a name does
+better) -> verdict."""
 
 
 def told_of(
@@ -51,26 +53,31 @@ def told_of(
     unseen: Sequence[Trial],
     seconds: float,
     *,
+    numbers: Numbers | None = None,
     sure: bool = True,
 ) -> Diagnosis:
-    """Tell of a search that has ended; *words* say what was held out, *sure* that its causes hold over whole runs."""
-    problem, base, final = search.problem, search.base, search.fitted
+    """Tell of a search that has ended; *words* say what was held out, *numbers* how those of a given model compare,
+    *sure* that its causes hold over whole runs.
+    """
+    problem, final = search.problem, search.fitted
+    base = search.base if search.given is None else search.given
     gave_away, _ = signature_of(problem, base)
     left, _ = signature_of(problem, final)
     order = [own for own in _found_order(search) if own in final.effects]
     outdone = outdone_by(problem, final)
     left = replace(left, findings=(*left.findings, *outdone))
     white = left.whiteness_p > WHITE and not outdone
-    verdict = VERDICTS[bool(order), white and sure]
-    numbers = _numbers(problem, final)
-    gains = _gains(search.base_unseen, search.present_unseen, words) if order else ()
+    wrong = numbers is not None and bool(numbers.wrong)
+    verdict = VERDICTS[wrong, bool(order), white and sure]
+    values = _numbers(problem, final)
+    gains = gains_of(search.base_unseen, search.present_unseen, words) if order else ()
     alike = _alike(search, order)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(
             Cause(
                 own,
-                numbers[own.slug, own.place],
+                values[own.slug, own.place],
                 BOOK[own.slug].meaning,
                 _share(search, own),
                 BOOK[own.slug].curve(own, problem.scene),
@@ -87,13 +94,14 @@ def told_of(
         left=left,
         gave_away=gave_away,
         before=portraits_of(problem, base),
-        after=portraits_of(problem, final) if order else (),
+        after=portraits_of(problem, final) if order or wrong else (),
         used=tuple(r.name for r in runs),
         held_out=tuple(r.name for r in unseen),
         noise=dict(final.levels),
         tried=search.tried,
         seconds=seconds,
         doubts=(*doubts, *other_places(search, order)),
+        numbers=numbers,
     )
 
 
@@ -189,18 +197,6 @@ def _is_vague(search: Search, judged: Judged) -> bool:
     numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
     spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
     return any(numbers[n].std > span for n, span in spans.items())
-
-
-def _gains(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:
-    old, new = rms_of(before.rests), rms_of(after.rests)
-    found = []
-    for name in old:
-        if name not in new or not old[name] > 0.0 or not before.complete or not after.complete:
-            continue
-        pairs = [(a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.signal == name]
-        interval = ratio_interval([a for a, _ in pairs], [b for _, b in pairs])
-        found.append(Gain(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words))
-    return tuple(found)
 
 
 def _headline(gains: Sequence[Gain]) -> Gain | None:

@@ -20,12 +20,13 @@ __all__ = ["name_as_usual", "other_places"]
 
 def name_as_usual(search: Search) -> None:
     """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
-    for own in search.fitted.effects[:]:
+    given = {(e.slug, e.place) for e in search.base.effects}
+    for own in [e for e in search.fitted.effects if (e.slug, e.place) not in given]:
         usual = _as_likely(search.problem, search.fitted, own, BOOK[own.slug].yields_to)
         if usual is not None:
             search.fitted, search.present_unseen = usual[1], search.unseen(usual[1])
             search.renamed.append((usual[0].slug, own.slug))
-    for own in search.fitted.effects:
+    for own in [e for e in search.fitted.effects if (e.slug, e.place) not in given]:
         for slug, entry in BOOK.items():
             if own.slug in entry.yields_to and _as_likely(search.problem, search.fitted, own, (slug,)) is not None:
                 search.renamed.append((own.slug, slug))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Numbers, Portrait
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
@@ -18,7 +18,7 @@ from gcs_autotune.report.diagnosis_curves import draw_curve
 from gcs_autotune.report.diagnosis_figures import draw_flight, draw_gains, draw_left, draw_view
 from gcs_autotune.report.diagnosis_names import effect_words, signal_words
 from gcs_autotune.report.diagnosis_views import View, telling_view, views_of
-from gcs_autotune.report.diagnosis_wording import cause_title
+from gcs_autotune.report.diagnosis_wording import cause_title, first_gain
 from gcs_autotune.report.figures import Picture
 from gcs_autotune.report.numbers import format_moment, format_quantity, format_share
 from gcs_autotune.report.page import render_page
@@ -84,12 +84,15 @@ def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = ""
             "doubts": tuple(doubt_sentence(d) for d in told.doubts),
             "base": told.base_model.base.form.title,
             "before": tuple(_before(told)),
+            "numbers_title": "" if told.numbers is None else diagnosis_wording.numbers_title(told.numbers),
+            "numbers": _numbers(told.numbers),
+            "numbers_gains": _numbers_gains(told.numbers),
             "signs": told.gave_away.findings if told.verdict != "no-effect" else (),
             "views": tuple(_views(told)),
             "causes": tuple(_causes(told)),
             "after": tuple(_after(told)),
             "gains": diagnosis_tables.gains_table(told.gains) if told.gains and told.causes else None,
-            "held_out": told.gain.held_out if told.gain is not None else "",
+            "held_out": gain.held_out if (gain := first_gain(told)) is not None else "",
             "left": told.left.findings,
             "left_sentence": diagnosis_wording.left_sentence(told.left),
             "remains": tuple(_left(told)),
@@ -97,16 +100,35 @@ def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = ""
             "cannot_tell": diagnosis_wording.cannot_tell(told),
             "next": told.next_manoeuvre,
             "rests_on": diagnosis_wording.rests_on(told),
-            "commands": diagnosis_wording.commands(told, model_file) if told.causes else (),
+            "commands": diagnosis_wording.commands(told, model_file) if told.causes or told.wrong_numbers else (),
         },
     )
+
+
+def _numbers(numbers: Numbers | None) -> Table | None:
+    return diagnosis_tables.numbers_table(numbers) if numbers is not None and numbers.rows else None
+
+
+def _numbers_gains(numbers: Numbers | None) -> Table | None:
+    return diagnosis_tables.gains_table(numbers.gains) if numbers is not None and numbers.gains else None
 
 
 def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
     """Return the few numbers everybody looks for first: (number, label, remark)."""
     tiles = []
+    right = None if told.numbers is None else told.numbers.gain
+    if right is not None:
+        name = signal_words(right.signal)
+        tiles.append((format_quantity(right.before, right.unit, 3), "error as it stands", f"{name}, unseen data"))
+        tiles.append((format_quantity(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
     gain = told.gain
-    if gain is not None:
+    if gain is not None and right is not None:
+        if gain.signal == right.signal and told.causes:
+            tiles.append((format_quantity(gain.after, gain.unit, 3), "with the causes too", f"{name}, unseen data"))
+    elif right is not None:
+        interval = diagnosis_wording.interval_words(right)
+        tiles.append((format_share(right.ratio), "of the error is left", interval and f"95 %: {interval}"))
+    elif gain is not None:
         name = signal_words(gain.signal)
         tiles.append((format_quantity(gain.before, gain.unit, 3), "error before", f"{name}, unseen data"))
         if told.causes:
@@ -144,8 +166,8 @@ def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
 
 def _ordered(told: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
     """Return the signal the verdict is about first."""
-    first = "" if told.gain is None else told.gain.signal
-    return tuple(sorted(portraits, key=lambda p: p.signal != first))
+    first = first_gain(told)
+    return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
 
 
 def _before(told: Diagnosis) -> Iterator[Picture]:
@@ -154,18 +176,19 @@ def _before(told: Diagnosis) -> Iterator[Picture]:
             f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
             f"commands. Below, what it gets wrong: {format_quantity(_misfit(trace), trace.unit, 3)} RMS."
         )
-        if told.causes and i > 1:
+        if told.after and i > 1:
             return
         yield from _picture(f"before-{i}", caption, lambda trace=trace: draw_flight(trace))  # type: ignore[misc]
 
 
 def _after(told: Diagnosis) -> Iterator[Picture]:
-    if not told.causes:
+    if not told.after:
         return
+    gains = told.gains if told.causes or told.numbers is None else told.numbers.gains
     yield from _picture(
         "gains-1",
         "The gain per signal, with its 95 % interval: left of the line is better.",
-        lambda: draw_gains(told.gains),
+        lambda: draw_gains(gains),
     )
     extended = {(t.run, t.signal): t for p in told.after for t in p.traces}
     for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):

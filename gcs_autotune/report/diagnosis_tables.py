@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Ranked
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Numbers, Ranked
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.report.diagnosis_names import effect_words, place_words, signal_words, value_words
-from gcs_autotune.report.diagnosis_wording import interval_words
+from gcs_autotune.report.diagnosis_wording import found_words, given_words, interval_words, standing
 from gcs_autotune.report.numbers import UNKNOWN, format_number, format_quantity, format_share
 from gcs_autotune.report.tables import Table
 
-__all__ = ["cause_table", "format_p", "gains_table", "ranking_table", "steps_of"]
+__all__ = ["cause_table", "format_p", "gains_table", "numbers_table", "ranking_table", "steps_of"]
 
 
 def cause_table(cause: Cause) -> Table:
@@ -36,6 +36,23 @@ def gains_table(gains: Iterable[Gain]) -> Table:
         for g in gains
     )
     return Table(("error of (RMS)", "before", "after", "after / before", "95 % interval"), "lrrrr", rows)
+
+
+def numbers_table(numbers: Numbers) -> Table:
+    """Each number of the given model, or of the plain model fitted to a simulation, against the runs."""
+    explained = numbers.of == "model"
+    rows = tuple(
+        (
+            n.name,
+            *((n.meaning,) if explained else ()),
+            given_words(n),
+            found_words(n),
+            standing(n),
+        )
+        for n in numbers.rows
+    )
+    head = ("number", *(("what it is",) if explained else ()), numbers.of, "these runs (95 %)", "")
+    return Table(head, "llrrl" if explained else "lrrl", rows)
 
 
 def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:

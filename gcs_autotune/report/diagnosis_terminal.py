@@ -38,6 +38,12 @@ def diagnosis_summary(told: Diagnosis) -> Group:
     headline = diagnosis_wording.verdict_headline(told)
     parts: list[RenderableType] = [title(headline.text, STYLES[headline.tone])]
     parts.extend(paragraph(s) for s in headline.sentences)
+    if told.numbers is not None and told.numbers.rows:
+        parts.append(title(diagnosis_wording.numbers_title(told.numbers)))
+        parts.append(grid(diagnosis_tables.numbers_table(told.numbers)))
+        if told.numbers.gains:
+            parts.append(title("Numbers set right, on unseen data"))
+            parts.append(grid(diagnosis_tables.gains_table(told.numbers.gains)))
     for cause in told.causes:
         parts.append(title(diagnosis_wording.cause_title(told, cause)))
         parts.append(paragraph(sentence(cause.meaning)))

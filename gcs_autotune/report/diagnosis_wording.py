@@ -9,13 +9,15 @@ from pathlib import PurePath
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Signature
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Number, Numbers, Signature
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.report.diagnosis_names import effect_words, listed, named, signal_words, value_words
 from gcs_autotune.report.numbers import (
     format_number,
     format_quantity,
     format_share,
+    format_value,
+    pretty_unit,
 )
 from gcs_autotune.report.wording import Headline, Tone, sentence
 from gcs_autotune.sname import SIGNALS
@@ -26,14 +28,22 @@ __all__ = [
     "cause_remarks",
     "cause_title",
     "commands",
+    "first_gain",
+    "found_words",
     "gain_sentence",
+    "given_words",
     "interval_words",
     "left_sentence",
+    "numbers_sentence",
+    "numbers_title",
     "rests_on",
+    "standing",
     "verdict_headline",
 ]
 
 _TONES: Mapping[str, Tone] = {
+    "wrong-numbers": "good",
+    "wrong-numbers-and-effect": "good",
     "effect-found": "good",
     "partly-explained": "neutral",
     "unexplained": "bad",
@@ -47,22 +57,115 @@ def verdict_headline(told: Diagnosis) -> Headline:
     tone = _TONES[told.verdict]
     if told.verdict == "no-effect":
         follows = ["This is no proof that nothing is missing elsewhere: it holds for what these runs do."]
+        if told.numbers is not None and told.numbers.rows:
+            follows.insert(0, f"These runs contradict no number of the {told.numbers.of}.")
         return Headline(_nothing(told), "neutral" if told.doubts else tone, tuple(follows))
     if told.verdict == "unexplained":
         return Headline(_unexplained(told), tone, _findings(told.left))
-    sentences = [] if told.gain is None else [gain_sentence(told.gain)]
+    sentences = _beside_numbers(told)
     if told.verdict == "partly-explained":
-        names = "The name is a hypothesis: it pays" if len(told.causes) == 1 else "The names are hypotheses: they pay"
-        sentences.append(f"{names} on unseen data, but more remains than the measurement noise allows.")
+        sentences.append(_hypotheses(told))
+    elif told.verdict == "wrong-numbers":
+        sentences.append("With these numbers nothing is missing that these runs could show.")
     else:
         sentences.append("With this the simulation follows the unseen data as closely as the measurement noise allows.")
     if told.indistinguishable:
         sentences.append("These runs leave other names possible: see below what they cannot tell.")
-    return Headline(_found(told), tone, tuple(sentences))
+    return Headline(
+        _wrong(told.numbers, told) if told.numbers and told.wrong_numbers else _found(told), tone, tuple(sentences)
+    )
+
+
+NEARLY = 0.02
+"""Share by which a number may differ that is not called wrong."""
+
+MOST_NUMBERS = 4
+"""Wrong numbers named in the headline."""
+
+
+def _wrong(numbers: Numbers, told: Diagnosis) -> str:
+    """Return which numbers are wrong: a headline of its own, whatever else was found."""
+    wrong = numbers.wrong
+    parts = [f"{n.name} is {given_words(n)}, these runs say {found_words(n)}" for n in wrong[:MOST_NUMBERS]]
+    if len(wrong) > MOST_NUMBERS:
+        parts.append(f"{len(wrong) - MOST_NUMBERS} more are wrong")
+    begin = f"Wrong number{'s' if len(wrong) > 1 else ''} in the {numbers.of}"
+    if told.verdict == "partly-explained":
+        begin = f"Partly explained: {begin[0].lower()}{begin[1:]}"
+    return f"{begin}: {'; '.join(parts)} (95 %)."
+
+
+def given_words(number: Number) -> str:
+    """Return what the model has, in its own unit, with its standard error where it states one."""
+    return format_value(number.given, number.given_std)
+
+
+def found_words(number: Number) -> str:
+    """Return what the runs say with half the 95 % interval, in the unit of the model."""
+    text = format_value(number.value, 0.5 * (number.ci95[1] - number.ci95[0]))
+    return text if number.unit in ("", "1") else f"{text} {pretty_unit(number.unit)}"
+
+
+def standing(number: Number) -> str:
+    """Return what the runs say of a number in a word or two."""
+    if number.wrong:
+        return "wrong"
+    off = abs(number.value - number.given)
+    if off <= 3.0 * math.hypot(number.std, number.given_std):
+        return "agrees"
+    return "nearly" if off <= NEARLY * abs(number.given) else "cannot tell"
+
+
+def _beside_numbers(told: Diagnosis) -> list[str]:
+    """Return what setting numbers right gains, then what causes gain on top of that."""
+    sentences = []
+    if told.numbers is not None and told.wrong_numbers:
+        sentences.append(numbers_sentence(told.numbers, causes=bool(told.causes)))
+        if told.causes:
+            sentences.append("On top of that " + _found(told))
+    if told.gain is not None:
+        sentences.append(gain_sentence(told.gain))
+        if told.numbers is not None:
+            owner = told.numbers.of
+            sentences.append(f"This gain is counted over the same {owner} with its numbers fitted to these runs.")
+    return sentences
+
+
+def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
+    """Return what setting the numbers right gains on unseen data, before any cause is added."""
+    gain = numbers.gain
+    if gain is None:
+        return f"As it stands the {numbers.of} runs away on these runs."
+    if gain.ratio >= 1.0:
+        return "They make up for what is missing: set right without it, they leave no smaller error on unseen data."
+    before, after = (format_quantity(e, gain.unit, 3) for e in (gain.before, gain.after))
+    interval = interval_words(gain)
+    these = "these" if len(numbers.wrong) > 1 else "this"
+    return (
+        f"With {these} set right{', before any cause is added' if causes else ''},"
+        f" the simulated {signal_words(gain.signal)} errs by {after} instead of {before} on data it has not seen"
+        + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
+    )
+
+
+def numbers_title(numbers: Numbers) -> str:
+    """Return the heading over the table of numbers."""
+    if numbers.of == "model":
+        return "The model's numbers against these runs"
+    return "The plain model, fitted to the simulation and to these runs"
+
+
+def _hypotheses(told: Diagnosis) -> str:
+    if not told.causes:
+        return "More remains than the measurement noise allows, and no cause in the book pays on unseen data."
+    names = "The name is a hypothesis: it pays" if len(told.causes) == 1 else "The names are hypotheses: they pay"
+    return f"{names} on unseen data, but more remains than the measurement noise allows."
 
 
 def _found(told: Diagnosis) -> str:
-    begin = "Found" if told.verdict == "effect-found" else "Partly explained"
+    begin = "Partly explained" if told.verdict == "partly-explained" else "Found"
+    if told.wrong_numbers:
+        begin = "found" if told.verdict == "wrong-numbers-and-effect" else "a hypothesis"
     names = [named(c) for c in told.causes]
     if len(told.causes) == 1 and told.causes[0].parameters:
         names[0] += f", {_parameters(told.causes[0])}"
@@ -101,10 +204,17 @@ def _unexplained(told: Diagnosis) -> str:
     return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
 
 
+def first_gain(told: Diagnosis) -> Gain | None:
+    """Return the gain that begins with the simulation as it stands: of numbers set right, else of the causes."""
+    numbers = None if told.numbers is None else told.numbers.gain
+    return told.gain if numbers is None else numbers
+
+
 def base_error(told: Diagnosis) -> tuple[float, str, str]:
     """Return the base model's error, its unit and signal: held out where that was measured, else of the pictures."""
-    if told.gain is not None:
-        return told.gain.before, told.gain.unit, told.gain.signal
+    first = first_gain(told)
+    if first is not None:
+        return first.before, first.unit, first.signal
     if not told.before or not told.before[0].traces:
         return math.nan, "1", ""
     portrait = told.before[0]

@@ -73,7 +73,7 @@ def run_diagnosis(
         unseen=unseen,
         dof=settings.dof,
         use=settings.use,
-        model=None if settings.model is None else load_model(settings.model).model,
+        model=None if settings.model is None else load_model(settings.model),
         simulations=settings.simulations,
         effects=settings.slugs(),
         progress=watch,

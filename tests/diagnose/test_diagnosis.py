@@ -76,7 +76,8 @@ def test_a_given_model_is_judged_as_it_is_and_its_wrong_number_is_told():
     wrong = ExtendedModel(plain.base.with_values({"N_r": 1.3 * plain.base["N_r"]}))
     told = diagnose(towed(("dead-zone", "N", {"width": 0.15}), seed=2), model=wrong)
     assert [c.applied.slug for c in told.causes] == ["dead-zone"]
-    assert any(d.slug == "parameter-off" and "N_r" in d.cause for d in told.doubts)
+    assert told.verdict == "wrong-numbers-and-effect"
+    assert [n.name for n in told.wrong_numbers] == ["N_r"]
     again = diagnose(towed(("dead-zone", "N", {"width": 0.15}), seed=3), model=told.extended_model)
     assert again.verdict == "no-effect"
 

@@ -64,24 +64,33 @@ def fit_base(form: Form, stretches: Sequence[Stretch], *, trials: int = 30) -> t
 
 def given_base(
     model: CoupledModel, effects: Sequence[Applied], stretches: Sequence[Stretch]
-) -> tuple[Problem, Fitted, Fitted]:
+) -> tuple[Problem, Fitted | None, Fitted]:
     """Return the problem, the fit of a model taken as it is (initial states only), and the same model refitted.
+
+    The model as it is None when it runs away on these runs. Refitted from its own numbers and, where these may be
+    wrong, from the starts of any fit: a number far off must not hold the others in a valley of their own.
 
     Raises
     ------
     NotInformative
-        The model runs away on these runs.
+        From no start can the model follow these runs.
     """
     form, limits = model.form, base_limits(model.form)
     problem = Problem(form, stretches, scene_of(form, stretches, model.values), limits)
-    theta = model.theta
-    given = problem.states(theta, effects, problem.first_states(stretches))
-    if given is None:
+    ground = ground_of(form, [s.record for s in stretches])
+    low, high = limits.of(form.parameters)
+    with np.errstate(over="ignore", invalid="ignore"):
+        given = problem.states(model.theta, effects, ground.initial)
+        begins = [(model.theta, given.initial if given else ground.initial, given.shift if given else 0.0)]
+        begins += [(np.clip(theta, low, high), ground.initial, 0.0) for theta in ground.starts(limits)]
+        fits = [problem.fit(theta, effects, initial, shift=shift) for theta, initial, shift in begins]
+    best = min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
+    if best is None:
         raise NotInformative(
-            f"the model '{form.title}' runs away on these runs: is it about this craft, in these units?"
+            f"the model '{form.title}' runs away on these runs, whatever its numbers: is it about this craft, in these "
+            "units?"
         )
-    refitted = problem.fit(theta, effects, given.initial, shift=given.shift) or given
-    return _known(form, stretches, limits, refitted), given, refitted
+    return _known(form, stretches, limits, best), given, best
 
 
 def _known(form: Form, stretches: Sequence[Stretch], limits: Limits, fitted: Fitted) -> Problem:

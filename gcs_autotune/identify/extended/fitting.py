@@ -8,7 +8,7 @@ messages allow: a misdating is no effect of the craft's. What tells it from a de
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,7 @@ class Problem:
     Parameters
     ----------
     free : base parameters to fit (all free ones when None). limits : of the base's parameters.
+    held : numbers of effects that stay as they are: (slug, place, name).
     """
 
     def __init__(
@@ -60,18 +61,24 @@ class Problem:
         scene: Scene,
         limits: Limits,
         free: Sequence[str] | None = None,
+        held: Collection[tuple[str, str, str]] = (),
     ) -> None:
         self.form = form
         self.stretches = tuple(stretches)
         self.scene = scene
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
+        self.held = frozenset(held)
         self.floors = {n: FLOOR * min(s, _way(n, scene)) for n, s in scene.spread.items()}
         self.dating = max((s.dating for s in stretches), default=0.0)
 
     def on(self, stretches: Sequence[Stretch], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other stretches (or with other base parameters free)."""
-        return Problem(self.form, stretches, self.scene, self.limits, self.free if free is None else free)
+        return Problem(self.form, stretches, self.scene, self.limits, self.free if free is None else free, self.held)
+
+    def holding(self, free: Sequence[str], held: Collection[tuple[str, str, str]]) -> Problem:
+        """Return the same problem with the base parameters *free* only, and the numbers *held* of effects known."""
+        return Problem(self.form, self.stretches, self.scene, self.limits, free, held)
 
     def edges(self, effects: Sequence[Applied], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
         """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""

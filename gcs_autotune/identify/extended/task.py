@@ -83,6 +83,7 @@ class Task:
             for i, own in enumerate(effects)
             for name in own.values
             if not fixed_effects and name not in BOOK[own.slug].fixed and not (BOOK[own.slug].overrides("learn"))
+            if (own.slug, own.place, name) not in problem.held
         )
         sizes = [typical_of(own, scene) for own in effects]
         typical = [sizes[i][name] for i, name in self.free_effects]

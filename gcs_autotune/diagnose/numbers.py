@@ -1,0 +1,370 @@
+"""Numbers of somebody's model held against what the runs say: which are wrong, by how much, what setting right gains.
+
+A number is judged beside every cause that was found, for a missing effect bends the numbers of a model that is refitted
+without it. Three things make it wrong:
+
+1. *As a whole*: the model with its own numbers, and the causes found fitted to it, is less likely than with numbers of
+   the runs, by more than chance allows, and foretells data left out less well.
+2. *Each*: numbers are given back to the model one by one, the least contradicted first, as long as the runs bear it
+   (backward elimination by Wald's statistic); what is left differs by three standard errors, those its file states
+   included.
+3. *It matters*: it differs by a fiftieth, and without it the simulation's error grows by as much.
+
+Of somebody else's simulator nothing is known but what it does: the plain model is fitted to it and to the runs alike,
+and its gain, time constant, delay and trim are compared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.heldout import HeldOut, gains_of, p_value
+from gcs_autotune.diagnose.judging import LUCK, MATERIAL, error_ratio, is_needed
+from gcs_autotune.diagnose.result import Number, Numbers
+from gcs_autotune.diagnose.whiteness import correlation_of
+from gcs_autotune.effects import BOOK
+from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.extended.wish import label_of
+from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.sname import DOFS
+
+if TYPE_CHECKING:
+    from gcs_autotune.diagnose.search import Search
+
+__all__ = ["Given", "given_of", "judge_numbers"]
+
+Array = NDArray[np.float64]
+
+SURE, BORNE = 3.0, 2.0
+"""Standard errors by which a wrong number differs; up to which the runs bear the model's own."""
+
+OFF = 0.02
+"""Share by which a wrong number differs at least."""
+
+Key = tuple[str, str, str]
+"""A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """The model in question, and how its owner knows it.
+
+    ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
+    number, by the name in the file, where the file states one. ``theirs``: how the plain model fits the simulator that
+    this model stands for; None for a model that was given itself.
+    """
+
+    model: ExtendedModel
+    names: Mapping[Key, tuple[str, float]] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
+    theirs: tuple[Problem, Fitted] | None = None
+
+
+def given_of(model: ExtendedModel | ModelFile) -> Given:
+    """Return a model as its owner knows it: a file of one degree of freedom calls its inertia ``alpha``, positive."""
+    if isinstance(model, ExtendedModel):
+        return Given(model)
+    std = {n: math.sqrt(max(v, 0.0)) for n, v in zip(model.names, np.diag(model.covariance).tolist(), strict=True)}
+    if model.axis is None:
+        return Given(model.model, {}, std)
+    theirs = ("alpha", "beta", "beta_quadratic", "delta")
+    own = derivative_names(model.axis.axis)
+    names: dict[Key, tuple[str, float]] = {
+        ("", "", mine): (name, sign) for mine, name, sign in zip(own, theirs, SIGNS, strict=False)
+    }
+    names |= {(e.slug, e.place, "delay"): ("delay", 1.0) for e in model.model.effects}
+    return Given(model.model, names, std)
+
+
+@dataclass(eq=False)
+class _Weighing:
+    """Numbers under judgement: what the model says (``old``), beside the causes of a search that has ended."""
+
+    search: Search
+    given: Given
+    old: Mapping[Key, float]
+    raised: float
+
+    def values(self, fit: Fitted) -> dict[Key, tuple[float, float]]:
+        """Return the numbers fitted that the model has too, each with its standard error."""
+        std = np.sqrt(np.maximum(np.diag(fit.covariance(self.raised)), 0.0)).tolist()
+        keys: list[Key] = [("", "", n) for n in fit.free]
+        keys += [(fit.effects[i].slug, fit.effects[i].place, n) for i, n in fit.free_effects]
+        found = zip(keys, fit.shared.tolist(), std, strict=False)
+        return {key: (value, s) for key, value, s in found if key in self.old}
+
+    def fitted(self, free: Sequence[Key], begin: Fitted) -> tuple[Problem, Fitted | None]:
+        """Fit with all numbers but *free* as the model has them; the causes found are always free."""
+        problem = self.search.problem
+        held = [key for key in self.old if key not in free]
+        names = [n for n in problem.free if ("", "", n) not in held]
+        alone = problem.holding(names, [key for key in held if key[0]])
+        theta = begin.theta.copy()
+        for _, _, name in (key for key in held if not key[0]):
+            theta[begin.form.parameters.index(name)] = self.old["", "", name]
+        effects = tuple(
+            e.with_values({k[2]: self.old[k] for k in held if k[:2] == (e.slug, e.place)}) for e in begin.effects
+        )
+        return alone, alone.fit(theta, effects, begin.initial, shift=begin.shift)
+
+    def contradicted(self) -> tuple[Problem, Fitted, dict[Key, float]]:
+        """Return the fit in which only numbers that the runs do not bear are the runs' own.
+
+        And by how much minus twice the log-likelihood rises when one of these is given back, the others fitted to it:
+        where a number is told by curvature alone Wald's statistic may be anything.
+        """
+        problem, fit = self.search.problem, self.search.fitted
+        free = list(self.values(fit))
+        while True:
+            z = {key: abs(v - self.old[key]) / max(s, 1e-300) for key, (v, s) in self.values(fit).items()}
+            rises: dict[Key, float] = {}
+            for key in sorted(free, key=lambda k: z.get(k, 0.0)):
+                alone, other = self.fitted([k for k in free if k != key], fit)
+                rises[key] = math.inf if other is None else other.cost - fit.cost
+                if other is not None and rises[key] / self.raised < BORNE**2:
+                    free.remove(key)
+                    problem, fit = alone, other
+                    break
+            else:
+                return problem, fit, rises
+
+    def row(self, key: Key, value: float, std: float, rise: float) -> Number:
+        """Return how a number compares; *rise* of minus twice the log-likelihood when the model's own is kept."""
+        scene, fit = self.search.problem.scene, self.search.fitted
+        name, sign = self.given.names.get(key, (_label(key), 1.0))
+        stated, old = self.given.std.get(name, 0.0), self.old[key]
+        clear = rise / self.raised > SURE**2 and abs(value - old) > max(SURE * stated, OFF * abs(old))
+        matters = rise > 2.0 * fit.samples * math.log1p(MATERIAL)
+        unit, meaning = _unit(key, scene, fit.form), _meaning(key, fit.form)
+        return _number(name, unit, meaning, (sign * old, stated), (sign * value, std), clear and matters)
+
+
+def judge_numbers(search: Search, given: Given) -> Numbers:
+    """Return how the numbers of *given* compare with the runs of *search*, which has ended.
+
+    Where some are wrong the search's model becomes the one with these set right, and its other numbers as they were.
+    """
+    base = given.model.base
+    old: dict[Key, float] = {("", "", n): base[n] for n in search.problem.free}
+    old |= {
+        (e.slug, e.place, n): v
+        for e in given.model.effects
+        if not BOOK[e.slug].overrides("learn")
+        for n, v in e.values.items()
+        if n not in BOOK[e.slug].fixed
+    }
+    weighing = _Weighing(search, given, old, correlation_of(search.fitted))
+    full = weighing.values(search.fitted)
+    of: Literal["model", "simulation"] = "model" if given.theirs is None else "simulation"
+    problem, fit, rises = search.problem, search.fitted, dict.fromkeys(full, math.inf)
+    if of == "model":
+        problem, fit, rises = weighing.contradicted()
+    off = _told_off(weighing, problem, fit)
+    freed = weighing.values(fit)
+    if given.theirs is None:
+        rises = rises if off is not None else {}
+        rows = [weighing.row(k, *(freed.get(k) or full[k]), rises.get(k, 0.0)) for k in full]
+    else:
+        rows = _as_plain(search, given, judged=off is not None)
+    if off is None or not any(r.wrong for r in rows):
+        return Numbers(of, tuple(replace(r, wrong=False) for r in rows))
+    causes = len(fit.effects) > len(search.base.effects)
+    search.problem, search.fitted, search.present_unseen = problem, fit, off
+    right = search.base_unseen if causes else off
+    gains = () if search.given_unseen is None else gains_of(search.given_unseen, right, search.parts.words)
+    return Numbers(of, tuple(sorted(rows, key=lambda r: not r.wrong)), gains)
+
+
+def _told_off(weighing: _Weighing, problem: Problem, fit: Fitted) -> HeldOut | None:
+    """Return what *fit* leaves of data left out, where the model's own numbers do worse beyond chance; else None."""
+    search = weighing.search
+    free = weighing.values(fit)
+    if not free:
+        return None
+    alone, kept = weighing.fitted([], fit)
+    after = search.unseen(fit, problem=problem)
+    if kept is None:
+        return after
+    if not is_needed((kept.cost - fit.cost) / weighing.raised, fit, kept, 1) or not after.complete:
+        return None
+    before = search.unseen(kept, problem=alone)
+    if not before.complete:
+        return after
+    gain = 1.0 - error_ratio(before, after)
+    sure = p_value(before, after, fit.levels, weighing.raised, kept.parameters, len(weighing.old)) < LUCK
+    return after if sure and -len(fit.levels) * math.log1p(-min(gain, 0.999)) > MATERIAL else None
+
+
+def _label(key: Key) -> str:
+    slug, place, name = key
+    return label_of(Applied(slug, place, {}), name) if slug else name
+
+
+def _unit(key: Key, scene: Scene, form: Form) -> str:
+    slug, place, name = key
+    if slug:
+        return BOOK[slug].unit_of(name, place, scene)
+    return unit_of(name, scene.inputs, normalised=form.normalised or set(scene.inputs.values()) == {"1"})
+
+
+def _meaning(key: Key, form: Form) -> str:
+    slug, place, name = key
+    if slug:
+        return f"{slug.replace('-', ' ')} on {place}: {name.replace('_', ' ')}"
+    dof = next((d for d in form.dofs if name.startswith(DOFS[d].force + "_")), "")
+    nu = DOFS[dof].velocity if dof else ""
+    kinds = {f"{nu}dot": "inertia", nu: "linear drag", 2 * nu: "quadratic drag", "0": "constant force"}
+    kind = kinds.get(name[2:], "") if dof else ""
+    return f"{kind} in {dof}" if kind else ""
+
+
+def _number(
+    name: str, unit: str, meaning: str, old: tuple[float, float], new: tuple[float, float], wrong: bool
+) -> Number:
+    half = 1.96 * new[1]
+    return Number(name, unit, meaning, old[0], old[1], new[0], new[1], (new[0] - half, new[0] + half), wrong)
+
+
+# -- somebody else's simulator, as the plain model
+
+
+def _as_plain(search: Search, given: Given, *, judged: bool) -> list[Number]:
+    """Return gain, time constant, delay and trim of the simulator and of the runs; then what both have of effects."""
+    if given.theirs is None:
+        return []
+    effects = {(e.slug, e.place) for e in search.base.effects}
+    causes = {e.slug for e in search.fitted.effects if (e.slug, e.place) not in effects}
+    theirs = _plain(*given.theirs)
+    ours = _plain(search.problem, search.fitted)
+    scene = search.problem.scene
+    least = {"gain": 0.0, "time constant": 0.0, "delay": OFF * scene.pace, "trim": 0.0}
+    rows = []
+    for (kind, where), (unit, new) in ours.items():
+        if (kind, where) not in theirs:
+            continue
+        old = theirs[kind, where][1]
+        limit = max(SURE * math.hypot(old[1], new[1]), OFF * abs(old[0]), least[kind])
+        if kind == "trim":
+            limit = max(limit, OFF * scene.swing.get(where, 0.0))
+        told = {"delay": _LATE, "trim": _CONSTANT}.get(kind, frozenset()) & causes
+        wrong = judged and not told and bool(abs(new[0] - old[0]) > limit)
+        rows.append(_number(f"{kind} of {where}", unit, _PLAIN[kind], old, new, wrong))
+    keys = [(e.slug, e.place) for e in given.model.effects]
+    weighing = _Weighing(search, given, {}, 1.0)
+    for own in search.fitted.effects:
+        if (own.slug, own.place) not in keys or own.slug in ("input-delay", "input-bias"):
+            continue
+        former = given.model.effects[keys.index((own.slug, own.place))]
+        weighing.old = {(own.slug, own.place, n): v for n, v in former.values.items()}
+        weighing.raised = correlation_of(search.fitted)
+        for key, (value, s) in weighing.values(search.fitted).items():
+            z = (value - weighing.old[key]) / max(s, 1e-300)
+            rows.append(weighing.row(key, value, s, weighing.raised * z**2 if judged else 0.0))
+    return rows
+
+
+_LATE = frozenset({"input-delay", "actuator-lag", "measurement-delay", "time-offset"})
+_CONSTANT = frozenset({"input-bias", "net-buoyancy", "tether-pull", "gyro-bias"})
+
+_PLAIN: Mapping[str, str] = {
+    "gain": "speed held per unit of command",
+    "time constant": "time to 63 % of it after a step",
+    "delay": "from command to action",
+    "trim": "command that holds it still",
+}
+"""Numbers of the plain model, and what they mean."""
+
+_START = 0.3
+"""Delay to begin from, in shares of the craft's time constant."""
+
+
+def _plain(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
+    """Return (kind, where) -> unit, (value, standard error) of the plain model with delay and trim, beside effects."""
+    form = fitted.form
+    driven = {d: _drive(form, d) for d in form.dofs}
+    driven = {d: drive for d, drive in driven.items() if drive is not None and _damps(form, d) in form.parameters}
+    trims = [f"{DOFS[d].force}_0" for d in driven if f"{DOFS[d].force}_0" not in form.parameters]
+    wide = form.freeing(*trims)
+    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
+    theta = np.array([values.get(n, 0.0) for n in wide.parameters])
+    late = {e.place for e in fitted.effects if e.slug == "input-delay"}
+    lacking = [c for c in dict.fromkeys(drive[0] for drive in driven.values() if drive) if c not in late]
+    more = Problem(wide, problem.stretches, problem.scene, problem.limits, (*problem.free, *trims))
+    best: Fitted | None = None
+    for share in (0.0, _START):
+        delays = [Applied("input-delay", c, {"delay": share * problem.scene.pace}) for c in lacking]
+        fit = more.fit(theta, (*fitted.effects, *delays), fitted.initial, shift=fitted.shift)
+        best = fit if fit is not None and (best is None or fit.cost < best.cost) else best
+        if not lacking:
+            break
+    if best is None:
+        return {}
+    return _read(more.scene, best, {d: drive for d, drive in driven.items() if drive is not None})
+
+
+def _drive(form: Form, dof: str) -> tuple[str, float | str] | None:
+    force = DOFS[dof].force
+    return next(((c, g) for c, pairs in form.inputs.items() for f, g in pairs if f == force), None)
+
+
+def _damps(form: Form, dof: str) -> str:
+    return f"{DOFS[dof].force}_{DOFS[dof].velocity}"
+
+
+def _read(
+    scene: Scene, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
+) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
+    covariance = fit.covariance(correlation_of(fit))
+    names = fit.form.parameters
+    places = [names.index(n) for n in fit.free]
+
+    def uncertain(of: Callable[[Array], float]) -> tuple[float, float]:
+        value, slope = of(fit.theta), np.zeros(len(places))
+        for k, i in enumerate(places):
+            h = 1e-6 * max(abs(float(fit.theta[i])), 1e-6)
+            moved = fit.theta.copy()
+            moved[i] += h
+            slope[k] = (of(moved) - value) / h
+        variance = float(slope @ covariance[: len(places), : len(places)] @ slope)
+        return value, math.sqrt(max(variance, 0.0))
+
+    found: dict[tuple[str, str], tuple[str, tuple[float, float]]] = {}
+    for dof, (channel, gain) in driven.items():
+        axis, unit = DOFS[dof], scene.inputs.get(channel, "1")
+        force, damps = f"{axis.force}_0", f"{axis.force}_{axis.velocity}"
+        rate = "rad/s" if axis.angular else "m/s"
+
+        def at(theta: Array, name: str) -> float:
+            return float(theta[names.index(name)])
+
+        def share(theta: Array, gain: float | str = gain) -> float:
+            if isinstance(gain, str):
+                return math.copysign(at(theta, gain.lstrip("-")), -1.0 if gain.startswith("-") else 1.0)
+            return float(gain)
+
+        def mass(theta: Array, dof: str = dof) -> float:
+            model = CoupledModel(fit.form, dict(zip(names, theta.tolist(), strict=True)))
+            i = fit.form.dofs.index(dof)
+            return float(model.inertia[i, i])
+
+        per = rate if unit == "1" else f"{rate}/({unit})"
+        found["gain", dof] = per, uncertain(lambda t, d=damps, s=share: s(t) / -at(t, d))  # type: ignore[misc]
+        found["time constant", dof] = "s", uncertain(lambda t, d=damps, m=mass: m(t) / -at(t, d))  # type: ignore[misc]
+        found["trim", channel] = unit, uncertain(lambda t, f=force, s=share: -at(t, f) / s(t))  # type: ignore[misc]
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    for k, (i, name) in enumerate(fit.free_effects):
+        own = fit.effects[i]
+        if own.slug == "input-delay":
+            found["delay", own.place] = "s", (own.values[name], float(std[len(fit.free) + k]))
+    order = list(_PLAIN)
+    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))

@@ -1,0 +1,197 @@
+"""Numbers of a given model, or of somebody else's simulator, that the runs contradict."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import runs_in_the_tank
+from runs_in_the_tank import towed
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.search import begin_search
+from gcs_autotune.diagnose.second_thoughts import drop_swallowed
+from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
+from gcs_autotune.models import SingleDof
+from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.report import diagnosis_summary
+from gcs_autotune.report.terminal import render_text
+from gcs_autotune.workflow.diagnosis import write_diagnosis
+from sitl.tank import Hull
+
+FEW = ["dead-zone", "input-bias", "input-delay"]
+TRUE = {"N_rdot": -2.0, "N_r": -1.0}
+FORM = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
+DEAD_ZONE = ("dead-zone", "N", {"width": 0.15})
+
+
+def with_numbers(*effects, **factors):
+    return ExtendedModel(CoupledModel(FORM, {n: factors.get(n, 1.0) * v for n, v in TRUE.items()}), effects)
+
+
+def of_simulator(monkeypatch, inertia, drag, **others):
+    """What a simulator with these constants makes of the commands of ``towed``."""
+    with monkeypatch.context() as patch:
+        patch.setattr(runs_in_the_tank, "HULL", Hull(("yaw",), {"yaw": inertia}, {"yaw": drag}))
+        return [replace(run, name=f"sim{k}") for k, run in enumerate(towed(noise=0.0, **others))]
+
+
+def words(told):
+    return " ".join(render_text(diagnosis_summary(told)).split())
+
+
+def test_an_inertia_raised_by_half_is_the_finding_and_no_other_number_is_blamed():
+    told = diagnose(towed(), model=with_numbers(N_rdot=1.5), effects=FEW)
+    assert told.verdict == "wrong-numbers"
+    (wrong,) = told.wrong_numbers
+    assert (wrong.name, wrong.unit, wrong.given) == ("N_rdot", "N m s^2/rad", -3.0)
+    assert abs(wrong.value + 2.0) < 4.0 * wrong.std < 0.02
+    assert wrong.ci95[0] < wrong.value < wrong.ci95[1] < -1.9
+    assert told.numbers is not None and told.numbers.gain is not None
+    assert told.numbers.gain.ratio < 0.1
+    assert told.gain is None
+    assert words(told).startswith("Wrong number in the model: N_rdot is -3, these runs say -1.99")
+    assert told.base_model.base["N_rdot"] == -3.0
+    assert told.extended_model.base["N_rdot"] == wrong.value
+    assert told.extended_model.base["N_r"] == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_two_wrong_numbers_are_both_named():
+    told = diagnose(towed(), model=with_numbers(N_rdot=0.7, N_r=1.3), effects=FEW)
+    assert told.verdict == "wrong-numbers"
+    assert {n.name for n in told.wrong_numbers} == {"N_rdot", "N_r"}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_model_with_honest_numbers_is_left_alone(seed):
+    told = diagnose(towed(seed=seed), model=with_numbers(), effects=FEW)
+    assert told.verdict == "no-effect"
+    assert told.numbers is not None
+    assert [n.wrong for n in told.numbers.rows] == [False, False]
+    assert told.numbers.gains == ()
+    assert "These runs contradict no number of the model" in words(told)
+
+
+def test_an_effect_does_not_make_honest_numbers_wrong():
+    told = diagnose(towed(DEAD_ZONE, seed=2), model=with_numbers(), effects=FEW)
+    assert told.verdict == "effect-found"
+    assert told.wrong_numbers == ()
+    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+
+
+def test_an_effect_beside_a_wrong_number_gains_over_the_model_with_its_numbers_set_right():
+    told = diagnose(towed(DEAD_ZONE, seed=2), model=with_numbers(N_r=1.3), effects=FEW)
+    assert told.verdict == "wrong-numbers-and-effect"
+    assert [n.name for n in told.wrong_numbers] == ["N_r"]
+    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert told.numbers is not None and told.gain is not None
+    right = {g.signal: g for g in told.numbers.gains}
+    assert right.keys() == {g.signal for g in told.gains}
+    for gain in told.gains:
+        assert gain.before == pytest.approx(right[gain.signal].after)
+    said = words(told)
+    assert said.index("N_r is -1.3") < said.index("On top of that found: dead zone")
+
+
+def test_a_number_of_an_effect_in_the_model_may_be_the_wrong_one():
+    own = Applied("input-delay", "N", {"delay": 0.8})
+    told = diagnose(towed(("input-delay", "N", {"delay": 0.4})), model=with_numbers(own), effects=FEW)
+    assert told.verdict == "wrong-numbers"
+    (wrong,) = told.wrong_numbers
+    assert (wrong.name, wrong.given) == ("input-delay@N.delay", 0.8)
+    assert abs(wrong.value - 0.4) < max(4.0 * wrong.std, 0.01)
+    assert told.extended_model.effects[0]["delay"] == wrong.value
+
+
+def test_a_model_that_runs_away_has_a_wrong_number_and_is_not_refused():
+    told = diagnose(towed(), model=with_numbers(N_r=-4.0), effects=FEW)
+    assert told.verdict == "wrong-numbers"
+    assert [n.name for n in told.wrong_numbers] == ["N_r"]
+
+
+def test_numbers_are_told_under_the_names_and_signs_of_the_file(tmp_path):
+    path = tmp_path / "theirs.json"
+    path.write_text(json.dumps(SingleDof("yaw", "N m", alpha=3.0, beta=1.0).to_dict()))
+    told = diagnose(towed(), model=load_model(path), effects=FEW)
+    (wrong,) = told.wrong_numbers
+    assert (wrong.name, wrong.unit, wrong.given) == ("alpha", "N m s^2/rad", 3.0)
+    assert wrong.value == pytest.approx(2.0, abs=0.02)
+    assert wrong.ci95[0] < wrong.ci95[1]
+    assert words(told).startswith("Wrong number in the model: alpha is 3, these runs say 1.99")
+
+
+def test_a_number_within_the_error_that_its_file_states_is_not_wrong():
+    model = as_extended(SingleDof("yaw", "N m", alpha=2.2, beta=1.0))
+    axis = SingleDof("yaw", "N m", alpha=2.2, beta=1.0)
+    known = ModelFile("theirs", model, axis, names=("alpha",), covariance=np.array([[0.1**2]]))
+    assert diagnose(towed(), model=replace(known, names=(), covariance=np.zeros((0, 0))), effects=FEW).wrong_numbers
+    told = diagnose(towed(), model=known, effects=FEW)
+    assert told.verdict == "no-effect"
+
+
+def test_of_a_simulator_with_poor_constants_gain_and_time_constant_are_told(monkeypatch):
+    told = diagnose(towed(), simulations=of_simulator(monkeypatch, 3.0, 1.25), effects=FEW)
+    assert told.verdict == "wrong-numbers"
+    assert told.numbers is not None and told.numbers.of == "simulation"
+    rows = {n.name: n for n in told.numbers.rows}
+    assert set(rows) == {"gain of yaw", "time constant of yaw", "delay of N", "trim of N"}
+    assert {n for n, row in rows.items() if row.wrong} == {"gain of yaw", "time constant of yaw"}
+    for name, theirs, ours in (("gain of yaw", 0.8, 1.0), ("time constant of yaw", 2.4, 2.0)):
+        assert rows[name].given == pytest.approx(theirs, rel=0.01)
+        assert abs(rows[name].value - ours) < 4.0 * rows[name].std < 0.05
+    assert told.causes == ()
+
+
+def test_an_honest_simulator_is_left_alone(monkeypatch):
+    told = diagnose(towed(), simulations=of_simulator(monkeypatch, 2.0, 1.0), effects=FEW)
+    assert told.verdict == "no-effect"
+    assert told.wrong_numbers == ()
+
+
+def test_page_document_and_model_file_say_the_same(tmp_path):
+    told = diagnose(towed(), model=with_numbers(N_rdot=1.5), effects=FEW)
+    page = write_diagnosis(told, tmp_path, "2026-01-01T00:00:00").read_text(encoding="utf-8")
+    data = json.loads((tmp_path / "diagnosis.json").read_text())
+    (row,) = [r for r in data["numbers"]["rows"] if r["wrong"]]
+    assert data["verdict"] == "wrong-numbers"
+    assert data["numbers"]["wrong"] == ["N_rdot"]
+    assert data["numbers"]["gain"]["ratio"] < 0.1
+    assert load_model(tmp_path / "model.json").model.base["N_rdot"] == row["value"]
+    assert "Wrong number in the model: N_rdot is -3" in page
+    assert "The model’s numbers against these runs" in page.replace("&#39;", "’").replace("'", "’")
+
+
+def the_search(runs, slugs):
+    form = plain_form(runs)
+    stretches, _ = stretches_of(runs, form)
+    problem, fitted = fit_base(form, stretches)
+    return begin_search(problem, fitted, (), slugs)
+
+
+def test_a_cause_that_only_leads_the_fit_out_of_a_valley_is_not_credited_with_it():
+    search = the_search(towed(), FEW)
+    base = search.base
+    theta = np.array([-3.0, -1.0])
+    poor = search.problem.fit(theta, (), base.initial, trials=0)
+    assert poor is not None and poor.cost > base.cost + 100.0
+    stuck = begin_search(search.problem, poor, (), FEW)
+    stuck.run()
+    assert stuck.fitted.effects == ()
+    assert stuck.base.cost == pytest.approx(base.cost, abs=1.0)
+
+
+def test_a_cause_whose_interval_holds_no_effect_is_dropped():
+    search = the_search(towed(), FEW)
+    base = search.fitted
+    late = search.problem.fit(base.theta, (Applied("input-bias", "yaw", {"bias": 0.0}),), base.initial)
+    assert late is not None and math.isfinite(late.cost)
+    search.fitted = late
+    drop_swallowed(search)
+    assert search.fitted.effects == ()
