@@ -35,7 +35,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what another simulator made of the same commands, one per run, in the same order",
     )
     what = parser.add_argument_group("what to look at")
-    what.add_argument("--dof", metavar="A,B", help="degrees of freedom: yaw, surge, ... (default: all in the file)")
+    what.add_argument(
+        "--dof", metavar="A,B", help="degrees of freedom: yaw, surge, ..., or horizontal (default: all in the file)"
+    )
     what.add_argument("--use", metavar="A,B", help="signals to compare, e.g. psi,r (default: all measured)")
     tried = what.add_mutually_exclusive_group()
     tried.add_argument("--effects", metavar="A,B", help="effects to try (default: the whole book)")

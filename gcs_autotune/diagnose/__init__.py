@@ -3,7 +3,8 @@
 ===========  =======================================================================
 door         from runs to a verdict
 intake       runs made fit, or refused with the reason (implausible, worth, follows)
-simulated    somebody else's simulator; numbers of a given model that are off
+simulated    somebody else's simulator, modelled
+numbers      which numbers of a given model are wrong
 pieces       a second look where free runs are lost
 workers      work shared among processes
 tables       tables of identified parameters (table_reading)

@@ -24,7 +24,7 @@ from gcs_autotune.effects import BOOK
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base, given_base
-from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of, within
+from gcs_autotune.identify.extended.stretches import Stretch, overlooked, plain_form, stretches_of, within
 from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
@@ -97,7 +97,7 @@ def diagnose(
     check_worth(together, base_form, use)
     stretches, notes = stretches_of(together, base_form, use)
     held = stretches_of(others, base_form, use)[0] if others else []
-    doubts += [*more, *repeats, *notes]
+    doubts += [*more, *repeats, *notes, *overlooked(together, base_form, dof, use, stretches)]
     whole = held or stretches
     if horizon is not None:
         stretches, held = within(stretches, horizon), within(held, horizon)

@@ -19,16 +19,19 @@ from gcs_autotune.identify.axis.record import INPUTS, MIN_SAMPLES, dating_of
 from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of, prepare_coupled, signals_of, within_horizon
 from gcs_autotune.identify.coupled.smoothing import first_levels_of
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled import FORMS, Form
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["Stretch", "plain_form", "scene_of", "stretches_of", "within", "without"]
+__all__ = ["Stretch", "overlooked", "plain_form", "scene_of", "stretches_of", "within", "without"]
 
 Array = NDArray[np.float64]
 
 THRUSTERS = ("force_left", "force_right")
 """Channels of a boat steered by two fixed thrusters, as in the form ``twin-thruster``."""
+
+TRACK = {"x", "y", "psi"}
+"""Signals that show surge and sway where no speed is recorded."""
 
 TURN_RATES = ("p", "q", "r")
 """Signals that have passed the autopilot's gyro filter."""
@@ -77,7 +80,10 @@ class Stretch:
 def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     """Return the base model: the degrees of freedom in the file, uncoupled, with linear damping.
 
-    dof : names joined by commas, to look at these only; None: what the records say they swung, else all there are.
+    dof : names joined by commas, to look at these only, or that of a shipped form (``horizontal``) for all it has;
+        None: what the records say they swung, else all there are.
+
+    A track (x, y and the heading) without speeds shows surge and sway too, where something drives the heading.
 
     Raises
     ------
@@ -88,20 +94,21 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     varies = {
         n for run in runs for n, c in run.channels.items() if len(c) and np.ptp(c.values[np.isfinite(c.values)]) > 0
     }
-    asked = swung(runs) if dof is None else [d.strip() for d in dof.split(",")]
-    if asked is not None:
-        strange = [d for d in asked if d not in DOFS]
-        if strange:
-            raise MissingChannel(f"no degree of freedom called {', '.join(strange)}; there are {', '.join(DOFS)}")
+    asked = asked_for(runs, dof)
     if set(THRUSTERS) <= there:
         return _twin_thruster(asked, there)
+    steered = any(c in varies for c in INPUTS["yaw"]) and (asked is None or "yaw" in asked)
+    track = steered and TRACK <= there and not {"u", "v"} & there
+    pushed = {n for run in runs for n, c in run.channels.items() if len(c) and np.any(c.values)} if track else set()
     dofs, inputs, free = [], {}, []
     for name in ("surge", "sway", "heave", "roll", "pitch", "yaw"):
         d = DOFS[name]
         drives = [c for c in INPUTS[name] if c in there]
         drive = next((c for c in drives if c in varies), None)
+        if drive is None and name == "surge":
+            drive = next((c for c in drives if c in pushed), None)
         seen = {d.velocity, d.position} & there
-        if name == "surge" and d.velocity not in there and "psi" in there:
+        if name == "surge" and d.velocity not in there and "psi" in there and not track:
             seen = set()
         if (asked is not None and name not in asked) or drive is None or not seen:
             continue
@@ -109,7 +116,7 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
         inputs[drive] = ((d.force, 1.0),)
         free += [f"{d.force}_{d.velocity}dot", f"{d.force}_{d.velocity}"]
     known = {}
-    adrift = "sway" not in dofs and {"surge", "yaw"} <= set(dofs) and "v" in there
+    adrift = "sway" not in dofs and {"surge", "yaw"} <= set(dofs) and ("v" in there or track)
     if adrift and (asked is None or "sway" in asked):
         dofs.insert(1, "sway")
         known["Y_vdot"] = -1.0
@@ -122,6 +129,61 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
         )
     title = "uncoupled, linear damping: " + ", ".join(dofs)
     return Form("plain", title, tuple(dofs), tuple(free), known, inputs, coriolis=False)
+
+
+def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
+    """Return the degrees of freedom to look at, see :func:`plain_form`; None for all there are.
+
+    Raises
+    ------
+    MissingChannel
+        A name that is neither a degree of freedom nor a shipped form.
+    """
+    if dof is None:
+        return swung(runs)
+    names = [d.strip() for d in dof.split(",")]
+    strange = [d for d in names if d not in DOFS and d not in FORMS]
+    if strange:
+        raise MissingChannel(
+            f"no degree of freedom called {', '.join(strange)}; there are {', '.join(DOFS)}, and for several at once "
+            f"{', '.join(FORMS)}"
+        )
+    return list(dict.fromkeys(d for n in names for d in (FORMS[n].dofs if n in FORMS else (n,))))
+
+
+def overlooked(
+    runs: Sequence[Trial], form: Form, dof: str | None, use: Sequence[str] | None, stretches: Sequence[Stretch]
+) -> list[Doubt]:
+    """Return a doubt for what was asked for, or recorded of the plane, and could not be looked at."""
+    asked = asked_for(runs, dof)
+    found = []
+    missing = [d for d in asked or () if d not in form.dofs] if dof is not None else []
+    if missing:
+        columns = "; ".join(
+            f"{d}: {' or '.join(INPUTS[d])} and {DOFS[d].velocity} or {DOFS[d].position}" for d in missing
+        )
+        found.append(
+            Doubt(
+                "not-looked-at",
+                f"{', '.join(missing)} was asked for and not looked at: nothing recorded drives and shows it",
+                f"record what is wanted of it ({columns})",
+            )
+        )
+    compared = {n for s in stretches for n in s.record.signals}
+    moving = {
+        n for run in runs for n in ("x", "y") if n in run and len(run[n]) >= MIN_SAMPLES and np.ptp(run[n].values) > 0.0
+    }
+    left = sorted(moving - compared)
+    if left and use is None and (asked is None or {"surge", "sway"} & set(asked)):
+        found.append(
+            Doubt(
+                "not-looked-at",
+                f"{' and '.join(left)} were recorded and not compared: this model does not move on the plane with what "
+                "was recorded, so what happens to the track alone was not seen",
+                "record the thrust (X) and the speeds u and v, or only x, y and psi beside X and N",
+            )
+        )
+    return found
 
 
 def swung(runs: Sequence[Trial]) -> list[str] | None:

@@ -1,0 +1,78 @@
+"""Records of a track without speeds: x, y and the heading beside what was commanded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs_in_the_tank import BOAT, UNITS
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
+from gcs_autotune.errors import MissingChannel
+from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.extended.stretches import overlooked, plain_form, stretches_of
+from gcs_autotune.trial import Channel, Trial
+from sitl.effects.table import make_effect
+from sitl.tank import tow
+
+COUPLED = make_effect("coriolis-coupling", "surge+sway+yaw", {"X_vr": 7.0, "Y_ur": -5.0, "N_uv": -2.0})
+
+
+def s_manoeuvre(*effects, measured=("x", "y", "psi"), k=0, samples=150):
+    t = 0.2 * np.arange(samples)
+    columns = tow(
+        BOAT,
+        {"N": np.sign(np.sin(2.0 * np.pi * t / (14.0 + 4.0 * k))), "X": np.full(samples, 2.5)},
+        duration=0.2 * samples,
+        interval=0.2,
+        measured=measured,
+        effects=effects,
+        noise={n: 0.005 if n == "psi" else 0.02 for n in measured},
+        seed=k,
+        initial={"u": 1.0},
+    )
+    t = columns.pop("t")
+    return Trial(f"s{k}", {n: Channel(n, UNITS[n], t, v) for n, v in columns.items()})
+
+
+@pytest.mark.parametrize("dof", [None, "surge,sway,yaw", "horizontal"])
+def test_a_track_shows_surge_and_sway_without_their_speeds(dof):
+    run = s_manoeuvre()
+    form = plain_form([run], dof)
+    assert form.dofs == ("surge", "sway", "yaw")
+    stretches, _ = stretches_of([run], form)
+    assert set(stretches[0].record.signals) == {"x", "y", "psi"}
+    assert overlooked([run], form, dof, None, stretches) == []
+
+
+def test_momentum_that_carries_a_craft_sideways_is_missing_from_its_track():
+    runs = [s_manoeuvre(COUPLED, k=k) for k in (0, 1)]
+    form = plain_form(runs, "horizontal")
+    problem, fitted = fit_base(form, stretches_of(runs, form)[0])
+    assert min(fitted.levels["x"], fitted.levels["y"]) > 5.0 * 0.02
+    assert whiteness_of(tests_of(problem, fitted)) < 1e-6
+
+
+def test_a_plain_craft_lacks_nothing_on_its_track():
+    told = diagnose([s_manoeuvre(k=k) for k in (0, 1)], effects=["steady-current"])
+    assert (told.verdict, told.doubts) == ("no-effect", ())
+
+
+def test_a_track_that_cannot_be_looked_at_is_said_aloud():
+    run = s_manoeuvre(measured=("u", "psi", "x", "y"))  # a speed ahead alone: no telling how far it slides
+    form = plain_form([run])
+    stretches, _ = stretches_of([run], form)
+    assert {"x", "y"}.isdisjoint(stretches[0].record.signals)
+    (doubt,) = overlooked([run], form, None, None, stretches)
+    assert doubt.slug == "not-looked-at" and "x and y" in doubt.cause
+    assert overlooked([run], form, "yaw", None, stretches) == []
+
+
+def test_a_degree_of_freedom_asked_for_in_vain_is_said_aloud():
+    run = s_manoeuvre(measured=("psi",))
+    form = plain_form([run], "yaw,heave")
+    stretches, _ = stretches_of([run], form)
+    (doubt,) = overlooked([run], form, "yaw,heave", None, stretches)
+    assert doubt.cause.startswith("heave was asked for and not looked at")
+    with pytest.raises(MissingChannel, match="horizontal"):
+        plain_form([run], "yaws")
