@@ -3,7 +3,9 @@
 Pure arithmetic on what was observed; :mod:`~gcs_autotune.manoeuvres.sign_check` flies the pulses. A craft that was
 turning already, drifts, or coasts on after a pulse must not be misread, nor one sample of a noisy compass be believed:
 ``nudot = -a nu + b u + c`` with a *b* for each direction of the output is fitted to the whole record, integrated twice
-so that nothing is differentiated: linear in all it does not know.
+so that nothing is differentiated: linear in all it does not know. What drifts (buoyancy, wind, current) is in *c*, and
+is taken off how far the craft went; and because a craft can drift against the surface, a quay or a net in the midst of
+it, which no constant *c* is, the pulse and the pulse back are also compared with each other: one *b* for both.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ FOLLOWS = 0.5
 """Chosen: share of the commanded output that must be measured; keepers and rounding take a little of it."""
 SURE = 4.0
 """A fitted motion must be so many times its standard error to count, ..."""
+MOST_COLOUR = 0.9
+"""Correlation of neighbouring residuals beyond which a short record cannot tell it."""
 CLEAR = 3.0
 """... or the craft must plainly have gone that way, by so many thresholds: a quick one leaves few ticks to fit."""
 
@@ -32,7 +36,7 @@ CLEAR = 3.0
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """A pulse: ``moved`` [rad or m] is what it alone did in its ``seconds``, fitted, with standard error; ``went`` how
-    far the craft really got; mean ``output``.
+    far the craft really got beyond where it was drifting; mean ``output``.
     """
 
     command: float
@@ -50,11 +54,18 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Both pulses judged. ``threshold`` [rad or m] is the least motion that counts."""
+    """Both pulses judged, each by itself and against each other.
+
+    ``threshold`` [rad or m] is the least motion that counts. ``compared`` and its standard error ``compared_error``
+    [rad or m] are what the first pulse moved if one gain holds for both; ``drift`` [rad/s or m/s] is the motion before.
+    """
 
     forward: Stretch
     back: Stretch
     threshold: float
+    compared: float
+    compared_error: float
+    drift: float
 
     @property
     def signs(self) -> tuple[int, int]:
@@ -68,8 +79,12 @@ class Answer:
 
     @property
     def is_reversed(self) -> bool:
-        """Whether what was seen of it is the wrong way round."""
-        return self.signs in ((-1, -1), (-1, 0), (0, -1))
+        """Whether what was seen of it is the wrong way round, and the two pulses differ accordingly."""
+        if self.signs not in ((-1, -1), (-1, 0), (0, -1)):
+            return False
+        return self.signs == (-1, -1) or (
+            self.compared * self.forward.command < 0.0 and abs(self.compared) >= SURE * self.compared_error
+        )
 
     @property
     def is_silent(self) -> bool:
@@ -95,18 +110,31 @@ def answer(
     """Judge a pulse of *command* [fraction of full] and one of ``-command``; ticks before, and during each of them."""
     t, x, u = (np.array(column) for column in zip(*rest, *forward[1:], *back[1:], strict=True))
     idle = float(np.mean([output for _, _, output in rest]))
+    drift = _slope(rest)
     drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle)
-    there = _stretch(command, forward, idle, drag, float(gains[0]), float(errors[0]))
-    again = _stretch(-command, back, idle, drag, float(gains[1]), float(errors[1]))
-    return Answer(there, again, threshold)
+    there = _stretch(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
+    again = _stretch(-command, back, idle, drift, drag, float(gains[1]), float(errors[1]))
+    drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle, each=False)
+    both = _stretch(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
+    return Answer(there, again, threshold, both.moved, both.error, drift)
 
 
-def _stretch(command: float, ticks: Sequence[Tick], idle: float, drag: float, gain: float, error: float) -> Stretch:
+def _slope(ticks: Sequence[Tick]) -> float:
+    """Return the mean rate of the position over *ticks*, 0 when there are too few to tell."""
+    t, x = (np.array([tick[i] for tick in ticks]) for i in (0, 1))
+    t = t - np.mean(t)
+    spread = float(t @ t)
+    return float(t @ x) / spread if spread > 0.0 else 0.0
+
+
+def _stretch(
+    command: float, ticks: Sequence[Tick], idle: float, drift: float, drag: float, gain: float, error: float
+) -> Stretch:
     seconds = ticks[-1][0] - ticks[0][0]
     outputs = [output - idle for _, _, output in ticks]
     output = float(np.mean(outputs[len(outputs) // 2 :]))
     reach = abs(command) * _response(drag, seconds)
-    went = ticks[-1][1] - ticks[0][1]
+    went = ticks[-1][1] - ticks[0][1] - drift * seconds
     return Stretch(command, math.copysign(gain * reach, gain * command), error * reach, went, output, seconds)
 
 
@@ -117,23 +145,35 @@ def _response(drag: float, seconds: float) -> float:
     return (seconds + math.expm1(-drag * seconds) / drag) / drag
 
 
-def _fitted(t: Array, x: Array, u: Array) -> tuple[float, Array, Array]:
-    """Return drag *a* [1/s], and gain *b* and its standard error for the first pulse's direction and the other."""
+def _fitted(t: Array, x: Array, u: Array, *, each: bool = True) -> tuple[float, Array, Array]:
+    """Return drag *a* [1/s], gains *b* and their standard errors: of the first pulse's direction and the other, or of
+    both (not *each*).
+    """
     first = _first_sign(u)
-    ways = np.where(u * first > 0.0, u, 0.0), np.where(u * first < 0.0, u, 0.0)
+    ways = (np.where(u * first > 0.0, u, 0.0), np.where(u * first < 0.0, u, 0.0)) if each else (u,)
     columns = [np.ones_like(t), t, 0.5 * t**2, *(_integral(t, _integral(t, way)) for way in ways)]
     for with_drag in (True, False):
         matrix = np.column_stack([*columns, -_integral(t, x)] if with_drag else columns)
         scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
         solution, *_ = np.linalg.lstsq(matrix / scale, x, rcond=1e-10)
         residual = x - (matrix / scale) @ solution
-        drag = float(solution[5] / scale[5]) if with_drag else 0.0
+        drag = float(solution[-1] / scale[-1]) if with_drag else 0.0
         if drag >= 0.0:
             break
     freedom = max(len(t) - matrix.shape[1], 1)
-    covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale)) * float(residual @ residual) / freedom
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return drag, (solution / scale)[3:5], (errors / scale)[3:5]
+    variance = float(residual @ residual) / freedom * _inflation(residual)
+    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv((matrix / scale).T @ (matrix / scale))) * variance, 0.0))
+    found = slice(3, 3 + len(ways))
+    return drag, (solution / scale)[found], (errors / scale)[found]
+
+
+def _inflation(residual: Array) -> float:
+    """Return how much less neighbouring residuals tell than independent ones would (first-order autoregression)."""
+    power = float(residual @ residual)
+    if power <= 0.0:
+        return 1.0
+    share = min(max(float(residual[1:] @ residual[:-1]) / power, 0.0), MOST_COLOUR)
+    return (1.0 + share) / (1.0 - share)
 
 
 def _first_sign(u: Array) -> float:

@@ -32,6 +32,8 @@ NOISES = 5.0
 """A motion below so many standard deviations of the noise says nothing."""
 BACK_LONGER = 2.5
 """The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
+TWICE = 2
+"""Pulses there and back that must move the craft the wrong way before its actuator is called turned round."""
 STANDING = 0.9
 """An output this large without any command is at its stop."""
 ASTERN = 0.7
@@ -84,6 +86,7 @@ class SignCheck:
         self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
         self._marks: list[Mark] = []
         self._size = 0
+        self._reversals = 0
         self._command = 0.0
         self._rest: list[Tick] = []
         self._forward: list[Tick] = []
@@ -202,15 +205,27 @@ class SignCheck:
             self._refuse(words.not_followed(seen.unheeded, s.force, s.outlets))
         elif seen.is_right:
             self.outcome = Outcome("completed", words.acts_rightly(seen.forward, s.signal, s.force))
-        elif seen.signs == (-1, -1):
-            self._refuse(words.turned_round(seen, s.signal, s.force, s.cure))
-        elif self._size + 1 < len(s.outputs):
-            self._size += 1
-            self._rest, self._forward, self._back = [], [], []
-        elif seen.is_reversed:
-            self._refuse(words.turned_round(seen, s.signal, s.force, s.cure))
         else:
+            self._not_right(seen)
+
+    def _not_right(self, seen: Answer) -> None:
+        """Refuse, or come to rest and pulse once more.
+
+        Against the surface, a quay or a net a craft is turned back in the midst of a pulse, which looks like an answer
+        the wrong way: that must be seen twice, and nothing the right way at the end.
+        """
+        s, is_last = self._settings, self._size + 1 == len(self._settings.outputs)
+        self._reversals += seen.is_reversed
+        is_clear = seen.signs == (-1, -1) or (is_last and 1 not in seen.signs)
+        if self._reversals >= TWICE and is_clear:
+            self._refuse(words.turned_round(seen, s.signal, s.force, s.cure))
+            return
+        if is_last and not (seen.is_reversed and self._reversals < TWICE):
             self._refuse(words.unclear(seen, s.signal, s.force, s.outlets))
+            return
+        if not (seen.is_reversed and self._reversals < TWICE):
+            self._size += 1
+        self._rest, self._forward, self._back = [], [], []
 
     def _refuse(self, why: str) -> None:
         self.outcome = Outcome("aborted", why)

@@ -73,16 +73,28 @@ def turned_round(seen: Answer, signal: str, force: str, cure: str) -> str:
 
 def unclear(seen: Answer, signal: str, force: str, outlets: Sequence[Outlet]) -> str:
     """It does not move, or does not move both ways."""
-    both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}"
+    both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}{_drifting(seen, signal)}"
     if seen.is_silent:
         return (
             f"{both}, though {_pulses(seen, outlets)}: it is dead, or has too little authority for a relay. Check "
             "linkage, propellers and their supply, and the trim; a rudder may want more --throttle"
         )
-    return (
-        f"{both}: it acts one way only, or a disturbance is stronger than it. Check that the actuator works both ways, "
-        "trim the craft, wait for less wind or current"
+    cure = (
+        "ballast it until it hangs in the water" if signal == "z" else "trim the craft, wait for less wind or current"
     )
+    return (
+        f"{both}: it acts one way only, or a disturbance is stronger than it. Check that the actuator works both ways; "
+        f"{cure}"
+    )
+
+
+def _drifting(seen: Answer, signal: str) -> str:
+    """Say how the craft moves by itself, where that is as much as a pulse must move it."""
+    if not abs(seen.drift) * seen.forward.seconds >= seen.threshold:
+        return ""
+    if signal == "psi":
+        return f", while by itself it turns at {math.degrees(seen.drift):+.1f} deg/s"
+    return f", while by itself it {'sinks' if seen.drift > 0.0 else 'rises'} at {abs(seen.drift):.2f} m/s"
 
 
 def not_followed(stretch: Stretch, force: str, outlets: Sequence[Outlet]) -> str:

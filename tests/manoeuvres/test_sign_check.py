@@ -9,6 +9,7 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import Envelope, Flown, Outlet, Sequencer, SignCheck, SignCheckSettings
+from gcs_autotune.manoeuvres.answer import Answer, Stretch
 from gcs_autotune.watch import SilentWatcher
 
 from .pond import PondCraft
@@ -20,7 +21,7 @@ def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCh
     manoeuvre = SignCheck(
         SignCheckSettings(signal, "N" if signal == "psi" else "Z", outlets=STEERING, cure="Turn it round", **changes)
     )
-    flown = Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    flown = Sequencer(craft, Envelope(depth_excursion=100.0), SilentWatcher(), lambda trial: None).fly(manoeuvre)
     return manoeuvre, flown
 
 
@@ -37,9 +38,10 @@ def test_an_actuator_that_acts_rightly_passes_whatever_the_craft(gain: float, dr
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.05, -0.05])
-def test_a_reversed_actuator_is_refused_with_its_cure_after_one_small_pulse(bias: float) -> None:
+def test_a_reversed_actuator_is_refused_with_its_cure_after_two_small_pulses(bias: float) -> None:
     craft = PondCraft(gain=-1.0, bias=bias)
     _, flown = check(craft)
+    assert [m.detail["N"] for m in flown.trial.marks] == [0.15, -0.15, 0.15, -0.15]
     assert flown.outcome.ending == "aborted"
     assert "+0.15 of full N moved it" in flown.outcome.reason
     assert "to port" in flown.outcome.reason
@@ -112,6 +114,69 @@ def test_heave_is_checked_downwards_first() -> None:
     assert "m up in" in flown.outcome.reason
 
 
+class Buoyant(PondCraft):
+    """ArduPilot's own submarine, *buoyancy* [N] light: thrust and drag with the square, a dead band, and a surface.
+
+    Its depth is told with a noise that wanders (3 s), as an estimator's does.
+    """
+
+    def __init__(self, buoyancy: float, depth: float, seed: int, *, sign: float = 1.0) -> None:
+        super().__init__()
+        self.buoyancy, self.sign, self.z = buoyancy, sign, depth
+        self.chance, self.wander = np.random.default_rng(seed), 0.0
+
+    def _advance(self, dt: float) -> None:
+        Z = self._demand()[1]
+        thrust = 0.0 if abs(Z) < 0.0625 else self.sign * 103.0 * Z * abs(Z)
+        covered = self.z - 0.127
+        fall = 103.0 if covered < 0.0 else -self.buoyancy * min(covered / 0.254, 1.0)
+        self.w += dt * (thrust + fall - 69.0 * self.w * abs(self.w)) / 10.5
+        self.z += dt * self.w
+
+    def observe(self) -> Observation:
+        seen = super().observe()
+        self.wander += -0.1 / 3.0 * self.wander + 0.005 * float(self.chance.normal())
+        object.__setattr__(seen, "z", seen.z + self.wander + 0.005 * float(self.chance.normal()))
+        return seen
+
+
+HEAVE = {"signal": "z", "reach": 0.15, "least": 0.0225, "longest": 6.0}
+
+
+@pytest.mark.parametrize("buoyancy", [-10.0, -1.0, 0.6, 3.0, 6.3, 10.0])
+def test_a_craft_that_comes_up_or_sinks_by_itself_is_not_taken_for_a_reversed_one(buoyancy: float) -> None:
+    for depth in (0.13, 0.8, 1.5, 5.0):
+        for seed in range(3):
+            _, flown = check(Buoyant(buoyancy, depth, seed), **HEAVE)
+            assert flown.outcome.ending == "completed", (depth, seed, flown.outcome.reason)
+
+
+@pytest.mark.parametrize("buoyancy", [-10.0, -1.0, 0.6, 3.0])
+def test_a_reversed_one_that_comes_up_or_sinks_by_itself_is_refused(buoyancy: float) -> None:
+    for seed in range(3):
+        _, flown = check(Buoyant(buoyancy, 5.0, seed, sign=-1.0), **HEAVE)
+        assert "the wrong way. Turn it round" in flown.outcome.reason, seed
+
+
+def test_one_that_no_pulse_drives_down_is_said_to_rise_not_to_be_reversed() -> None:
+    _, flown = check(Buoyant(75.0, 5.0, 1), **HEAVE)
+    assert flown.outcome.ending == "aborted"
+    assert "the wrong way" not in flown.outcome.reason
+
+
+def test_what_drifts_is_said_with_what_to_do_about_it() -> None:
+    _, flown = check(Buoyant(75.0, 40.0, 1, sign=0.0), **HEAVE)
+    assert "while by itself it rises at 1.0" in flown.outcome.reason
+
+
+@pytest.mark.parametrize("wind", [0.03, -0.03, 0.1, -0.1])
+@pytest.mark.parametrize(("gain", "ending"), [(1.0, "completed"), (-1.0, "aborted")])
+def test_a_boat_that_wind_or_current_turns_is_judged_by_its_rudder(wind: float, gain: float, ending: str) -> None:
+    _, flown = check(PondCraft(gain=gain, bias=wind))
+    assert flown.outcome.ending == ending
+    assert ("the wrong way" in flown.outcome.reason) == (gain < 0.0)
+
+
 class Outputs(PondCraft):
     """Shows other outputs than were commanded."""
 
@@ -128,12 +193,13 @@ class Outputs(PondCraft):
 @pytest.mark.parametrize(
     ("shown", "why"),
     [
-        (lambda N: 1.0, "SERVO1 is saturated"),
+        (lambda N: 1.0, "N stands at +1.00 of full output without any command: SERVO1 is saturated"),
+        (lambda N: -1.0, "N stands at -1.00 of full output without any command: SERVO1 is saturated"),
         (lambda N: 0.0, "did not move"),
         (lambda N: -N, "the other way round"),
         (lambda N: max(N, -0.05), "is cut off on that side"),
     ],
-    ids=["saturated", "unheeded", "turned round", "cut off"],
+    ids=["saturated", "saturated the other way", "unheeded", "turned round", "cut off"],
 )
 def test_outputs_that_do_not_do_what_was_commanded_are_refused(shown: Callable[[float], float], why: str) -> None:
     _, flown = check(Outputs(shown))
@@ -147,6 +213,52 @@ def test_a_rudder_without_way_on_is_refused_before_any_pulse() -> None:
     assert "give more --throttle" in flown.outcome.reason
     assert not flown.trial.marks
     assert check(PondCraft(), throttle=0.5, least_speed=0.25)[1].outcome.ending == "completed"
+
+
+class Backing(PondCraft):
+    """Goes over the ground as a propeller of the wrong hand, or a current, takes it: *share* of its way is ahead."""
+
+    def __init__(self, share: float) -> None:
+        super().__init__()
+        self.share = share
+
+    def observe(self) -> Observation:
+        seen = super().observe()
+        object.__setattr__(seen, "u", self.share * seen.speed)
+        return seen
+
+
+@pytest.mark.parametrize(("share", "ending"), [(-1.0, "aborted"), (-0.75, "aborted"), (-0.6, "completed")])
+def test_way_astern_with_the_throttle_ahead_is_refused_and_leeway_is_not(share: float, ending: str) -> None:
+    _, flown = check(Backing(share), throttle=0.5, least_speed=0.25, astern="Turn the propeller round")
+    assert flown.outcome.ending == ending
+    assert ("it goes astern, at" in flown.outcome.reason) == (ending == "aborted")
+    assert flown.outcome.reason.endswith("Turn the propeller round") == (ending == "aborted")
+    assert bool(flown.trial.marks) == (ending == "completed")
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.4, 1.0])
+def test_the_least_motion_that_counts_is_five_times_the_noise_and_never_less_than_asked(noise: float) -> None:
+    craft = Noisy(1, gain=2.0, drag=0.8)
+    craft.r, craft.observe = 0.0, lambda: noisy(craft, noise)  # type: ignore[method-assign]
+    manoeuvre, _ = check(craft, reach=math.radians(20.0))
+    assert manoeuvre.answer is not None
+    assert math.degrees(manoeuvre.answer.threshold) == pytest.approx(max(1.5, 5.0 * noise), rel=0.35)
+    assert math.degrees(manoeuvre.answer.threshold) >= 1.5
+
+
+def noisy(craft: Noisy, degrees: float) -> Observation:
+    seen = PondCraft.observe(craft)
+    object.__setattr__(seen, "psi", seen.psi + float(craft.noise.normal(0.0, math.radians(degrees))))
+    return seen
+
+
+@pytest.mark.parametrize("output", [math.nan, -0.3, 0.0, 0.07])
+def test_an_output_that_is_not_known_or_not_half_of_the_command_does_not_count_as_followed(output: float) -> None:
+    followed = Stretch(-0.15, -0.1, 0.01, -0.1, -0.15, 1.0)
+    odd = Stretch(0.15, 0.1, 0.01, 0.1, output, 1.0)
+    assert Answer(odd, followed, 0.02, 0.1, 0.01, 0.0).unheeded is odd
+    assert Answer(followed, followed, 0.02, 0.1, 0.01, 0.0).unheeded is None
 
 
 def test_a_speed_nobody_knows_is_no_speed() -> None:
