@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.craft import Observation
 
-__all__ = ["KEEPERS", "Keeper", "KeeperGains"]
+__all__ = ["HOLDERS", "KEEPERS", "Keeper", "KeeperGains"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,9 @@ _HEADING = KeeperGains("psi", "r", "N")
 
 KEEPERS: Mapping[str, tuple[KeeperGains, ...]] = {"psi": (_DEPTH,), "z": (_HEADING,), "x": (_HEADING, _DEPTH)}
 """Signal that is being swung -> what is kept meanwhile."""
+HOLDERS: Mapping[str, KeeperGains] = {"z": _DEPTH}
+"""Signal that is going to be swung -> how it is held until then: with neutral outputs a buoyant craft would be at the
+surface, where it can swing one way only."""
 
 
 class Keeper:

@@ -15,7 +15,7 @@ from typing import Any
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.identify import LimitCycleMonitor
 from gcs_autotune.manoeuvres import relay_words as words
-from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
+from gcs_autotune.manoeuvres.keeper import HOLDERS, KEEPERS, Keeper
 from gcs_autotune.manoeuvres.lead_in import LeadIn
 from gcs_autotune.manoeuvres.manoeuvre import Outcome
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
@@ -66,6 +66,8 @@ class Relay:
         self._astray = 0
         self._first_half = self._extreme = math.nan
         self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
+        holder = HOLDERS.get(settings.signal) if settings.keep_still else None
+        self._holder = None if holder is None else Keeper(holder)
         self._integral = 0.0
         self._last_t = self._last_tick = self._tick = math.nan
 
@@ -99,7 +101,7 @@ class Relay:
         self._time_ticks(observation.t)
         if not self._lead_in.done:
             self._lead_in.update(observation.t, x, observation.speed)
-            return self._command(0.0, observation)
+            return self._command(0.0 if self._holder is None else self._holder.demand(observation), observation)
         if math.isnan(self._began):
             self._begin(observation.t, x)
         self._switch(observation.t, x - self._reference)

@@ -23,7 +23,7 @@ from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.identification import delay_of
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_signs, sign_check_for
+from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_depth_is_told, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
@@ -62,6 +62,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
     ):
         if dof == "heave" and craft.firmware.kind == "boat":
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
+        see_depth_is_told(craft, dof)
         warmed(craft, desk, watcher)
         _announce(settings, craft, operator, watcher, craft.observe())
         ledger = Ledger(record, settings.connection, watcher.say)

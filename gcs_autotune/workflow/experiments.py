@@ -129,7 +129,7 @@ def dive_for(dof: str, kind: str, now: Observation) -> Dive | None:
     """Return what takes an ROV off the surface before its depth is swung; None when it need not."""
     if kind != "rov" or dof != "heave" or not now.z < SHALLOW:
         return None
-    return Dive(DiveSettings(WORKING_DEPTH))
+    return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
 
 
 def resolution(trial: Trial) -> float:

@@ -20,7 +20,16 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.sname import DOFS
 from gcs_autotune.workflow.settings import DEFAULTS
 
-__all__ = ["ANNOUNCED", "CHECKED", "STAGE", "remarks_on", "see_signs", "see_throttle_is_free", "sign_check_for"]
+__all__ = [
+    "ANNOUNCED",
+    "CHECKED",
+    "STAGE",
+    "remarks_on",
+    "see_depth_is_told",
+    "see_signs",
+    "see_throttle_is_free",
+    "sign_check_for",
+]
 
 STAGE = "sign check"
 ANNOUNCED = {
@@ -166,6 +175,23 @@ def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None
             f"{_CAP} is {100.0 * cap:.0f} %: the autopilot passes no more, and the throttle steps go up to "
             f"{throttle:.0%}, saturated for most of their time. Give --throttle {cap:.2f}, or set {_CAP} to 100; "
             "nothing was armed"
+        )
+
+
+def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
+    """See that the water-pressure sensor, where it is heard, can tell a depth.
+
+    Raises
+    ------
+    PreconditionFailed
+        It tells less than nothing: the autopilot then takes its zero anew at every reading, and every depth is 0.
+    """
+    pressure = craft.telemetry.latest.get("pressure", math.nan)
+    if dof == "heave" and pressure <= 0.0:
+        raise PreconditionFailed(
+            f"the water-pressure sensor tells {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), less than "
+            "nothing: the autopilot cannot tell depth by it. ArduPilot's simulator does so where its --home is higher than "
+            "10 m above the sea: start it with an altitude of 0; nothing was armed"
         )
 
 

@@ -35,7 +35,15 @@ from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.identification import Identified, identify
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import CHECKED, STAGE, remarks_on, see_signs, see_throttle_is_free, sign_check_for
+from gcs_autotune.workflow.preflight import (
+    CHECKED,
+    STAGE,
+    remarks_on,
+    see_depth_is_told,
+    see_signs,
+    see_throttle_is_free,
+    sign_check_for,
+)
 from gcs_autotune.workflow.proof import known_of, proof_about_rest, proof_of_velocity
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
@@ -108,6 +116,7 @@ def _set_out(
     present = axis.names.to_canonical(own)
     throttle, speed = speed_for(settings, axis, present)
     see_throttle_is_free(craft, axis.dof, throttle)
+    see_depth_is_told(craft, axis.dof)
     helm = Helm(craft, replace(settings.envelope, cruise=speed), tale, _keeper(craft, record, tale))
     tale.say(f"present parameters saved to {record.save_parameters('before', own)}")
     for remark in remarks_on(craft):

@@ -135,6 +135,32 @@ class PondCraft:
         self.speed += dt * (X - 0.5 * self.speed)
 
 
+class Buoyant(PondCraft):
+    """ArduPilot's own submarine, *buoyancy* [N] light: thrust and drag with the square, a dead band, and a surface.
+
+    Its depth is told with a noise that wanders (3 s), as an estimator's does.
+    """
+
+    def __init__(self, buoyancy: float, depth: float, seed: int, *, sign: float = 1.0) -> None:
+        super().__init__()
+        self.buoyancy, self.sign, self.z = buoyancy, sign, depth
+        self.chance, self.wander = np.random.default_rng(seed), 0.0
+
+    def _advance(self, dt: float) -> None:
+        Z = self._demand()[1]
+        thrust = 0.0 if abs(Z) < 0.0625 else self.sign * 103.0 * Z * abs(Z)
+        covered = self.z - 0.127
+        fall = 103.0 if covered < 0.0 else -self.buoyancy * min(covered / 0.254, 1.0)
+        self.w += dt * (thrust + fall - 69.0 * self.w * abs(self.w)) / 10.5
+        self.z += dt * self.w
+
+    def observe(self) -> Observation:
+        seen = super().observe()
+        self.wander += -0.1 / 3.0 * self.wander + 0.005 * float(self.chance.normal())
+        object.__setattr__(seen, "z", seen.z + self.wander + 0.005 * float(self.chance.normal()))
+        return seen
+
+
 def at_rest(**changes: float) -> Observation:
     """Return an observation of a craft at rest, with some numbers changed."""
     base = {"t": 0.0, "psi": 0.0, "r": 0.0, "z": 1.0, "x": 0.0, "y": 0.0, "phi": 0.0, "theta": 0.0, "speed": 0.0}

@@ -10,7 +10,7 @@ from gcs_autotune.identify import find_cycles
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
 from gcs_autotune.watch import SilentWatcher
 
-from .pond import PondCraft
+from .pond import Buoyant, PondCraft
 
 YAW = RelaySettings("psi", "N")
 DEPTH = RelaySettings("z", "Z", least_hysteresis=0.15)
@@ -181,3 +181,12 @@ def test_a_craft_that_outruns_the_control_ticks_is_given_a_wider_swing_and_not_a
     assert "--control-rate" in flown.outcome.reason
     assert [m.kind for m in record.marks].count("widen") == YAW.most_widenings
     assert record.meta["C"] < YAW.most_output
+
+
+@pytest.mark.parametrize("buoyancy", [-10.0, 3.0, 6.3, 10.0])
+def test_a_depth_relay_holds_a_craft_that_rises_or_sinks_by_itself_until_it_begins(buoyancy):
+    craft = Buoyant(buoyancy, 1.5, 1)
+    flown, trial = fly(craft, replace(DEPTH, keep_still=True), Envelope(depth_excursion=10.0))
+    assert flown.outcome.ending == "completed", flown.outcome.reason
+    assert abs(trial.meta["reference"] - 1.5) < 1.0
+    assert trial["z"].values.min() > 0.2

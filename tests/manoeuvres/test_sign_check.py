@@ -12,7 +12,7 @@ from gcs_autotune.manoeuvres import Envelope, Flown, Outlet, Sequencer, SignChec
 from gcs_autotune.manoeuvres.answer import Answer, Stretch
 from gcs_autotune.watch import SilentWatcher
 
-from .pond import PondCraft
+from .pond import Buoyant, PondCraft
 
 STEERING = (Outlet(1, 1500.0, 500.0),)
 
@@ -112,32 +112,6 @@ def test_heave_is_checked_downwards_first() -> None:
     assert check(PondCraft(bias=-0.02), "z", reach=0.15, least=0.02)[1].outcome.ending == "completed"
     _, flown = check(PondCraft(gain=-1.0, bias=-0.02), "z", reach=0.15, least=0.02)
     assert "m up in" in flown.outcome.reason
-
-
-class Buoyant(PondCraft):
-    """ArduPilot's own submarine, *buoyancy* [N] light: thrust and drag with the square, a dead band, and a surface.
-
-    Its depth is told with a noise that wanders (3 s), as an estimator's does.
-    """
-
-    def __init__(self, buoyancy: float, depth: float, seed: int, *, sign: float = 1.0) -> None:
-        super().__init__()
-        self.buoyancy, self.sign, self.z = buoyancy, sign, depth
-        self.chance, self.wander = np.random.default_rng(seed), 0.0
-
-    def _advance(self, dt: float) -> None:
-        Z = self._demand()[1]
-        thrust = 0.0 if abs(Z) < 0.0625 else self.sign * 103.0 * Z * abs(Z)
-        covered = self.z - 0.127
-        fall = 103.0 if covered < 0.0 else -self.buoyancy * min(covered / 0.254, 1.0)
-        self.w += dt * (thrust + fall - 69.0 * self.w * abs(self.w)) / 10.5
-        self.z += dt * self.w
-
-    def observe(self) -> Observation:
-        seen = super().observe()
-        self.wander += -0.1 / 3.0 * self.wander + 0.005 * float(self.chance.normal())
-        object.__setattr__(seen, "z", seen.z + self.wander + 0.005 * float(self.chance.normal()))
-        return seen
 
 
 HEAVE = {"signal": "z", "reach": 0.15, "least": 0.0225, "longest": 6.0}

@@ -44,3 +44,16 @@ def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path)
         harbour.tune()
     assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harbour.said)
     assert any("MANUAL_OPTIONS" in text for text in harbour.said)
+
+
+def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_path):
+    def high_above_the_sea(t, message):
+        if message.get_type() == "SCALED_PRESSURE2":
+            message.press_abs = -580.0
+        yield message
+
+    harbour = Harbour(tmp_path, "videoray", high_above_the_sea)
+    with pytest.raises(PreconditionFailed, match=r"tells -580 hPa .* altitude of 0; nothing was armed"):
+        harbour.tune(axis="depth")
+    harbour.assert_as_found()
+    assert not list((harbour.directory / "trials").glob("*.csv"))
