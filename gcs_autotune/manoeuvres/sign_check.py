@@ -183,7 +183,7 @@ class SignCheck:
             ahead = sum(self._ahead[-30:]) / len(self._ahead[-30:])
             if not speed >= least:
                 self._refuse(words.too_slow(speed, noise, least, s.throttle))
-            elif s.throttle > 0.0 and ahead < -ASTERN * speed:
+            elif s.throttle > 0.0 and ahead < -ASTERN * speed and not self._reversals:
                 self._refuse(words.goes_astern(ahead, s.throttle, s.astern))
         return self.outcome is not None
 

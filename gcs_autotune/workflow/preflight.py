@@ -189,9 +189,9 @@ def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
     pressure = craft.telemetry.latest.get("pressure", math.nan)
     if dof == "heave" and pressure <= 0.0:
         raise PreconditionFailed(
-            f"the water-pressure sensor tells {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), less than "
-            "nothing: the autopilot cannot tell depth by it. ArduPilot's simulator does so where its --home is higher than "
-            "10 m above the sea: start it with an altitude of 0; nothing was armed"
+            f"the water-pressure sensor tells {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), less than nothing: the "
+            "autopilot cannot tell depth by it. ArduPilot's simulator does so where its --home is higher than 10 m "
+            "above the sea: start it with an altitude of 0; nothing was armed"
         )
 
 
