@@ -13,7 +13,7 @@ REVERSED_HEAVE = {"MOT_5_DIRECTION": -1.0, "MOT_6_DIRECTION": -1.0, "MOT_3_DIREC
 
 WRONG = {
     "reversed rudder": ("charlie", "heading", {"parameters": {"SERVO1_REVERSED": 1.0}}, "Set SERVO1_REVERSED to 0"),
-    "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "Set SERVO1_REVERSED to 1"),
+    "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "AHRS_ORIENTATION is wrong"),
     "dead rudder": ("charlie", "heading", {"effect": "dead-zone@steering.width=1"}, "SERVO1 went to 1800 us and 1200"),
     "reversed heave": ("videoray", "depth", {"parameters": REVERSED_HEAVE}, "check MOT_n_DIRECTION"),
     "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "it is dead"),
