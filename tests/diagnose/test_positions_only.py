@@ -7,7 +7,7 @@ import pytest
 from runs_in_the_tank import BOAT, UNITS
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
+from gcs_autotune.diagnose.signature import signature_of
 from gcs_autotune.errors import MissingChannel
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.stretches import overlooked, plain_form, stretches_of
@@ -50,7 +50,7 @@ def test_momentum_that_carries_a_craft_sideways_is_missing_from_its_track():
     form = plain_form(runs, "horizontal")
     problem, fitted = fit_base(form, stretches_of(runs, form)[0])
     assert min(fitted.levels["x"], fitted.levels["y"]) > 5.0 * 0.02
-    assert whiteness_of(tests_of(problem, fitted)) < 1e-6
+    assert signature_of(problem, fitted)[0].whiteness_p < 1e-6
 
 
 def test_a_plain_craft_lacks_nothing_on_its_track():
