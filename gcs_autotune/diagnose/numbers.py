@@ -176,13 +176,40 @@ def judge_numbers(search: Search, given: Given) -> Numbers:
         rows = [weighing.row(k, *(freed.get(k) or full[k]), rises.get(k, 0.0)) for k in full]
     else:
         rows = _as_plain(search, given, judged=off is not None)
+    causes, given_unseen = len(fit.effects) > len(search.base.effects), search.given_unseen
     if off is None or not any(r.wrong for r in rows):
-        return Numbers(of, tuple(replace(r, wrong=False) for r in rows))
-    causes = len(fit.effects) > len(search.base.effects)
+        over = _counted_over(search, search.base_unseen) if causes else "fitted"
+        return Numbers(of, tuple(replace(r, wrong=False) for r in rows), over=over)
+    right = _better(search.base_unseen, _set_right(search, problem)) if causes else off
     search.problem, search.fitted, search.present_unseen = problem, fit, off
-    right = search.base_unseen if causes else off
-    gains = () if search.given_unseen is None else gains_of(search.given_unseen, right, search.parts.words)
-    return Numbers(of, tuple(sorted(rows, key=lambda r: not r.wrong)), gains)
+    gains = () if given_unseen is None else gains_of(given_unseen, right, search.parts.words)
+    over = _counted_over(search, right) if causes else "fitted"
+    return Numbers(of, tuple(sorted(rows, key=lambda r: not r.wrong)), gains, over)
+
+
+def _set_right(search: Search, problem: Problem) -> HeldOut | None:
+    """Return what the model without any cause leaves of data left out, with no other numbers fitted than *problem* has.
+
+    All of them fitted to runs that something else bends may foretell worse than the few that are wrong.
+    """
+    base = search.base
+    alone = problem.fit(base.theta, base.effects, base.initial, shift=base.shift)
+    return None if alone is None else search.unseen(alone, problem=problem)
+
+
+def _better(one: HeldOut, other: HeldOut | None) -> HeldOut:
+    if other is None or not other.complete:
+        return one
+    return other if not one.complete or error_ratio(one, other) < 1.0 else one
+
+
+def _counted_over(search: Search, right: HeldOut) -> Literal["given", "fitted"]:
+    """Let causes be credited with no more than they gain over the better of the model as given and with its numbers set
+    *right*; return which that is.
+    """
+    given = search.given_unseen
+    search.base_unseen = right if given is None else _better(right, given)
+    return "fitted" if search.base_unseen is right else "given"
 
 
 def _told_off(weighing: _Weighing, problem: Problem, fit: Fitted) -> HeldOut | None:

@@ -94,6 +94,8 @@ class Numbers:
     of: Literal["model", "simulation"]
     rows: tuple[Number, ...]
     gains: tuple[Gain, ...] = ()
+    over: Literal["given", "fitted"] = "fitted"
+    """What the causes' own gains are counted over, the better of the two: the model as given, its numbers fitted."""
 
     @property
     def wrong(self) -> tuple[Number, ...]:
@@ -280,6 +282,7 @@ def _numbers(numbers: Numbers) -> dict[str, Any]:
         ],
         "gain": None if numbers.gain is None else _gain(numbers.gain),
         "gains": [_gain(g) for g in numbers.gains],
+        "causes_counted_over": numbers.over,
     }
 
 

@@ -127,7 +127,9 @@ def _beside_numbers(told: Diagnosis) -> list[str]:
         sentences.append(gain_sentence(told.gain))
         if told.numbers is not None:
             owner = told.numbers.of
-            sentences.append(f"This gain is counted over the same {owner} with its numbers fitted to these runs.")
+            fitted, as_it_is = "with its numbers fitted to these runs", "as it stands, for fitted alone it errs more"
+            over = fitted if told.numbers.over == "fitted" else as_it_is
+            sentences.append(f"This gain is counted over the {owner} {over}.")
     return sentences
 
 

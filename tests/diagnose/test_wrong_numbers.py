@@ -100,6 +100,17 @@ def test_an_effect_beside_a_wrong_number_gains_over_the_model_with_its_numbers_s
     assert said.index("N_r is -1.3") < said.index("On top of that found: dead zone")
 
 
+def test_a_cause_gains_no_more_than_over_the_better_of_the_model_as_given_and_with_its_numbers_fitted():
+    model = as_extended(SingleDof("yaw", "N m", alpha=3.0, beta=1.0, delta=1e-6))  # a free constant force drifts unseen
+    told = diagnose(towed(DEAD_ZONE, seed=2), model=model, effects=FEW)
+    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert told.numbers is not None
+    given = {g.signal: (g.before, g.after) for g in told.numbers.gains}
+    errors = np.array([[*given[g.signal], g.before] for g in told.gains])
+    as_given, set_right, counted = np.exp(np.log(errors).mean(axis=0))
+    assert counted == pytest.approx(min(as_given, set_right))
+
+
 def test_a_number_of_an_effect_in_the_model_may_be_the_wrong_one():
     own = Applied("input-delay", "N", {"delay": 0.8})
     told = diagnose(towed(("input-delay", "N", {"delay": 0.4})), model=with_numbers(own), effects=FEW)
