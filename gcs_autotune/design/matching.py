@@ -21,7 +21,7 @@ from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.laws.about_rest import linearisations, peak_demand
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
 from gcs_autotune.design.model_function import settling_time, wanted_step
-from gcs_autotune.design.open_loop import slow
+from gcs_autotune.design.open_loop import OpenLoop, constant, open_loop, slow
 from gcs_autotune.design.plant import Region
 from gcs_autotune.design.result import Margins, ModelFunction
 from gcs_autotune.design.spec import Spec
@@ -109,12 +109,23 @@ class Problem:
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants, counts = [], []
         for m in models:
-            drags = self.law.drags(m, wanted, self.step, self.speed)
-            gains = self.law.slopes(self.actuator, m, self.step, settings, self.speed)
-            plants += [Plant(g, m.alpha, d, m.delay + self.delay) for d in drags for g in gains]
-            counts.append(len(drags) * len(gains))
+            own = self._plants(m, settings, wanted)
+            plants += own
+            counts.append(len(own))
         each = iter(margins_of_each(controller, plants))
         return [worst([next(each) for _ in range(count)]) for count in counts]
+
+    def loops(self, settings: Settings, wanted: ModelFunction) -> tuple[OpenLoop, ...]:
+        """Return the loops that :meth:`margins` judges the model by, opened at the actuator."""
+        controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
+        plants = self._plants(self.model, settings, wanted)
+        return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)
+
+    def _plants(self, model: SingleDof, settings: Settings, wanted: ModelFunction) -> list[Plant]:
+        """Return what the controller acts on: *model* at rest and moving, for small and for large outputs."""
+        drags = self.law.drags(model, wanted, self.step, self.speed)
+        gains = self.law.slopes(self.actuator, model, self.step, settings, self.speed)
+        return [Plant(g, model.alpha, d, model.delay + self.delay) for d in drags for g in gains]
 
     def demand(self, model: SingleDof, wanted: ModelFunction) -> tuple[float, float]:
         """Return (share of the actuator, largest rate of change) that following *wanted* exactly takes."""

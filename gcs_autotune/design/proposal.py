@@ -113,6 +113,8 @@ def design(
         ),
         remarks=remarks,
         left=left,
+        loops=(problem.loops(before.settings, chosen.wanted), problem.loops(shown.settings, chosen.wanted)),
+        actuator=actuator,
     )
 
 

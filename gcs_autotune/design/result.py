@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from gcs_autotune.design.actuator import Actuator
     from gcs_autotune.design.hunting import Hunting
+    from gcs_autotune.design.open_loop import OpenLoop
     from gcs_autotune.design.treatments import Remark
 
 __all__ = ["Change", "Margins", "ModelFunction", "Prediction", "Proposal", "StepMetrics"]
@@ -93,6 +95,8 @@ class Proposal:
     ``margins`` at the identified parameters, ``worst_margins`` over the 95 % region of the parameters;
     ``bound`` is thesis (8.22)-(8.27) evaluated: (left side, right side), stable when left < right. Of a model with
     effects: ``remarks`` on each, ``left`` what goes on after a small step with the old gains and with the new.
+    ``loops``: with the old gains and with the new, opened at the actuator, one for each state of the craft that
+    ``margins`` are the least of; ``actuator`` what the model designed from has between output and force.
     """
 
     axis: str
@@ -107,6 +111,8 @@ class Proposal:
     notes: tuple[str, ...] = ()
     remarks: tuple[Remark, ...] = ()
     left: tuple[Hunting, ...] = ()
+    loops: tuple[tuple[OpenLoop, ...], tuple[OpenLoop, ...]] = ((), ())
+    actuator: Actuator | None = None
 
     @property
     def new(self) -> Mapping[str, float]:

@@ -6,6 +6,7 @@ the first one is drawn. Angles are in degrees here, and only here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,21 +18,36 @@ from markupsafe import Markup
 from gcs_autotune.design.result import Prediction
 from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Trace
+from gcs_autotune.report.bode import draw_bode, loop_margins
 from gcs_autotune.report.canvas import AFTER, BAND, BEFORE, FAINT, INK, PAPER, WANTED, legend, new_axes, pens, to_svg
-from gcs_autotune.report.numbers import pretty_unit, to_people
+from gcs_autotune.report.craft_figures import (
+    COLOURS,
+    draw_inputs,
+    draw_intervals,
+    draw_thrust,
+    draw_track,
+    inputs_of,
+    is_bent,
+)
+from gcs_autotune.report.numbers import format_number, format_quantity, pretty_unit, to_people
 from gcs_autotune.report.series import Curve, RelaySeries, StepSeries, finite, relay_series, step_series, thin
 from gcs_autotune.report.story import WATCHED, TuneStory, Watched
+from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["MOST_RELAYS", "Picture", "draw_pictures"]
+__all__ = ["INTERVALS_CAPTION", "MOST_RELAYS", "Picture", "draw_fit", "draw_pictures"]
 
 MOST_RELAYS = 6
 """Relay experiments and fit traces drawn one by one; chosen so that the page stays small."""
 
-_COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9")
+
+INTERVALS_CAPTION = (
+    "How well each parameter is known: its 95 % interval as a share of its value. Pale, where known: the least "
+    "that any unbiased method could reach with these runs."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +83,49 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
         yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
     caption = f"Limit cycles: rate of change against {what}. Strong lines: the last five periods."
     yield "cycle", caption, partial(_draw_cycles, relays, swung)
+    flown = {run.name: run for run in story.relays}
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
-        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over."
-        yield f"fit-{i}", caption, partial(_draw_fit, trace, WATCHED.get(trace.signal, swung).noun)
+        caption = (
+            f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over and the "
+            "input that drove both."
+        )
+        model = story.fit.model if story.fit else None
+        noun = WATCHED.get(trace.signal, swung).noun
+        yield f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun)
+    if story.fit is not None:
+        yield "intervals", INTERVALS_CAPTION, partial(draw_intervals, story.fit.parameters)
+    proposal = story.proposal
+    if proposal is not None and proposal.actuator is not None and is_bent(proposal.actuator):
+        caption = "Thrust curve of the model the gains came from: force over output."
+        yield "thrust", caption, partial(draw_thrust, proposal.actuator, _levels(story))
+    if proposal is not None and all(proposal.loops):
+        yield "bode", _bode_caption(story), partial(draw_bode, *proposal.loops)
+    runs = {t.name: t for t in (story.step_before, *story.relays, story.step_after) if t is not None}
+    yield "track", "Track over ground, north up.", partial(draw_track, runs)
+
+
+def _levels(story: TuneStory) -> list[float]:
+    """Return the outputs the experiments held, fractions of full."""
+    held = [t.meta.get("levels", [t.meta.get("C", math.nan), -t.meta.get("C", math.nan)]) for t in story.relays]
+    return [float(v) for levels in held for v in levels if math.isfinite(v)]
+
+
+def _bode_caption(story: TuneStory) -> str:
+    proposal = story.proposal
+    assert proposal is not None
+    words = []
+    for loops, label in zip(proposal.loops, ("present", "new"), strict=True):
+        found = loop_margins(loops)
+        if not found.stable:
+            words.append(f"{label} gains: unstable")
+            continue
+        gain = f"{format_number(found.gain, 3)} in gain" if math.isfinite(found.gain) else "no limit in gain"
+        words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
+    return (
+        "The loop opened at the actuator (Bode), on the model the gains came from; margins, read by python-control: "
+        + "; ".join(words)
+        + ". Thin: the same at other speeds and outputs."
+    )
 
 
 def _noun(watched: Watched) -> tuple[str, str, str]:
@@ -177,7 +233,7 @@ def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Figure | None
         return None
     figure, (axes,) = new_axes((3.0,), share=False)
     what, unit, rate_unit = _noun(swung)
-    for relay, colour in zip(shown, _COLOURS, strict=False):
+    for relay, colour in zip(shown, COLOURS, strict=False):
         assert relay.rate is not None
         rate = np.interp(relay.position.t, relay.rate.t, relay.rate.y)
         x, y = _people(swung) * relay.position.y, _people(swung) * rate
@@ -191,14 +247,18 @@ def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Figure | None
     return figure
 
 
-def _draw_fit(trace: Trace, noun: str) -> Figure | None:
+def draw_fit(trace: Trace, run: Trial | None, model: object, noun: str = "") -> Figure | None:
+    """Draw fit against measurement, what is left over, and the inputs of *run* that drive *model*."""
     measured = finite(trace.t, trace.measured)
     if len(measured) < 2:
         return None
-    figure, (top, bottom) = new_axes((1.9, 0.9))
-    draw_trace(top, bottom, trace, noun)
-    bottom.set_xlabel("time [s]")
-    legend(top)
+    inputs = inputs_of(model, run)
+    figure, axes = new_axes((1.9, 0.9, 0.9) if inputs else (1.9, 0.9))
+    draw_trace(axes[0], axes[1], trace, noun)
+    if run is not None and inputs:
+        draw_inputs(axes[2], run, inputs, float(trace.t[0]), float(trace.t[-1]))
+    axes[-1].set_xlabel("time [s]")
+    legend(axes[0])
     return figure
 
 

@@ -118,7 +118,7 @@ def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
 
 
 def _by_kind(pictures: tuple[Picture, ...]) -> Mapping[str, tuple[Picture, ...]]:
-    kinds = ("step", "relay", "cycle", "fit")
+    kinds = ("step", "relay", "cycle", "fit", "intervals", "thrust", "bode", "track")
     return {kind: tuple(p for p in pictures if p.kind == kind) for kind in kinds}
 
 

@@ -51,7 +51,7 @@ def test_the_shaded_part_holds_the_last_five_periods():
 
 def test_pictures_come_in_the_order_of_the_report():
     kinds = [picture.kind for picture in draw_pictures(stories.kept())]
-    assert kinds == ["step", "relay", "relay", "cycle", "fit", "fit"]
+    assert kinds == ["step", "relay", "relay", "cycle", "fit", "fit", "intervals"]
 
 
 def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():

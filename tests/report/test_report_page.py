@@ -50,7 +50,7 @@ def test_the_same_story_gives_the_same_bytes(pages):
 
 def test_plots_take_the_colours_of_the_page_so_that_a_dark_page_has_dark_plots(pages):
     figures = re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL)
-    assert len(figures) == 6
+    assert len(figures) == 7
     style = pages["kept"][: pages["kept"].index("</style>")]
     light, dark = style.split("@media screen and (prefers-color-scheme: dark)", 1)
     dark = dark[: dark.index("}\n}")]
@@ -97,7 +97,7 @@ def test_a_clip_or_marker_used_in_a_figure_is_defined_in_the_same_figure(pages):
 
 def test_a_finished_tune_shows_every_figure_with_axes_in_degrees(pages):
     page = Page(pages["kept"])
-    assert page.tags.count("svg") == 6
+    assert page.tags.count("svg") == 7
     for label in (
         "heading, from the start [°]",
         "rate [°/s]",
@@ -109,7 +109,7 @@ def test_a_finished_tune_shows_every_figure_with_axes_in_degrees(pages):
 
 
 def test_every_figure_has_a_description_for_those_who_cannot_see_it(pages):
-    assert len(re.findall(r'<svg role="img" aria-label="[^"]{20,}" viewBox=', pages["kept"])) == 6
+    assert len(re.findall(r'<svg role="img" aria-label="[^"]{20,}" viewBox=', pages["kept"])) == 7
 
 
 def test_the_verdict_comes_before_everything_else(pages):
