@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from gcs_autotune.identify.result import Fit
 
-__all__ = ["draw_trace", "fit_picture"]
+__all__ = ["as_headings", "draw_trace", "fit_picture"]
 
 MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
 """Okabe and Ito's colour-blind-safe set (2008)."""
@@ -40,9 +40,19 @@ def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
     top.plot(t, fitted, color=MODEL, lw=1.4, label="model, from the inputs alone")
     top.plot(t, measured, ".", ms=2.4, color=MEASURED, label="measured")
     top.set_ylabel(f"{name} [{unit}]")
+    if trace.signal == "psi":
+        as_headings(top)
     bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
     bottom.plot(t, measured - fitted, color=INK, lw=0.8)
     bottom.set_ylabel(f"residual [{unit}]")
+
+
+def as_headings(axes: Axes) -> None:
+    """Label a vertical axis in degrees as people read headings: 0 to 360, however often the record turned."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 9, 10]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda degrees, _: f"{round(degrees, 2) % 360.0:g}"))
 
 
 def fit_picture(fit: Fit) -> Figure:

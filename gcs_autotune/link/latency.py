@@ -63,10 +63,11 @@ class LinkTimes:
         return {name: value for name, value in asdict(self).items() if math.isfinite(value)}
 
     def __str__(self) -> str:
+        """The loop first, with the part of it that is known; a message and its answer go another way round."""
         parts = [
-            _part("round trip", self.round_trip, self.round_trip_90),
-            _part("command to servo", self.command_to_servo, self.command_to_servo_90),
             _part("whole loop", self.loop, self.loop_90),
+            _part("of it command to servo", self.command_to_servo, self.command_to_servo_90),
+            _part("a message and its answer", self.round_trip, self.round_trip_90),
         ]
         return ", ".join(p for p in parts if p) or "not measured"
 
@@ -180,7 +181,8 @@ class Latency:
             if gone >= min(_MOVED_SHARE * abs(change), _MOVED_MOST):
                 self._round.append(t - pending.seen)
                 if math.isfinite(pending.sent) and self._pace() == 1.0:
-                    self._up.append(t - pending.sent)
+                    # Sent after the attitude that it answers was stamped, whatever the comparison of the clocks says.
+                    self._up.append(t - max(pending.sent, pending.seen))
                 del self._pending[force]
             elif t - pending.since > _NEVER:
                 del self._pending[force]
@@ -211,13 +213,14 @@ class Latency:
     def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
         """Return everything measured so far."""
         trips = [trip for _, trip, _ in self._trips]
+        loop, late = _quantile(self._round, 0.5), _quantile(self._round, 0.9)
         return LinkTimes(
             _quantile(trips, 0.5),
             _quantile(trips, 0.9),
-            _quantile(self._up, 0.5),
-            _quantile(self._up, 0.9),
-            _quantile(self._round, 0.5),
-            _quantile(self._round, 0.9),
+            min(_quantile(self._up, 0.5), loop) if self._up else math.nan,
+            min(_quantile(self._up, 0.9), late) if self._up else math.nan,
+            loop,
+            late,
             len(self._round),
             override_rate,
             override_gap,

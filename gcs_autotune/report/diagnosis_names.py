@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from gcs_autotune.diagnose.result import Cause, Value
-from gcs_autotune.report.numbers import UNKNOWN, format_value, pretty_unit, to_people
+from gcs_autotune.report.numbers import NOT_TOLD, UNKNOWN, format_parameter, pretty_unit, rounded_to, to_people
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["effect_words", "listed", "named", "place_words", "signal_words", "value_words"]
@@ -52,11 +53,16 @@ def named(cause: Cause) -> str:
     return f"{effect} {'in' if first in DOFS else 'on'} {place_words(place)}"
 
 
-def value_words(value: Value) -> str:
-    """Return a number with its standard error, in degrees where people use them."""
-    unit, factor = to_people(value.unit)
-    number = format_value(factor * value.value, factor * value.std)
-    shown = pretty_unit(unit)
-    if not shown or number == UNKNOWN:
+def value_words(value: Value, name: str = "") -> str:
+    """Return a number with its standard error in the unit it is set in, angles in degrees besides.
+
+    name : of the parameter: an ``anchor`` or a ``direction`` in radians is a heading.
+    """
+    number = format_parameter(name, value.value, value.std, value.unit)
+    shown = pretty_unit(value.unit)
+    if not shown or number in (UNKNOWN, NOT_TOLD):
         return number
-    return f"{number}{shown}" if shown.startswith("°") else f"{number} {shown}"
+    unit, factor = to_people(value.unit)
+    angle = value.value % (2.0 * math.pi) if name in ("anchor", "direction") else value.value
+    degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") else ""
+    return f"{number} {shown}{degrees}"

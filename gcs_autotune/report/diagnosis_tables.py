@@ -19,7 +19,7 @@ def cause_table(cause: Cause) -> Table:
     """A cause's parameters with what they mean."""
     entry = BOOK.get(cause.applied.slug)
     meaning = {} if entry is None else {q.name: q.meaning for q in entry.parameters}
-    rows = tuple((name, value_words(v), meaning.get(name, "")) for name, v in cause.parameters.items())
+    rows = tuple((name, value_words(v, name), meaning.get(name, "")) for name, v in cause.parameters.items())
     return Table(("parameter", "value ± standard error", "meaning"), "lrl", rows)
 
 
@@ -64,7 +64,7 @@ def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
             format_share(r.gain) if math.isfinite(r.gain) else UNKNOWN,
             format_p(r.p_value),
             format_number(r.evidence, 3),
-            ", ".join(f"{n} {value_words(v)}" for n, v in r.parameters.items()),
+            ", ".join(f"{n} {value_words(v, n)}" for n, v in r.parameters.items()),
         )
         for r in ranking
     )

@@ -41,6 +41,9 @@ __all__ = [
     "verdict_headline",
 ]
 
+NOISE_P = 0.01
+"""Chance of noise looking at least this regular below which what is left is no noise."""
+
 _TONES: Mapping[str, Tone] = {
     "wrong-numbers": "good",
     "wrong-numbers-and-effect": "good",
@@ -68,7 +71,8 @@ def verdict_headline(told: Diagnosis) -> Headline:
     elif told.verdict == "wrong-numbers":
         sentences.append("With these numbers nothing is missing that these runs could show.")
     else:
-        sentences.append("With this the simulation follows the unseen data as closely as the measurement noise allows.")
+        followed = "With this the simulation follows the unseen data"
+        sentences.append(f"{followed}{_as_closely(told.left)}.")
     if told.indistinguishable:
         sentences.append("These runs leave other names possible: see below what they cannot tell.")
     return Headline(
@@ -159,9 +163,9 @@ def numbers_title(numbers: Numbers) -> str:
 
 def _hypotheses(told: Diagnosis) -> str:
     if not told.causes:
-        return "More remains than the measurement noise allows, and no cause in the book pays on unseen data."
+        return "Part of the error stays unexplained: no cause in the book pays on unseen data."
     names = "The name is a hypothesis: it pays" if len(told.causes) == 1 else "The names are hypotheses: they pay"
-    return f"{names} on unseen data, but more remains than the measurement noise allows."
+    return f"{names} on unseen data, but part of the error stays unexplained."
 
 
 def _found(told: Diagnosis) -> str:
@@ -184,7 +188,7 @@ def _found(told: Diagnosis) -> str:
 
 
 def _parameters(cause: Cause) -> str:
-    return ", ".join(f"{name} {value_words(value)}" for name, value in cause.parameters.items())
+    return ", ".join(f"{name} {value_words(value, name)}" for name, value in cause.parameters.items())
 
 
 def _nothing(told: Diagnosis) -> str:
@@ -194,8 +198,25 @@ def _nothing(told: Diagnosis) -> str:
         return said + "."
     return (
         f"{said}: the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}, "
-        "and what remains cannot be told from measurement noise."
+        f"and {_remains(told.left)}."
     )
+
+
+def _is_noise(left: Signature) -> bool:
+    """Whether nothing speaks against noise in what is left: correlated remainder is unexplained, no noise."""
+    return not left.whiteness_p < NOISE_P
+
+
+def _remains(left: Signature) -> str:
+    if _is_noise(left):
+        return "what remains cannot be told from measurement noise"
+    return "what remains is correlated, too small or too odd for any entry of the book: it stays unexplained"
+
+
+def _as_closely(left: Signature) -> str:
+    if _is_noise(left):
+        return " as closely as the measurement noise allows"
+    return "; what remains is small, but correlated, so it stays unexplained"
 
 
 def _unexplained(told: Diagnosis) -> str:
@@ -277,7 +298,7 @@ def left_sentence(left: Signature) -> str:
         return ""
     p = left.whiteness_p
     chance = "less than 1 time in 10 000" if p < 1e-4 else f"with probability {format_number(p, 2)}"
-    verdict = "so this is not noise" if p < 0.01 else "so nothing speaks against noise"
+    verdict = "so this is not noise" if p < NOISE_P else "so nothing speaks against noise"
     return f"Pure noise would look at least this regular {chance}, {verdict}."
 
 
@@ -295,7 +316,7 @@ def rests_on(told: Diagnosis) -> tuple[str, ...]:
         f"{signal_words(n)} {format_quantity(s, SIGNALS[n][0], 2)}" for n, s in told.noise.items() if n in SIGNALS
     ]
     if levels:
-        said.append(f"Noise each signal is left with: {', '.join(levels)}.")
+        said.append(f"Left of each signal (rms): {', '.join(levels)}.")
     return tuple(said)
 
 

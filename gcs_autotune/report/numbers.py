@@ -7,17 +7,20 @@ from datetime import datetime
 
 __all__ = [
     "MOST_FACTOR",
+    "NOT_TOLD",
     "UNKNOWN",
     "format_change",
     "format_factor",
     "format_moment",
     "format_number",
+    "format_parameter",
     "format_percent",
     "format_quantity",
     "format_seconds",
     "format_share",
     "format_value",
     "pretty_unit",
+    "rounded_to",
     "to_people",
 ]
 
@@ -26,6 +29,12 @@ UNKNOWN = "?"
 
 MOST_FACTOR = 100.0
 """Chosen: a margin of gain beyond this is all the same to whoever relies on it."""
+
+NOT_TOLD = "not told by these runs"
+"""Shown where a number is there but means nothing."""
+
+_HEADINGS = ("anchor", "direction")
+"""Parameters that are headings where their unit is rad."""
 
 _PEOPLE: dict[str, tuple[str, float]] = {
     "rad": ("°", 180.0 / math.pi),
@@ -74,6 +83,23 @@ def _in_powers_of_ten(value: float, std: float) -> str:
 def _rounded(value: float, last: int) -> str:
     text = f"{round(value, -last):.{max(0, -last)}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def rounded_to(value: float, std: float) -> str:
+    """Return *value* alone, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
+    return format_value(value, std).partition(" ±")[0].lstrip("(")
+
+
+def format_parameter(name: str, value: float, std: float, unit: str) -> str:
+    """Return :func:`format_value`, with a heading (``anchor``, ``direction`` [rad]) as a turn of 0 to 2 pi.
+
+    A heading known to no better than a quarter turn says nothing, and is not given.
+    """
+    if unit != "rad" or name.rpartition(".")[2] not in _HEADINGS or not math.isfinite(value):
+        return format_value(value, std)
+    if std > 0.5 * math.pi:
+        return NOT_TOLD
+    return format_value(value % (2.0 * math.pi), std)
 
 
 def format_number(value: float, digits: int = 4) -> str:

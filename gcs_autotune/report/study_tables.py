@@ -9,10 +9,10 @@ from gcs_autotune.identify.result import Parameter
 from gcs_autotune.report.numbers import (
     UNKNOWN,
     format_number,
+    format_parameter,
     format_percent,
     format_quantity,
     format_seconds,
-    format_value,
     pretty_unit,
 )
 from gcs_autotune.report.study import Outcome, Study
@@ -75,7 +75,7 @@ def parameter_table(fit: Fit, *, brief: bool = False) -> Table:
     rows = tuple(
         (
             short_name(p.name) if axis is not None else p.name,
-            "0" if p.status == "absent" else format_value(p.value, p.std),
+            "0" if p.status == "absent" else format_parameter(p.name, p.value, p.std, p.unit),
             pretty_unit(p.unit) or "1",
             _relative(p),
             _over_bound(p),
@@ -155,7 +155,9 @@ def estimate_tables(study: Study) -> tuple[Table, ...]:
 
 def _estimate(fit: Fit, name: str) -> str:
     found = fit.parameters.get(name)
-    return "" if found is None or found.status == "absent" else format_value(found.value, found.std)
+    if found is None or found.status == "absent":
+        return ""
+    return format_parameter(name, found.value, found.std, found.unit)
 
 
 def run_table(study: Study) -> Table:

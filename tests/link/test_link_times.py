@@ -50,6 +50,21 @@ def test_a_links_delays_are_measured_without_being_told(boat: ScriptedVehicle, l
     assert times.samples >= 10
 
 
+def test_the_loop_is_never_shorter_than_the_way_from_command_to_servo(
+    boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Clocks compared over an uneven link say that a command left before the attitude it answers was there."""
+    craft = board(Narrow(boat, latency=0.06))
+    craft.arm()
+    told = craft.latency.vehicle_time
+    monkeypatch.setattr(craft.latency, "vehicle_time", lambda t: told(t) - 0.5)
+    swing(craft, 10)
+    times = craft.link_times
+    assert 0.0 < times.command_to_servo <= times.loop
+    assert 0.0 < times.command_to_servo_90 <= times.loop_90
+    assert str(times).startswith("whole loop")
+
+
 def test_jitter_shows_in_the_ninth_of_ten(boat: ScriptedVehicle) -> None:
     craft = board(Narrow(boat, latency=0.05, jitter=0.15))
     craft.arm()

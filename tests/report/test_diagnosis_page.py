@@ -21,6 +21,7 @@ from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effec
 from gcs_autotune.report.diagnosis_names import named, place_words, value_words
 from gcs_autotune.report.diagnosis_views import bin_means, telling_view, views_of
 from gcs_autotune.report.diagnosis_wording import verdict_headline
+from gcs_autotune.report.numbers import format_parameter
 from gcs_autotune.report.terminal import render_text
 
 TITLE = "Diagnosis of 'boat' <b>"
@@ -180,8 +181,22 @@ def test_places_and_values_are_called_what_people_call_them():
     assert place_words("psi+r+u+v") == "4 columns (psi, r, u, v)"
     current = replace(dead_zone().causes[0], applied=Applied("steady-current", "over ground", {}))
     assert named(current) == "steady current (over ground)"
-    assert value_words(Value(math.radians(6.93), "rad", math.radians(0.17))) == "6.93 ± 0.17°"
+    assert value_words(Value(math.radians(6.93), "rad", math.radians(0.17))) == "0.121 ± 0.003 rad (6.93°)"
     assert value_words(Value(math.nan, "rad", math.nan)) == "?"
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1, 3])
+def test_a_heading_among_the_numbers_is_within_one_turn(turns: int) -> None:
+    """What a spring or a wind turns the bow towards is a heading, however often the record turned."""
+    anchor = Value(math.radians(178.0 + 360.0 * turns), "rad", math.radians(2.0))
+    assert value_words(anchor, "anchor") == "3.11 ± 0.03 rad (178°)"
+    assert format_parameter("tether-pull@yaw.anchor", anchor.value, anchor.std, "rad") == "3.11 ± 0.03"
+
+
+def test_a_heading_that_is_not_told_is_not_given_and_a_depth_is_never_wrapped() -> None:
+    assert value_words(Value(22.7, "rad", 7.0), "anchor") == "not told by these runs"
+    assert value_words(Value(22.7, "m", 7.0), "anchor") == "23 ± 7 m"
+    assert value_words(Value(0.05, "rad/s", 0.01), "bias") == "0.050 ± 0.010 rad/s (2.9°/s)"
 
 
 def test_the_list_of_effects_has_every_entry_under_its_family():

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import diagnosis_stories as diagnosed
 import numpy as np
 import pytest
 import report_stories as stories
+from matplotlib.figure import Figure
 
 from gcs_autotune.design.result import Margins
+from gcs_autotune.diagnose.result import Signature
 from gcs_autotune.effects.effect import Applied
 from gcs_autotune.identify import AxisFit, fit
 from gcs_autotune.identify.colour import remainder_of
-from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify.pictures import draw_trace
+from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report.diagnosis_wording import verdict_headline as diagnosis_headline
 from gcs_autotune.report.numbers import format_factor
 from gcs_autotune.report.study_wording import verdict_headline
 from gcs_autotune.report.tables import margins_table, model_table
@@ -124,3 +129,25 @@ def test_a_gain_margin_above_100_is_said_one_way(gain: float) -> None:
     proposal = replace(stories.proposal(), margins=wide, worst_margins=wide)
     assert "a factor of more than 100 in gain" in safety(proposal)
     assert ("gain margin", "more than 100", "more than 100") in margins_table(proposal).rows
+
+
+def test_a_heading_axis_reads_from_0_to_360_however_often_the_record_turned() -> None:
+    t = np.linspace(0.0, 60.0, 400)
+    psi = np.radians(300.0 + 6.0 * t)
+    trace = Trace("turns", t, psi, psi + 0.01, np.full(len(t), 0.1), "psi", "rad")
+    figure = Figure()
+    top, bottom = figure.subplots(2, 1)
+    draw_trace(top, bottom, trace)
+    figure.canvas.draw()
+    shown = [float(label.get_text()) for label in top.get_yticklabels()]
+    assert len(shown) >= 3
+    assert all(0.0 <= degrees < 360.0 for degrees in shown)
+    assert all(degrees % 45.0 == 0.0 or degrees % 30.0 == 0.0 for degrees in shown)
+
+
+@pytest.mark.parametrize(("p", "word"), [(0.4, "noise allows"), (1e-6, "unexplained")])
+def test_a_diagnosis_calls_a_correlated_remainder_unexplained(p: float, word: str) -> None:
+    told = replace(diagnosed.dead_zone(), left=Signature((), p))
+    said = " ".join((diagnosis_headline(told).text, *diagnosis_headline(told).sentences))
+    assert word in said
+    assert ("measurement noise" in said) == (p > 0.01)
