@@ -20,7 +20,8 @@ class Progress:
     ``signal`` names the controlled one (``psi``, ``z``, ``x``), ``target`` its reference; ``output`` is the
     actuator demand [fraction of full]; ``periods`` and ``periods_needed`` count oscillations that satisfy
     the stop rule, ``scatter`` their relative spread; ``guard`` and ``guard_share`` name the safety limit
-    nearest to tripping and how much of it is used (0..1).
+    nearest to tripping and how much of it is used (0..1). ``step`` of ``steps`` is the stage under way (0: not known),
+    ``elapsed`` and ``left`` are seconds since the start and to the end, as far as that can be told.
     """
 
     stage: str
@@ -37,6 +38,10 @@ class Progress:
     guard: str = ""
     guard_share: float = 0.0
     age: float = 0.0
+    step: int = 0
+    steps: int = 0
+    elapsed: float = math.nan
+    left: float = math.nan
 
 
 class Watcher(Protocol):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from rich.console import Console
 from rich.control import Control
@@ -35,6 +36,9 @@ REDRAW = 0.1
 PLAIN_EVERY = 5.0
 """Vehicle time [s] between two plain lines. Chosen: a log one can still read afterwards."""
 
+BAR = 5
+"""Characters of the bar. Chosen: with it the line still has the signal at 80 columns."""
+
 STALE = 1.0
 """Age [s] of the last message above which the link is mentioned first. Chosen: ten control periods."""
 
@@ -42,7 +46,8 @@ STALE = 1.0
 def describe_progress(progress: Progress, width: int = 0) -> str:
     """Return one line about *progress*; with a *width*, the least important pieces make room.
 
-    Order of importance: what and when, a silent link, the signal against its target, periods, the nearest
+    ``t`` is shown where the time since the start is not known. Order of importance: what, since when and how long
+    yet, a silent link and which step, the signal against its target, periods, the nearest
     limit, the swing, the output, the scatter.
     """
     pieces = _pieces(progress)
@@ -58,7 +63,10 @@ def _join(pieces: list[tuple[int, str]]) -> str:
 
 def _pieces(p: Progress) -> list[tuple[int, str]]:
     """Return (rank, text) in the order of the line; a lower rank stays longer."""
-    pieces = [(0, f"{p.manoeuvre or p.stage} {format_seconds(p.t)}")]
+    since = p.elapsed if math.isfinite(p.elapsed) else p.t
+    pieces = [(0, f"{p.manoeuvre or p.stage} {format_seconds(since)}{_left(p)}")]
+    if p.steps:
+        pieces.insert(0, (1, f"step {p.step} of {p.steps} {_bar(p)}".rstrip()))
     if p.signal:
         pieces.append((2, _signal(p)))
     if math.isfinite(p.output):
@@ -74,6 +82,21 @@ def _pieces(p: Progress) -> list[tuple[int, str]]:
     if p.age > STALE:
         pieces.insert(1, (1, f"NOTHING HEARD FOR {format_seconds(p.age)}"))
     return pieces
+
+
+def _bar(p: Progress) -> str:
+    """Return how much of all is done."""
+    whole = p.elapsed + p.left
+    if not (math.isfinite(whole) and whole > 0.0):
+        return ""
+    done = min(int(BAR * p.elapsed / whole), BAR)
+    return "#" * done + "." * (BAR - done)
+
+
+def _left(p: Progress) -> str:
+    if not math.isfinite(p.left):
+        return ""
+    return f", {math.ceil(p.left / 60.0)} min left" if p.left > 60.0 else ", <1 min left"
 
 
 def _signal(p: Progress) -> str:
@@ -106,6 +129,7 @@ class TerminalWatcher:
         self._told = -math.inf
         self._leg = ("", "")
         self._line_open = False
+        self._began = math.nan
 
     def __enter__(self) -> TerminalWatcher:
         return self
@@ -115,6 +139,10 @@ class TerminalWatcher:
 
     def update(self, progress: Progress) -> None:
         """Show one control tick, if it is time for it."""
+        if not progress.t >= self._began:
+            self._began = progress.t
+        if not math.isfinite(progress.elapsed):
+            progress = replace(progress, elapsed=progress.t - self._began)
         if self._console.is_terminal:
             self._redraw(progress)
         else:

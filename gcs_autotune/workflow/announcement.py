@@ -6,13 +6,18 @@ import math
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
+from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.workflow.aboard import TWITCHING
-from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
+from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
 from gcs_autotune.workflow.preflight import ANNOUNCED
-from gcs_autotune.workflow.settings import DEFAULTS
+from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.voyage import Voyage
 
-__all__ = ["announce"]
+__all__ = ["announce", "battery", "how_long", "room"]
+
+ROV_ROOM, BELOW = 2.0, 1.5
+"""Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
 
 DOF_NAMES = {"yaw": "heading", "heave": "depth"}
 """Degree of freedom -> what oscillates, to people."""
@@ -28,12 +33,16 @@ def announce(voyage: Voyage) -> None:
     """
     now, firmware, axis = voyage.craft.observe(), voyage.craft.firmware, voyage.axis
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
+    itinerary = voyage.tale.itinerary = Itinerary(_legs(voyage, now))
     voyage.tale.announce(
         (
             ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
             + f"; {TWITCHING}",
             f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
             f"move: {_movements(voyage, now)}",
+            room(voyage.axis.dof, voyage.speed, voyage.settings, now),
+            how_long(itinerary),
+            battery(now, voyage.settings.envelope, itinerary.seconds),
             "write no parameter (dry run)"
             if voyage.settings.dry_run
             else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
@@ -43,13 +52,61 @@ def announce(voyage: Voyage) -> None:
         raise OperatorStopped("not started: the answer was no; nothing was armed, moved or written")
 
 
+def _legs(voyage: Voyage, now: Observation) -> tuple[Leg, ...]:
+    dof, kind = voyage.axis.dof, voyage.craft.firmware.kind
+    given = voyage.given is not None or voyage.settings.gains is not None
+    dives = dive_for(dof, kind, now) is not None
+    return legs_of_tune(voyage.settings, dof, kind, moving=voyage.law.controls_velocity, given=given, dives=dives)
+
+
+def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> str:
+    """Return how much free water it takes, for a boat under way at *speed* [m/s] or a craft about where it is."""
+    if speed:
+        return f"need about {100.0 * speed:.0f} m of free water around"
+    below = ""
+    if dof == "heave":
+        step = abs(settings.step) if settings.step is not None else DEFAULTS[dof].step
+        start = max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH
+        below = f", and {start + step + BELOW:.0f} m of depth"
+    return f"need about {ROV_ROOM:g} m of free water around{below}"
+
+
+def how_long(itinerary: Itinerary) -> str:
+    """Return how long it takes of the vehicle's time, stage by stage."""
+    return (
+        f"take about {_minutes(itinerary.seconds)} of the vehicle's time: {itinerary.told()}. Steps go by the clock; "
+        "oscillations are guessed from craft of a few metres, and from the first one for the next"
+    )
+
+
+def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
+    """Return what is known of the battery, and what the time takes of one, with the assumption that is made."""
+    share = math.ceil(20.0 * seconds / 3600.0) * 5
+    draws = f"about {share} % of one that lasts an hour at this power (assumed: the vehicle does not tell its draw)"
+    known = []
+    if math.isfinite(now.battery_remaining):
+        known.append(
+            f"{100.0 * now.battery_remaining:.0f} % now, ended below {100.0 * envelope.battery_remaining:.0f} %"
+        )
+    if math.isfinite(now.battery_voltage):
+        ends = f", ended below {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
+        known.append(f"{now.battery_voltage:.1f} V now{ends}")
+    if not known:
+        return f"draw on the battery, {draws}; the vehicle tells nothing of it, so it is not guarded"
+    return f"draw on the battery ({', '.join(known)}), {draws}"
+
+
+def _minutes(seconds: float) -> str:
+    return f"{math.ceil(seconds / 60.0)} min"
+
+
 def _movements(voyage: Voyage, now: Observation) -> str:
     axis, d, speed = voyage.axis, DEFAULTS[voyage.axis.dof], voyage.speed
     step = voyage.settings.step if voyage.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.signal == "psi" else f"{step:g} m "
     shown = "" if voyage.law.controls_velocity else shown
-    room = f", turning about in between; about {100.0 * speed:.0f} m of free water around" if speed else ""
-    under_way = f" under way at {speed:.1f} m/s{room}" if axis.needs_speed else ""
+    turning = ", turning about in between" if speed else ""
+    under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
     dive = dive_for(axis.dof, voyage.craft.firmware.kind, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
     signs = ANNOUNCED.get(axis.dof, "")

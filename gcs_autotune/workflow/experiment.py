@@ -17,10 +17,12 @@ from gcs_autotune.manoeuvres import visit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
+from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.identification import delay_of
+from gcs_autotune.workflow.itinerary import Itinerary, Paced, legs_of_experiment
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_depth_is_told, see_signs, sign_check_for
@@ -64,7 +66,10 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         see_depth_is_told(craft, dof)
         warmed(craft, desk, watcher)
-        _announce(settings, craft, operator, watcher, craft.observe())
+        now = craft.observe()
+        itinerary = Itinerary(legs_of_experiment(dof, craft.firmware.kind, dives=_dives(dof, craft, now)))
+        _announce(settings, craft, operator, watcher, now, itinerary)
+        watcher = Paced(watcher, itinerary)
         ledger = Ledger(record, settings.connection, watcher.say)
         try:
             with visit(craft, watcher, ledger.settle) as found:
@@ -150,6 +155,10 @@ def _cruise(settings: TuneSettings, dof: str, craft: MavlinkCraft) -> _Cruise:
     return _Cruise(throttle, speed)
 
 
+def _dives(dof: str, craft: MavlinkCraft, now: Observation) -> bool:
+    return dive_for(dof, craft.firmware.kind, now) is not None
+
+
 def _kind(settings: TuneSettings, craft: MavlinkCraft) -> str:
     return "throttle-step" if settings.axis == "surge" and craft.firmware.kind == "boat" else "self-oscillation"
 
@@ -161,7 +170,12 @@ def _maybe_more(settings: TuneSettings) -> str:
 
 
 def _announce(
-    settings: TuneSettings, craft: MavlinkCraft, operator: Operator, watcher: Watcher, now: Observation
+    settings: TuneSettings,
+    craft: MavlinkCraft,
+    operator: Operator,
+    watcher: Watcher,
+    now: Observation,
+    itinerary: Itinerary,
 ) -> None:
     armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
     dive = dive_for(EXPERIMENTS[settings.axis], craft.firmware.kind, now)
@@ -174,6 +188,9 @@ def _announce(
         f"use the {modes}, and go back to {now.mode} at the end",
         f"move: {ANNOUNCED.get(EXPERIMENTS[settings.axis], '')}{down}two {_kind(settings, craft)} "
         f"experiments in {settings.axis}{_maybe_more(settings)}",
+        room(EXPERIMENTS[settings.axis], _cruise(settings, EXPERIMENTS[settings.axis], craft).speed, settings, now),
+        how_long(itinerary),
+        battery(now, settings.envelope, itinerary.seconds),
         "write no parameter",
     ):
         watcher.say(f"will {text}")

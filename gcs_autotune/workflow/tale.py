@@ -13,6 +13,7 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Progress, Watcher
+from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["Tale"]
@@ -33,6 +34,7 @@ class Tale:
         self._craft: MavlinkCraft | None = None
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "it never got under way"
+        self.itinerary: Itinerary | None = None
         self.fit: AxisFit | None = None
         self.proposal: Proposal | None = None
         self.given_changes: tuple[Change, ...] = ()
@@ -45,7 +47,7 @@ class Tale:
     def update(self, progress: Progress) -> None:
         """Note the vehicle's time and pass the tick on."""
         self._t = progress.t
-        self._watcher.update(progress)
+        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
         """Note an event and pass it on."""

@@ -1,0 +1,170 @@
+"""The stages of a tune or an experiment in their order, with how long each takes: told beforehand, kept while it runs.
+
+Times are of the vehicle. What is flown by a clock (a step) is known; how long a self-oscillation takes is the craft's
+affair, so it is guessed from craft of a few metres, and from the first one flown for the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from gcs_autotune.manoeuvres import LEVELS
+from gcs_autotune.watch import Progress, Watcher
+from gcs_autotune.workflow.preflight import CHECKED, STAGE
+from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+
+__all__ = ["TURNING", "Itinerary", "Leg", "Paced", "legs_of_experiment", "legs_of_tune"]
+
+TURNING = "turning about"
+CHECK, DIVE, TURN, RELAY, LEVEL = 25.0, 20.0, 32.0, 110.0, 12.0
+"""Seconds of a sign check, a dive, a turn about, a self-oscillation and a throttle level. Chosen: as simulated craft
+of half a metre to 2.4 m take."""
+HOLD, RATE_STEP, SPEED_STEP = 8.0, 8.0, 22.0
+"""Seconds of holding still before a step; of a step in turn rate or speed each way, which goes by the craft."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One stage: its name as the sequencer is told it, seconds, and those of turning about before it.
+
+    Stages of one ``kind`` take alike: of the first flown, the others are guessed.
+    """
+
+    stage: str
+    seconds: float
+    before: float = 0.0
+    kind: str = ""
+
+    @property
+    def total(self) -> float:
+        """Seconds with the turning about."""
+        return self.seconds + self.before
+
+
+def legs_of_tune(
+    settings: TuneSettings, dof: str, kind: str, *, moving: bool, given: bool, dives: bool
+) -> tuple[Leg, ...]:
+    """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown."""
+    turn = TURN if kind == "boat" else 0.0
+    step = _step_seconds(settings, dof, moving=moving)
+    legs = _first(dof, dives=dives)
+    before = Leg("step with present gains", step, kind="step")
+    names = [f"{n} throttle steps" if dof == "surge" else f"{n} self-oscillation" for n in ("first", "second")]
+    swings = [] if given else [replace(_swing(dof, kind, name), before=turn) for name in names]
+    legs += [*swings, replace(before, before=turn if swings else 0.0)] if moving else [before, *swings]
+    if not settings.dry_run:
+        legs.append(Leg("step with new gains", step, turn, "step"))
+    return tuple(legs)
+
+
+def legs_of_experiment(dof: str, kind: str, *, dives: bool) -> tuple[Leg, ...]:
+    """Return the stages of an experiment."""
+    turn = TURN if kind == "boat" else 0.0
+    throttles = dof == "surge" and kind == "boat"
+    names = ("throttle-1", "throttle-2") if throttles else ("relay-1", "relay-2")
+    first = [] if throttles else _first(dof, dives=dives)
+    return (*first, _swing(dof, kind, names[0]), replace(_swing(dof, kind, names[1]), before=turn))
+
+
+def _first(dof: str, *, dives: bool) -> list[Leg]:
+    return [Leg(STAGE, CHECK)] * (dof in CHECKED) + [Leg("diving", DIVE)] * dives
+
+
+def _swing(dof: str, kind: str, name: str) -> Leg:
+    if dof == "surge" and kind == "boat":
+        return Leg(name, LEVEL * len(LEVELS[0]), kind="throttle")
+    return Leg(name, RELAY, kind="relay")
+
+
+def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
+    """Return seconds of holding, the step and the step back."""
+    each = settings.step_duration
+    if each is None:
+        each = DEFAULTS[dof].step_duration if not moving else SPEED_STEP if dof == "surge" else RATE_STEP
+    return HOLD + 2.0 * each
+
+
+class Itinerary:
+    """Where one is in the stages, by the *stage* of each tick; one that was not planned is put in where it comes."""
+
+    def __init__(self, legs: Sequence[Leg]) -> None:
+        self.legs = list(legs)
+        self._now = -1
+        self._turning = self._flown = False
+        self._began = self._leg_began = self._t = math.nan
+
+    @property
+    def seconds(self) -> float:
+        """How long all of it takes."""
+        return sum(leg.total for leg in self.legs)
+
+    def told(self) -> str:
+        """Return the stages with their times, in words."""
+        turns = sum(leg.before > 0.0 for leg in self.legs)
+        pieces = [f"{leg.stage} {leg.seconds:.0f} s" for leg in self.legs]
+        if turns:
+            pieces.append(f"turning about {turns} times {TURN:.0f} s" if turns > 1 else f"turning about {TURN:.0f} s")
+        return ", ".join(pieces)
+
+    def at(self, progress: Progress) -> Progress:
+        """Return *progress* with the number of its stage, the time since the start and what is left."""
+        t = progress.t
+        if not math.isfinite(self._began):
+            self._began = t
+        if math.isfinite(t):
+            self._t = t
+        self._find(progress.stage)
+        if self._now < 0:
+            return replace(progress, elapsed=t - self._began)
+        leg = self.legs[self._now]
+        left = max(leg.total - (self._t - self._leg_began), 0.0) + sum(x.total for x in self.legs[self._now + 1 :])
+        return replace(progress, step=self._now + 1, steps=len(self.legs), elapsed=self._t - self._began, left=left)
+
+    def _find(self, stage: str) -> None:
+        if stage == TURNING:
+            if not self._turning and self._now + 1 < len(self.legs):
+                self._enter(self._now + 1)
+                self._flown = False
+            self._turning = True
+            return
+        self._turning = False
+        if not stage or (self._now >= 0 and self.legs[self._now].stage == stage):
+            self._flown = True
+            return
+        ahead = [i for i in range(max(self._now, 0), len(self.legs)) if self.legs[i].stage == stage]
+        if not ahead:
+            alike = [leg for leg in self.legs if leg.kind == "relay" and "oscillation" in stage]
+            at = self._now if self._now >= 0 and not self._flown else self._now + 1
+            self.legs.insert(at, replace(alike[-1], stage=stage) if alike else Leg(stage, 0.0))
+            ahead = [at]
+        self._enter(ahead[0])
+        self._flown = True
+
+    def _enter(self, index: int) -> None:
+        """Begin a leg; what the last one took is what others of its kind are now thought to take."""
+        if 0 <= self._now < index:
+            past = self.legs[self._now]
+            took = self._t - self._leg_began - past.before
+            if past.kind and took > 0.0:
+                for i in range(index, len(self.legs)):
+                    if self.legs[i].kind == past.kind:
+                        self.legs[i] = replace(self.legs[i], seconds=took)
+        self._now, self._leg_began = index, self._t
+
+
+class Paced:
+    """A watcher that tells another where in the stages each tick is."""
+
+    def __init__(self, watcher: Watcher, itinerary: Itinerary) -> None:
+        self._watcher = watcher
+        self._itinerary = itinerary
+
+    def update(self, progress: Progress) -> None:
+        """Pass the tick on."""
+        self._watcher.update(self._itinerary.at(progress))
+
+    def say(self, text: str) -> None:
+        """Pass it on."""
+        self._watcher.say(text)

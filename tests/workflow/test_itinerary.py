@@ -1,0 +1,153 @@
+"""Told before "Go ahead?": how long, how much room, how much battery; while it runs: which step, how long yet."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.report.live import describe_progress
+from gcs_autotune.watch import Progress
+from gcs_autotune.workflow import Connection, TuneSettings
+from gcs_autotune.workflow.announcement import battery, how_long, room
+from gcs_autotune.workflow.itinerary import TURN, Itinerary, legs_of_experiment, legs_of_tune
+
+
+def settings(axis: str = "heading", **given: object) -> TuneSettings:
+    return TuneSettings(axis, Connection("sitl:charlie"), Path("runs/none"), **given)
+
+
+def heading(**given: object) -> Itinerary:
+    return Itinerary(legs_of_tune(settings(**given), "yaw", "boat", moving=False, given=False, dives=False))
+
+
+def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
+    return itinerary.at(Progress(stage, stage, t))
+
+
+def test_the_stages_of_a_tune_are_told_with_their_times():
+    itinerary = heading(step_duration=10.0)
+    assert [leg.stage for leg in itinerary.legs] == [
+        "sign check",
+        "step with present gains",
+        "first self-oscillation",
+        "second self-oscillation",
+        "step with new gains",
+    ]
+    assert itinerary.legs[1].seconds == pytest.approx(28.0)
+    assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
+    told = how_long(itinerary)
+    assert told.startswith("take about 7 min of the vehicle's time: sign check 25 s, step with present gains 28 s")
+    assert "turning about 3 times 32 s" in told
+
+
+def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
+    legs = legs_of_tune(settings("depth", dry_run=True), "heave", "rov", moving=False, given=True, dives=True)
+    assert [leg.stage for leg in legs] == ["sign check", "diving", "step with present gains"]
+    assert all(leg.before == 0.0 for leg in legs)
+
+
+def test_a_velocity_is_stepped_after_its_experiments():
+    legs = legs_of_tune(settings("speed"), "surge", "boat", moving=True, given=False, dives=False)
+    assert [leg.stage for leg in legs] == [
+        "sign check",
+        "first throttle steps",
+        "second throttle steps",
+        "step with present gains",
+        "step with new gains",
+    ]
+
+
+def test_time_counts_from_the_start_and_not_from_the_autopilots_boot():
+    itinerary = heading()
+    assert at(itinerary, 3130.0, "sign check").elapsed == 0.0
+    seen = at(itinerary, 3140.0, "sign check")
+    assert (seen.step, seen.steps, seen.elapsed) == (1, 5, 10.0)
+    assert seen.left == pytest.approx(itinerary.seconds - 10.0)
+    assert "3140" not in describe_progress(seen)
+    assert "52 min" not in describe_progress(seen)
+
+
+def test_turning_about_belongs_to_the_step_that_follows_it():
+    itinerary = heading()
+    at(itinerary, 0.0, "sign check")
+    at(itinerary, 25.0, "step with present gains")
+    assert at(itinerary, 95.0, "turning about").step == 3
+    assert at(itinerary, 110.0, "turning about").step == 3
+    assert at(itinerary, 127.0, "first self-oscillation").step == 3
+    assert at(itinerary, 240.0, "turning about").step == 4
+
+
+def test_how_long_the_first_oscillation_took_is_what_the_second_is_thought_to_take():
+    itinerary = heading()
+    at(itinerary, 0.0, "sign check")
+    at(itinerary, 25.0, "step with present gains")
+    at(itinerary, 95.0, "turning about")
+    at(itinerary, 127.0, "first self-oscillation")
+    seen = at(itinerary, 527.0, "turning about")
+    assert itinerary.legs[3].seconds == pytest.approx(400.0)
+    assert seen.left == pytest.approx(400.0 + TURN + itinerary.legs[4].total)
+
+
+def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
+    itinerary = heading()
+    for t, stage in ((0.0, "sign check"), (30.0, "step with present gains"), (100.0, "first self-oscillation")):
+        at(itinerary, t, stage)
+    at(itinerary, 200.0, "second self-oscillation")
+    at(itinerary, 300.0, "turning about")
+    seen = at(itinerary, 330.0, "third self-oscillation")
+    assert (seen.step, seen.steps) == (5, 6)
+    at(itinerary, 430.0, "turning about")
+    seen = at(itinerary, 460.0, "step with new gains")
+    assert (seen.step, seen.steps) == (6, 6)
+    assert 0.0 < seen.left <= itinerary.legs[5].total
+
+
+def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
+    itinerary = Itinerary(legs_of_experiment("yaw", "rov", dives=False))
+    at(itinerary, 0.0, "sign check")
+    at(itinerary, 20.0, "relay-1")
+    at(itinerary, 120.0, "relay-2")
+    assert at(itinerary, 9999.0, "relay-2").left == 0.0
+
+
+def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_80_columns():
+    line = describe_progress(
+        Progress(
+            "first self-oscillation",
+            "relay",
+            3130.0,
+            signal="psi",
+            value=math.radians(260.1),
+            target=math.radians(260.1),
+            output=0.3,
+            step=3,
+            steps=5,
+            elapsed=130.0,
+            left=280.0,
+        ),
+        79,
+    )
+    assert line == "step 3 of 5 #....  relay 2 min 10 s, 5 min left  heading 260.1° (wanted 260.1°)"
+    assert len(line) <= 79
+
+
+def test_the_room_is_that_of_the_craft():
+    here = Observation(0.0, 0.0, z=0.2)
+    assert room("yaw", 1.2, settings(), here) == "need about 120 m of free water around"
+    assert room("yaw", 0.0, settings(), here) == "need about 2 m of free water around"
+    assert room("heave", 0.0, settings("depth"), here) == "need about 2 m of free water around, and 4 m of depth"
+    deep = Observation(0.0, 0.0, z=10.0)
+    assert room("heave", 0.0, settings("depth", step=-3.0), deep).endswith("and 14 m of depth")
+    assert room("heave", 0.0, settings("depth"), Observation(0.0, 0.0)).endswith("and 4 m of depth")
+
+
+def test_the_battery_is_told_as_far_as_it_is_known_with_what_is_assumed():
+    known = battery(Observation(0.0, 0.0, battery_remaining=0.87, battery_voltage=15.9), Envelope(), 540.0)
+    assert "87 % now, ended below 10 %" in known and "15.9 V now" in known
+    assert "about 15 % of one that lasts an hour" in known and "assumed" in known
+    unknown = battery(Observation(0.0, 0.0), Envelope(), 540.0)
+    assert "not guarded" in unknown
