@@ -123,8 +123,10 @@ def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
         tiles.append((format_quantity(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
     gain = told.gain
     if gain is not None and right is not None:
-        if gain.signal == right.signal and told.causes:
-            tiles.append((format_quantity(gain.after, gain.unit, 3), "with the causes too", f"{name}, unseen data"))
+        gain = next((g for g in told.gains if g.signal == right.signal), gain)
+        if told.causes:
+            words = f"{signal_words(gain.signal)}, unseen data"
+            tiles.append((format_quantity(gain.after, gain.unit, 3), "with the causes too", words))
     elif right is not None:
         interval = diagnosis_wording.interval_words(right)
         tiles.append((format_share(right.ratio), "of the error is left", interval and f"95 %: {interval}"))

@@ -149,3 +149,24 @@ def test_effects_come_by_turns() -> None:
     assert [t[3] for t in drawn[: len(RECIPES)]] == list(RECIPES)
     assert drawn[len(RECIPES)][2] == 1
     assert len(tasks("all", 100, 1, ())) == 100
+
+
+def test_wrong_numbers_count_when_exactly_they_are_told_and_nothing_else() -> None:
+    wrong = replace(RIGHT, kind="wrong-numbers", slug="", truth=[], causes=[], verdict="wrong-numbers", numbers=["N_r"])
+    assert replace(wrong, doubted=["N_r"]).right
+    assert not wrong.right and not replace(wrong, doubted=["N_r", "N_rdot"]).right
+    assert not replace(wrong, doubted=["N_r"], verdict="partly-explained").right
+    beside = replace(RIGHT, kind="wrong-numbers-and-effect", numbers=["N_r"], doubted=["N_r"])
+    assert beside.right and not replace(beside, causes=[]).right and not replace(beside, doubted=[]).right
+    honest = replace(wrong, kind="honest", numbers=[], verdict="no-effect")
+    assert honest.right and not replace(honest, doubted=["N_r"], verdict="wrong-numbers").right
+    theirs = replace(wrong, kind="simulation", doubted=["gain of yaw", "time constant of yaw"])
+    assert theirs.right and not replace(theirs, doubted=["gain of yaw"]).right
+
+
+@pytest.mark.parametrize("kind", ["wrong-numbers", "simulation"])
+def test_a_wrong_number_counts_over_the_noise(kind: str) -> None:
+    case = draw_case(kind, 11, 0)
+    assert 1 <= len(case.wrong) <= 2 and case.ratio >= LEAST_RATIO
+    assert all(abs(np.log(by)) >= np.log(1.1) for by in case.wrong.values())
+    assert len(case.simulations) == (len(case.runs) if kind == "simulation" else 0)

@@ -30,3 +30,12 @@ def test_nothing_is_found_where_nothing_is_hidden() -> None:
 def test_what_is_in_no_book_gets_no_confident_name() -> None:
     outcome = play("foreign", SEED, 0, "sloshing")
     assert outcome.strictly_right, the(outcome)
+
+
+@pytest.mark.parametrize(
+    ("kind", "slug"),
+    [("wrong-numbers", ""), ("wrong-numbers-and-effect", "dead-zone"), ("honest", ""), ("simulation", "")],
+)
+def test_wrong_numbers_are_told_and_honest_ones_left_alone(kind: str, slug: str) -> None:
+    outcome = play(kind, SEED, 0, slug)
+    assert outcome.right, f"{outcome.numbers} and {the(outcome)}, doubted {outcome.doubted}"
