@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
-from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, Law
+from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
 from gcs_autotune.design.notes import notes_on, said
@@ -78,6 +78,8 @@ def design(
     region, actuator = sample_region(model, covariance), PERFECT
     if spec.skid:
         present = {**present, SKID: 1.0}
+    if spec.throttle > 0.0:
+        present = {**present, THROTTLE: spec.throttle}
     if reduction is not None:
         actuator = reduction.actuator.in_fractions(1.0 if spec.full_scale is None else spec.full_scale)
         region = heavier(region, reduction.heavier)

@@ -38,6 +38,7 @@ class Spec:
     actuator_use : fraction of full output that the wanted step may need.
     measured : parameters set to what was measured on the water, not designed.
     skid : whether the craft steers by the difference of two thrusters.
+    throttle : throttle that a boat of vectored thrust was identified at, fraction of full; 0 when unknown, or not so.
     """
 
     step: float | None = None
@@ -58,6 +59,7 @@ class Spec:
     actuator_use: float = 0.8
     measured: Mapping[str, float] = field(default_factory=dict)
     skid: bool = False
+    throttle: float = 0.0
 
     def __post_init__(self) -> None:
         lookup(MODEL_FUNCTIONS, self.kind, "model function")

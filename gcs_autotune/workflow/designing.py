@@ -88,4 +88,5 @@ def _spec(voyage: Voyage, speed: float, ruler: Ruler) -> Spec:
         noise_bandwidth=0.5 * voyage.craft.rates.granted["ATTITUDE"].granted,
         measured=proof.measured,
         skid=voyage.craft.skid,
+        throttle=voyage.throttle if voyage.present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 else 0.0,
     )

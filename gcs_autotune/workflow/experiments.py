@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics
+from gcs_autotune.design.laws.rover_throttle import throttle_of
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import quantum
 from gcs_autotune.manoeuvres import (
@@ -42,6 +43,7 @@ __all__ = [
     "resolution",
     "second_output",
     "speed_for",
+    "steering_throttle",
     "throttle_steps_for",
     "turn_for",
 ]
@@ -56,6 +58,25 @@ def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) 
         throttle = present.get("CRUISE_THROTTLE", 50.0) / 100.0
     speed = settings.speed if settings.speed is not None else present.get("CRUISE_SPEED", 1.0)
     return throttle, speed
+
+
+def steering_throttle(step: Trial, present: Mapping[str, float], throttle: float) -> float:
+    """Return the throttle [fraction] to identify the steering of a boat at, which flew *step* in an automatic mode.
+
+    A thruster that is turned steers by its thrust, and the autopilot allows for the throttle that it drives with: that
+    one, read off the step, whatever *throttle* its cruise pair promises. A rudder is identified at *throttle*.
+    """
+    begun = next((mark.t for mark in step.marks if mark.kind == "target"), math.inf)
+    if not present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or "X" not in step.channels:
+        return throttle
+    driven = step["X"].values[step["X"].t >= begun]
+    if not len(driven):
+        return throttle
+    return min(max(throttle_of(float(np.median(driven)), present), LEAST_THROTTLE), MOST_THROTTLE)
+
+
+LEAST_THROTTLE, MOST_THROTTLE = 0.1, 0.9
+"""Chosen: between them there is way on, and room for the autopilot to make up for turned thrust."""
 
 
 def throttle_steps_for(throttle: float, number: int, name: str) -> ThrottleSteps:

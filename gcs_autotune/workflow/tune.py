@@ -28,7 +28,7 @@ from gcs_autotune.workflow.axis_parameters import learn_parameters, read_again
 from gcs_autotune.workflow.decision import decide, decide_on_given
 from gcs_autotune.workflow.designing import Ruler, design_from_file, design_from_fit
 from gcs_autotune.workflow.desk import Desk
-from gcs_autotune.workflow.experiments import dive_for, measure, noise_in, resolution, speed_for
+from gcs_autotune.workflow.experiments import dive_for, measure, noise_in, resolution, speed_for, steering_throttle
 from gcs_autotune.workflow.given import given_for
 from gcs_autotune.workflow.given_gains import GivenGains, changes_of, step_of
 from gcs_autotune.workflow.helm import Helm
@@ -174,6 +174,8 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
     else:
         proof = proof_about_rest(settings, axis, voyage.speed)
     before = voyage.fly(proof.step("step-before"), "step with present gains").trial
+    if axis.dof == "yaw" and axis.needs_speed and found is None:
+        voyage = replace(voyage, throttle=steering_throttle(before, voyage.present, voyage.throttle))
     grain = resolution(before)
     tale.metrics_before = measure(before, resolution=grain)
     if given is None:

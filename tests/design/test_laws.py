@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design.laws import LAWS, THROTTLE, Scenario
 from gcs_autotune.design.laws.rover_steering import scale
 from gcs_autotune.firmware import FIRMWARE
 
@@ -120,6 +120,16 @@ def test_vectored_thrust_is_scaled_by_throttle_and_says_so() -> None:
         ROVER.simulate(boat(1.0, 0.4 * v, 0.0, 0.0), settings, Scenario(0.01, 10.0), v, 0.0).position for v in (1, 3)
     )
     assert once == pytest.approx(again)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 3.0])
+def test_vectored_thrust_is_scaled_by_the_throttle_it_was_identified_at_whatever_the_cruise_pair_promises(
+    speed: float,
+) -> None:
+    promised = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0, "CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
+    assert scale({**promised, THROTTLE: 0.8}, speed) == pytest.approx(1.0 / (0.8 * math.radians(30.0)))
+    note = ROVER.notes(CHARLIE, {**promised, THROTTLE: 0.8}, speed)[0]
+    assert "the throttle of the experiment, 80% of full, and" in note
 
 
 @pytest.mark.parametrize("speed", [1.2, 4.0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.experiments import measure, resolution
+from gcs_autotune.workflow.experiments import measure, resolution, steering_throttle
 
 QUANTUM = math.radians(2.0)
 STEP = math.radians(30.0)
@@ -54,3 +54,30 @@ def test_a_step_that_never_began_measures_as_nothing() -> None:
     trial = flown(QUANTUM)
     held = Trial(trial.name, trial.channels, trial.marks[:1], "stopped", meta=trial.meta)
     assert math.isnan(measure(held).itae)
+
+
+VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("driven", "present", "wanted"),
+    [
+        (0.75, VECTORED, 0.75),
+        (0.75, {}, 0.4),
+        (0.75, {"MOT_VEC_ANGLEMAX": 0.0}, 0.4),
+        (1.0, VECTORED, 0.9),
+        (0.0, VECTORED, 0.1),
+        (0.55, {**VECTORED, "MOT_THR_MIN": 10.0}, 0.5),
+    ],
+    ids=["vectored", "rudder", "rudder, said", "at its stop", "at rest", "lifted over MOT_THR_MIN"],
+)
+def test_a_turned_thruster_is_identified_at_the_throttle_the_autopilot_drives_with(driven, present, wanted) -> None:
+    step = flown(0.0)
+    t = step["psi"].t
+    X = Channel("X", "1", t, np.where(t < 0.05, 0.0, driven))
+    trial = Trial("step", {**step.channels, "X": X}, step.marks, "completed", meta=step.meta)
+    assert steering_throttle(trial, present, 0.4) == pytest.approx(wanted)
+
+
+def test_a_step_without_its_throttle_leaves_the_cruise_pair_s() -> None:
+    assert steering_throttle(flown(0.0), VECTORED, 0.4) == 0.4

@@ -15,7 +15,7 @@ from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ModelFunction
 from gcs_autotune.models import SingleDof
 
-__all__ = ["SKID", "Law", "Motion", "Scenario", "Settings", "setting"]
+__all__ = ["SKID", "THROTTLE", "Law", "Motion", "Scenario", "Settings", "setting"]
 
 Settings = Mapping[str, float]
 """Parameter name -> value: the autopilot's limits and filters in force, and the gains being tried."""
@@ -23,6 +23,8 @@ Settings = Mapping[str, float]
 
 SKID = "skid"
 """Among the settings of a law, 1 when the craft steers by the difference of two thrusters (``Spec.skid``)."""
+THROTTLE = "throttle"
+"""Among the settings of a law, the throttle [fraction] that a boat was identified at (``Spec.throttle``)."""
 
 
 @dataclass(frozen=True, slots=True)

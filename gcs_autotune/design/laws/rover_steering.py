@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from gcs_autotune.design.laws.law import SKID, Settings, setting
+from gcs_autotune.design.laws.law import SKID, THROTTLE, Settings, setting
 from gcs_autotune.design.laws.paths import pid_path
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.models import SingleDof
@@ -74,7 +74,8 @@ def scale(settings: Settings, speed: float | None) -> float:
     """Return servo per controller output at *speed* [m/s].
 
     With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
-    throttle that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot drives at that speed with.
+    throttle of the experiment; where that is not known, the one that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot
+    drives at that speed with.
     """
     if is_skid(settings):
         return 1.0
@@ -91,6 +92,9 @@ def vectored_angle(settings: Settings) -> float:
 
 
 def _throttle(settings: Settings, speed: float | None) -> float:
+    flown = settings.get(THROTTLE, 0.0)
+    if flown > 0.0:
+        return min(max(flown, LEAST_THROTTLE), 1.0)
     cruise = _get(settings, "CRUISE_SPEED")
     share = 1.0 if speed is None or cruise <= 0.0 else speed / cruise
     return min(max(_get(settings, "CRUISE_THROTTLE") / 100.0 * share, LEAST_THROTTLE), 1.0)
@@ -150,11 +154,13 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
             "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
         ]
     if vectored_angle(settings) > 0.0:
+        known = settings.get(THROTTLE, 0.0) > 0.0
+        whence = "" if known else " (from CRUISE_THROTTLE and CRUISE_SPEED)"
         return [
             "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
-            "so the gains hold at the throttle of the experiment, taken to be "
-            f"{_throttle(settings, speed):.0%} of full (from CRUISE_THROTTLE and CRUISE_SPEED), and elsewhere "
-            "as long as thrust grows in proportion to throttle; without throttle there is no steering"
+            f"so the gains hold at the throttle of the experiment, {'' if known else 'taken to be '}"
+            f"{_throttle(settings, speed):.0%} of full{whence}, and elsewhere as long as thrust grows in proportion to "
+            "throttle; without throttle there is no steering"
         ]
     turn = math.degrees(abs(model.steady_velocity(1.0)))
     seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"
