@@ -20,7 +20,7 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -61,12 +61,12 @@ def _by_turns(queues: Sequence[Sequence[Mutant]]) -> Iterator[Mutant]:
         yield from (q[k] for q in queues if k < len(q))
 
 
-def verdicts(mutants: Sequence[Mutant], jobs: int, budget: float) -> Iterator[Verdict]:
-    """Try them, in the order in which they are done."""
+def verdicts(mutants: Sequence[Mutant], jobs: int, budget: float) -> Iterator[Verdict | set[str]]:
+    """Try them, in the order in which they are done; last the tests that fail without any fault, too."""
     import_heavy()
     with tempfile.TemporaryDirectory(prefix="mutations-") as scratch:
         slots = [Slot(copy_tree(ROOT, Path(scratch) / str(k)), budget) for k in range(jobs)]
-        waiting = iter(mutants)
+        waiting, tried = iter(mutants), list[Verdict]()
         running = True
         while running:
             running = False
@@ -75,9 +75,11 @@ def verdicts(mutants: Sequence[Mutant], jobs: int, budget: float) -> Iterator[Ve
                     slot.begin(following)
                 verdict = slot.poll()
                 if verdict is not None:
+                    tried.append(verdict)
                     yield verdict
                 running = running or slot.mutant is not None or verdict is not None
             time.sleep(0.02)
+        yield slots[0].failing(tried)
 
 
 def table(found: Sequence[Verdict]) -> str:
@@ -99,7 +101,9 @@ def table(found: Sequence[Verdict]) -> str:
     for v in found:
         if outcome(v) == "not noticed":
             ended = "all ran" if v.complete else "out of time"
-            lines.append(f"NOT NOTICED line {v.mutant.line}, {v.mutant.kind} ({v.ran} tests, {ended}): {v.mutant.key}")
+            lines.append(
+                f"NOT NOTICED line {v.mutant.line}, {v.mutant.kind} ({v.ran} tests, {ended}): {v.mutant.key[:300]}"
+            )
     lines += [f"none: {v.mutant.key}: {EQUIVALENT[v.mutant.key]}" for v in found if outcome(v) == "none"]
     return "\n".join(lines)
 
@@ -128,13 +132,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--part", type=lambda t: tuple(map(int, t.split("/"))), default=(1, 1), help="2/3: every third")
     parser.add_argument("--save", type=Path, help="every verdict, one JSON a line")
     options = parser.parse_args(argv)
-    found = []
+    found: list[Verdict] = []
     which, of = options.part
     wanted = drawn(options.seed, options.count, options.only)[which - 1 :: of]
     for verdict in verdicts(wanted, options.jobs, options.budget):
+        if isinstance(verdict, set):
+            found = [replace(v, noticed_by="") if v.noticed_by in verdict else v for v in found]
+            print("".join(f"fails without any fault: {test}\n" for test in sorted(verdict)), end="")
+            break
         found.append(verdict)
         print(
-            f"{len(found):4d} {outcome(verdict):12s} {verdict.seconds:5.1f} s  {verdict.mutant.key}"[:200], flush=True
+            f"{len(found):4d} {outcome(verdict):12s} {verdict.seconds:5.1f} s  {verdict.mutant.key}"[:180], flush=True
         )
         if options.save:
             with options.save.open("a", encoding="utf-8") as stream:

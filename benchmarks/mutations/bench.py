@@ -38,10 +38,12 @@ HEAVY = (
 )
 HEAVY += ("matplotlib.figure", "jinja2", "rich.console", "pytest", "serial")
 HEAVY += ("pymavlink.dialects.v20.ardupilotmega", "pymavlink.mavutil")
+UNCOLLECTED = "it cannot even be collected"
 BROKEN = 99
 """Exit code of a fork that did not even get to its tests."""
-ONE_TEST = 40.0
-"""Seconds after which one test counts as hanging; it is then tried without the fault, so that slowness is no notice."""
+HANGING = 0.5
+"""Share of the budget that one test alone may use up before it counts as hanging: it is tried without the fault then, so
+that slowness is no notice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,7 @@ class Slot:
         path.write_text(mutant.applied(self._source), encoding="utf-8")
         self._tried += 1  # what Python has compiled goes by whole seconds and size: never twice the same
         os.utime(path, (self._stamp + self._tried,) * 2)
-        self._fork(mirroring(mutant.path, self.tree))
+        self._fork(mirroring(mutant.path, self.tree), has_compiled(path))
 
     def poll(self) -> Verdict | None:
         """Return the verdict when there is one; the fault is out again then."""
@@ -110,18 +112,32 @@ class Slot:
         told = self._told()
         if pid and os.waitstatus_to_exitcode(status) == BROKEN:
             raise RuntimeError(f"the tests of {self.mutant.path} could not be started")
-        failed = next((t for t in told if t["outcome"] == "failed"), None)
+        ran = sum(t["outcome"] != "begun" for t in told)
+        failed = next((t["test"] for t in told if t["outcome"] == "failed"), "")
         code = os.waitstatus_to_exitcode(status) if pid else None
         if self._again:  # the test that hung, without the fault
             was, self._again = self._again, ""
-            return self._end(was if code == 0 else "", len(told), bool(pid))
-        if failed and failed["hung"]:
+            return self._end(was if code == 0 else "", ran, bool(pid))
+        if not pid and told and told[-1]["outcome"] == "begun" and told[-1]["at"] < (1.0 - HANGING) * self.budget:
             self._restore()
-            self._again = failed["test"]
-            self._fork([failed["test"]])
+            self._again = told[-1]["test"]
+            self._fork([self._again], has_compiled(self.tree / self.mutant.path))
             return None
-        noticed = failed["test"] if failed else "it cannot even be collected" if pid and code not in (0, 1, 5) else ""
-        return self._end(noticed, len(told), bool(pid))
+        noticed = failed or (UNCOLLECTED if pid and code not in (0, 1, 5) else "")
+        return self._end(noticed, ran, bool(pid))
+
+    def failing(self, verdicts: Sequence[Verdict]) -> set[str]:
+        """Return which of the tests that noticed something fail without any fault: what they noticed was none."""
+        failed: set[str] = set()
+        for compiled in (False, True):
+            noticed = {
+                v.noticed_by for v in verdicts if has_compiled(self.tree / v.mutant.path) is compiled and v.noticed_by
+            } - {UNCOLLECTED}
+            if noticed:
+                self._fork(sorted(noticed), compiled, to_first=False)
+                os.waitpid(self._pid, 0)
+                failed |= {t["test"] for t in self._told() if t["outcome"] == "failed"}
+        return failed
 
     def _end(self, noticed: str, ran: int, complete: bool) -> Verdict:
         mutant, self.mutant = self.mutant, None
@@ -140,16 +156,15 @@ class Slot:
         lines = self._log.read_text(encoding="utf-8").splitlines()
         return [json.loads(line) for line in lines if line.endswith("}")]
 
-    def _fork(self, tests: Sequence[str]) -> None:
+    def _fork(self, tests: Sequence[str], compiled: bool, *, to_first: bool = True) -> None:
         self._log.unlink(missing_ok=True)
         self._began = time.monotonic()
-        has_compiled = "njit" in self._source
         self._pid = os.fork()
         if self._pid == 0:
             code = BROKEN
             try:
                 os.setpgid(0, 0)
-                code = _run(self.tree, tests, self._log, has_compiled)
+                code = _run(self.tree, tests, self._log, compiled, to_first)
             finally:  # nothing of what the parent would clean up is the fork's
                 os._exit(code)
         with contextlib.suppress(OSError):
@@ -171,16 +186,25 @@ class _Telling:
     def __init__(self, log: Path) -> None:
         self._log = log
 
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._tell(nodeid, "begun")
+
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.when == "call" or report.failed:
-            hung = report.failed and "Timeout" in str(report.longrepr)
-            line = {"test": report.nodeid, "outcome": report.outcome, "hung": hung}
-            with self._log.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(line) + "\n")
+            self._tell(report.nodeid, report.outcome)
+
+    def _tell(self, test: str, outcome: str) -> None:
+        with self._log.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({"test": test, "outcome": outcome, "at": time.process_time()}) + "\n")
 
 
-def _run(tree: Path, tests: Sequence[str], log: Path, has_compiled: bool) -> int:
-    """Run *tests* in *tree*, to the first that fails; this process is a fork and ends with it."""
+def has_compiled(path: Path) -> bool:
+    """Whether a file has functions that numba compiles."""
+    return "import njit" in path.read_text(encoding="utf-8")
+
+
+def _run(tree: Path, tests: Sequence[str], log: Path, compiled: bool, to_first: bool) -> int:
+    """Run *tests* in *tree*, *to_first* that fails or all; this process is a fork and ends with it."""
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(quiet, stream)
@@ -188,11 +212,11 @@ def _run(tree: Path, tests: Sequence[str], log: Path, has_compiled: bool) -> int
     sys.path[:] = [str(tree), *(p for p in sys.path if p and Path(p).resolve() != Path(__file__).parents[2])]
     for name in [n for n in sys.modules if n.split(".")[0] in ("benchmarks", "gcs_autotune", "sitl", "tests")]:
         del sys.modules[name]
-    if has_compiled:
+    if compiled:
         import numba
 
         numba.config.DISABLE_JIT = True
     import pytest
 
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--timeout", str(ONE_TEST), "--rootdir", str(tree)]
+    options = [*(["-x"] if to_first else []), "-q", "-p", "no:cacheprovider", "-o", "timeout=0", "--rootdir", str(tree)]
     return int(pytest.main([*options, "-c", str(tree / "pyproject.toml"), *tests], plugins=[_Telling(log)]))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
 from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
-from gcs_autotune.identify.axis.objective import information_of
-from gcs_autotune.identify.axis.record import Signal
+from gcs_autotune.identify.axis.objective import information_of, timing_of
+from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.identify.axis.residuals import Residual
 
 N, P = 60, 3
@@ -61,3 +62,16 @@ def test_a_signal_that_no_residual_has_says_nothing() -> None:
     J = own.jacobian[:, :P]
     laws: dict[str, Law] = {"r": Gaussian(0.5), "psi": Gaussian(0.1)}
     assert information_of([own], [J], laws) == pytest.approx(J.T @ J / 0.25)
+
+
+@pytest.mark.parametrize(("datings", "std"), [((0.0, 0.004), 0.008), ((0.02, 0.004), 0.04)])
+def test_a_time_shift_may_be_twice_what_the_stamps_of_the_worst_run_allow(
+    datings: tuple[float, float], std: float
+) -> None:
+    found = timing_of([cast(Record, SimpleNamespace(dating=d)) for d in datings], 0.1)
+    assert found is not None
+    assert (found.mean, found.std) == (0.1, pytest.approx(std))
+
+
+def test_exact_stamps_leave_no_time_shift() -> None:
+    assert timing_of([cast(Record, SimpleNamespace(dating=0.0))], 0.1) is None

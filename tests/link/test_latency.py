@@ -1,0 +1,165 @@
+"""How late things are, answer by answer: clocks compared, changes timed, and what is not timed."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.link import Session
+from gcs_autotune.link.latency import Latency, least_period
+
+
+class Listening:
+    """As much of a session as ``Latency`` needs."""
+
+    def __init__(self) -> None:
+        self.clock = ManualClock(50.0)
+        self.sent: list[Any] = []
+        self.answer: Any = None
+
+    def listen(self, name: str, deliver: Any) -> None:
+        assert name == "TIMESYNC"
+        self.answer = deliver
+
+    def send(self, message: Any) -> None:
+        self.sent.append(message)
+
+
+@pytest.fixture
+def link() -> Listening:
+    return Listening()
+
+
+@pytest.fixture
+def latency(link: Listening) -> Latency:
+    return Latency(cast(Session, link))
+
+
+def sync(link: Listening, latency: Latency, trip: float, boot: float, after: float = 1.0) -> None:
+    """Ask, and be answered after *trip* [s] by a vehicle whose clock says *boot* half-way."""
+    latency.ask()
+    link.clock.advance(trip)
+    link.answer(SimpleNamespace(tc1=round(boot * 1e9), ts1=link.sent[-1].ts1))
+    link.clock.advance(after - trip)
+
+
+def test_the_vehicles_time_is_read_off_the_quickest_of_the_last_answers_half_way(
+    link: Listening, latency: Latency
+) -> None:
+    assert math.isnan(latency.vehicle_time(50.0))
+    for k, trip in enumerate((0.02, 0.4, 0.1, 0.4, 0.4, 0.4)):
+        sync(link, latency, trip, 7.0 + k + 0.5 * trip + (0.0 if trip == 0.1 else 0.03))
+    # the first answer, quickest of all, is not among the last five
+    assert latency.vehicle_time(52.0) == pytest.approx(9.0, abs=1e-6)
+    assert (latency.asked, latency.answered) == (6, 6)
+    assert latency.quickest == pytest.approx(0.02)
+    assert latency.round_trip == pytest.approx(0.4)
+    assert latency.trips(54.0) == ((54.0, pytest.approx(0.4)), (55.0, pytest.approx(0.4)))
+
+
+@pytest.mark.parametrize(("pace", "told"), [(1.0, 1.0), (1.015, 1.0), (0.985, 1.0), (2.0, 2.0), (0.5, 0.5)])
+def test_a_clock_that_runs_at_another_speed_is_followed_and_one_that_drifts_a_little_is_not(
+    link: Listening, latency: Latency, pace: float, told: float
+) -> None:
+    for k in range(11):
+        sync(link, latency, 0.0, 7.0 + pace * k)
+    # counted from the first of the last five answers, which are all as quick
+    assert latency.vehicle_time(66.0) == pytest.approx(7.0 + pace * 6.0 + told * 10.0, abs=1e-6)
+
+
+def test_half_a_second_of_answers_is_too_little_to_tell_a_clocks_speed(link: Listening, latency: Latency) -> None:
+    sync(link, latency, 0.0, 7.0, after=0.4)
+    sync(link, latency, 0.0, 7.8, after=0.4)
+    assert latency.vehicle_time(51.0) == pytest.approx(8.0, abs=1e-6)
+
+
+def test_requests_and_answers_to_others_are_not_for_us(link: Listening, latency: Latency) -> None:
+    latency.ask()
+    link.answer(SimpleNamespace(tc1=0, ts1=link.sent[-1].ts1))
+    link.answer(SimpleNamespace(tc1=1, ts1=12345))
+    assert latency.answered == 0
+    latency.ask()
+    assert (latency.asked, len(link.sent)) == (1, 1), "the same moment is asked about once"
+
+
+def command(latency: Latency, value: float, measured: float, seen: float) -> None:
+    latency.commanded({"N": value}, {"N": measured}, seen)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("size", "moved"), [(0.5, 0.03), (0.06, 0.018)])
+def test_a_change_is_timed_when_the_output_has_gone_a_share_of_its_way(
+    link: Listening, latency: Latency, sign: float, size: float, moved: float
+) -> None:
+    for k in range(2):
+        sync(link, latency, 0.0, 10.0 + k)  # its clock is 40 s behind ours: now 12 s
+    command(latency, 0.0, 0.0, 11.9)
+    command(latency, sign * size, 0.0, 11.95)
+    latency.moved(12.05, {"N": sign * 0.99 * moved})
+    latency.moved(12.06, {"N": -sign * size})
+    assert latency.times().samples == 0
+    latency.moved(12.2, {"N": sign * 1.01 * moved})
+    times = latency.times(25.0, 0.1)
+    assert (times.samples, times.loop, times.command_to_servo) == (1, pytest.approx(0.25), pytest.approx(0.2))
+    assert (times.override_rate, times.override_gap) == (25.0, 0.1)
+    latency.moved(12.3, {"N": sign * size})
+    assert latency.times().samples == 1
+
+
+def test_what_is_timed_counts_from_where_the_output_was(latency: Latency) -> None:
+    command(latency, 0.3, 0.0, 1.0)
+    command(latency, -0.3, 0.3, 2.0)
+    latency.moved(2.1, {"N": 0.28})
+    assert latency.times().samples == 0
+    latency.moved(2.2, {"N": 0.26})
+    assert latency.loop == pytest.approx(0.2)
+    assert math.isnan(latency.times().command_to_servo), "without the vehicle's clock there is none"
+
+
+@pytest.mark.parametrize(
+    ("value", "measured"),
+    [(0.039, 0.0), (-0.039, 0.0), (0.3, 0.27), (0.3, 0.33)],
+    ids=["small", "down", "there", "far"],
+)
+def test_small_changes_and_outputs_that_are_there_already_are_not_timed(
+    latency: Latency, value: float, measured: float
+) -> None:
+    command(latency, 0.0, 0.0, 1.0)
+    command(latency, value, measured, 2.0)
+    latency.moved(2.1, {"N": 2.0 * value})
+    assert latency.times().samples == 0
+
+
+def test_the_first_command_one_without_effect_and_one_forgotten_are_not_timed(latency: Latency) -> None:
+    command(latency, 0.5, 0.0, 1.0)
+    latency.moved(1.1, {"N": 0.5})
+    command(latency, -0.5, 0.5, 2.0)
+    latency.moved(4.01, {})
+    latency.moved(4.02, {"N": -0.5})
+    command(latency, 0.5, -0.5, 5.0)
+    latency.forget()
+    latency.moved(5.1, {"N": 0.5})
+    assert latency.times().samples == 0
+    assert latency.times().to_dict() == {"samples": 0}
+    assert str(latency.times()) == "not measured"
+
+
+def test_an_effect_within_two_seconds_is_still_one(latency: Latency) -> None:
+    command(latency, 0.5, 0.5, 1.0)
+    command(latency, -0.5, 0.5, 2.0)
+    latency.moved(3.9, {})
+    latency.moved(3.95, {"N": -0.5})
+    assert latency.loop == pytest.approx(1.95)
+    assert str(latency.times()) == "whole loop 1950 ms (9 of 10 within 1950)"
+
+
+@pytest.mark.parametrize(
+    ("loop", "rate", "period"),
+    [(0.1, 10.0, 1.2), (math.nan, 10.0, 0.8), (0.01, 10.0, 0.8), (0.1, 0.0, 0.8), (math.nan, 0.0, 0.0)],
+)
+def test_an_oscillation_takes_eight_delays_and_eight_samples_at_least(loop: float, rate: float, period: float) -> None:
+    assert least_period(loop, rate) == pytest.approx(period)

@@ -1,0 +1,43 @@
+"""Damaged stamps in a log on board: told from their neighbours on both sides."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.logs.dataflash_stamps import strays_of
+
+T = 100.0 + 0.1 * np.arange(40)
+
+
+@pytest.mark.parametrize("off", [2.5, -2.5, 1e6, -1e6, math.nan, math.inf])
+@pytest.mark.parametrize("place", [5, 20, 34])
+def test_one_stamp_far_from_both_its_neighbourhoods_is_a_stray(off: float, place: int) -> None:
+    t = T.copy()
+    t[place] += off
+    assert np.flatnonzero(strays_of(t)).tolist() == [place]
+
+
+@pytest.mark.parametrize("off", [1.6, -1.6, 0.0])
+def test_stamps_within_two_seconds_of_either_neighbourhood_are_none(off: float) -> None:
+    t = T.copy()
+    t[20] += off
+    assert not strays_of(t).any()
+
+
+@pytest.mark.parametrize("gap", [50.0, -50.0])
+def test_a_log_that_stopped_and_went_on_or_began_anew_has_none(gap: float) -> None:
+    """Every stamp fits its neighbours on one side."""
+    t = np.concatenate([T, T + gap])
+    assert not strays_of(t).any()
+
+
+@pytest.mark.parametrize(("off", "is_stray"), [(500.0, False), (-500.0, False), (700.0, True), (-700.0, True)])
+@pytest.mark.parametrize("place", [0, 4, 35, 39])
+def test_at_the_ends_only_a_stamp_ten_minutes_away_is_one(off: float, is_stray: bool, place: int) -> None:
+    t = T.copy()
+    t[place] += off
+    assert np.flatnonzero(strays_of(t)).tolist() == ([place] if is_stray else [])
+    assert len(strays_of(t)) == len(t)
