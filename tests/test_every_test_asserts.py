@@ -121,18 +121,21 @@ def _name(node: ast.expr) -> str:
 
 def asserting_helpers(trees: Iterable[ast.Module]) -> set[str]:
     """Return the names of all functions beside the tests that assert, or call one that does."""
-    trees = list(trees)
     helpers: set[str] = set()
+    silent = [
+        (reader, function)
+        for reader, tree in [(Reader(tree, ()), tree) for tree in trees]
+        for function in functions_of(tree)
+        if not function.name.startswith("test_")
+    ]
     while True:
-        found = {
-            f.name
-            for tree in trees
-            for f in functions_of(tree)
-            if not f.name.startswith("test_") and Reader(tree, helpers).asserts(f)
-        }
-        if found == helpers:
+        for reader, _ in silent:
+            reader.helpers = helpers
+        found = [(reader, f) for reader, f in silent if reader.asserts(f)]
+        if not found:
             return helpers
-        helpers = found
+        helpers = helpers | {f.name for _, f in found}
+        silent = [pair for pair in silent if pair not in found]
 
 
 def vacuous(tree: ast.Module, helpers: Iterable[str]) -> list[str]:

@@ -42,8 +42,8 @@ UNCOLLECTED = "it cannot even be collected"
 BROKEN = 99
 """Exit code of a fork that did not even get to its tests."""
 HANGING = 0.5
-"""Share of the budget that one test alone may use up before it counts as hanging: it is tried without the fault then, so
-that slowness is no notice."""
+"""Share of the budget that one test alone may use up before it counts as hanging; it is tried without the fault then,
+so that slowness is no notice."""
 
 
 @dataclass(frozen=True, slots=True)
