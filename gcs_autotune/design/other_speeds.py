@@ -53,4 +53,5 @@ def on_other_speeds(problem: Problem, settings: Settings, wanted: ModelFunction)
 def _said(margins: Margins) -> str:
     if not margins.stable:
         return "no margin at all: the loop is unstable"
-    return f"a factor of {min(margins.gain, MOST):.1f} in gain and {math.degrees(margins.phase):.0f} deg of phase"
+    gain = f"{margins.gain:.1f}" if margins.gain <= MOST else f"more than {MOST:.0f}"
+    return f"a factor of {gain} in gain and {math.degrees(margins.phase):.0f} deg of phase"

@@ -20,7 +20,7 @@ from gcs_autotune.report.diagnosis_names import effect_words, signal_words
 from gcs_autotune.report.diagnosis_views import View, telling_view, views_of
 from gcs_autotune.report.diagnosis_wording import cause_title, first_gain
 from gcs_autotune.report.figures import Picture
-from gcs_autotune.report.numbers import format_moment, format_quantity, format_share
+from gcs_autotune.report.numbers import format_error, format_moment, format_share
 from gcs_autotune.report.page import render_page
 from gcs_autotune.report.tables import Table
 from gcs_autotune.report.wording import doubt_sentence
@@ -119,29 +119,29 @@ def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
     right = None if told.numbers is None else told.numbers.gain
     if right is not None:
         name = signal_words(right.signal)
-        tiles.append((format_quantity(right.before, right.unit, 3), "error as it stands", f"{name}, unseen data"))
-        tiles.append((format_quantity(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
+        tiles.append((format_error(right.before, right.unit, 3), "error as it stands", f"{name}, unseen data"))
+        tiles.append((format_error(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
     gain = told.gain
     if gain is not None and right is not None:
         gain = next((g for g in told.gains if g.signal == right.signal), gain)
         if told.causes:
             words = f"{signal_words(gain.signal)}, unseen data"
-            tiles.append((format_quantity(gain.after, gain.unit, 3), "with the causes too", words))
+            tiles.append((format_error(gain.after, gain.unit, 3), "with the causes too", words))
     elif right is not None:
         interval = diagnosis_wording.interval_words(right)
         tiles.append((format_share(right.ratio), "of the error is left", interval and f"95 %: {interval}"))
     elif gain is not None:
         name = signal_words(gain.signal)
-        tiles.append((format_quantity(gain.before, gain.unit, 3), "error before", f"{name}, unseen data"))
+        tiles.append((format_error(gain.before, gain.unit, 3), "error before", f"{name}, unseen data"))
         if told.causes:
-            tiles.append((format_quantity(gain.after, gain.unit, 3), "error after", f"{name}, unseen data"))
+            tiles.append((format_error(gain.after, gain.unit, 3), "error after", f"{name}, unseen data"))
             interval = diagnosis_wording.interval_words(gain)
             tiles.append((format_share(gain.ratio), "of the error is left", interval and f"95 %: {interval}"))
     else:
         error, unit, signal = diagnosis_wording.base_error(told)
-        tiles.append((format_quantity(error, unit, 3), "error of the simulation", signal_words(signal)))
+        tiles.append((format_error(error, unit, 3), "error of the simulation", signal_words(signal)))
         noise = told.noise.get(signal, math.nan)
-        tiles.append((format_quantity(noise, unit, 3), "noise", f"of {signal_words(signal)}, measured"))
+        tiles.append((format_error(noise, unit, 3), "left over", f"of {signal_words(signal)}, rms"))
     tiles.append((str(told.tried), "candidates tried", f"in {told.seconds:.1f} s"))
     return tuple(t for t in tiles if t[0] != "?")
 
@@ -176,7 +176,7 @@ def _before(told: Diagnosis) -> Iterator[Picture]:
     for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
         caption = (
             f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
-            f"commands. Below, what it gets wrong: {format_quantity(_misfit(trace), trace.unit, 3)} RMS."
+            f"commands. Below, what it gets wrong: {format_error(_misfit(trace), trace.unit, 3)} RMS."
         )
         if told.after and i > 1:
             return
@@ -197,7 +197,7 @@ def _after(told: Diagnosis) -> Iterator[Picture]:
         other = extended.get((trace.run, trace.signal))
         if other is None:
             continue
-        old, new = (format_quantity(_misfit(t), t.unit, 3) for t in (trace, other))
+        old, new = (format_error(_misfit(t), t.unit, 3) for t in (trace, other))
         caption = f"'{trace.run}', {signal_words(trace.signal)}: {old} RMS before, {new} RMS after."
         yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: draw_flight(a, b))  # type: ignore[misc]
 

@@ -9,7 +9,7 @@ from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Numbers, Ranked
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.report.diagnosis_names import effect_words, place_words, signal_words, value_words
 from gcs_autotune.report.diagnosis_wording import found_words, given_words, interval_words, standing
-from gcs_autotune.report.numbers import UNKNOWN, format_number, format_quantity, format_share
+from gcs_autotune.report.numbers import UNKNOWN, format_error, format_number, format_share
 from gcs_autotune.report.tables import Table
 
 __all__ = ["cause_table", "format_p", "gains_table", "numbers_table", "ranking_table", "steps_of"]
@@ -28,8 +28,8 @@ def gains_table(gains: Iterable[Gain]) -> Table:
     rows = tuple(
         (
             f"{signal_words(g.signal)} ({g.signal})",
-            format_quantity(g.before, g.unit, 3),
-            format_quantity(g.after, g.unit, 3),
+            format_error(g.before, g.unit, 3),
+            format_error(g.after, g.unit, 3),
             format_share(g.ratio) if math.isfinite(g.ratio) else UNKNOWN,
             interval_words(g) or UNKNOWN,
         )

@@ -13,8 +13,8 @@ from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Number, Numbers
 from gcs_autotune.effects.book import BOOK
 from gcs_autotune.report.diagnosis_names import effect_words, listed, named, signal_words, value_words
 from gcs_autotune.report.numbers import (
+    format_error,
     format_number,
-    format_quantity,
     format_share,
     format_value,
     pretty_unit,
@@ -144,7 +144,7 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
         return f"As it stands the {numbers.of} runs away on these runs."
     if gain.ratio >= 1.0:
         return "They make up for what is missing: set right without it, they leave no smaller error on unseen data."
-    before, after = (format_quantity(e, gain.unit, 3) for e in (gain.before, gain.after))
+    before, after = (format_error(e, gain.unit, 3) for e in (gain.before, gain.after))
     interval = interval_words(gain)
     these = "these" if len(numbers.wrong) > 1 else "this"
     return (
@@ -182,7 +182,7 @@ def _found(told: Diagnosis) -> str:
     it = "it" if len(names) == 1 else "them"
     return (
         f"{said} With {it}, the simulated {signal_words(gain.signal)} errs by "
-        f"{format_quantity(gain.after, gain.unit, 3)} instead of {format_quantity(gain.before, gain.unit, 3)} "
+        f"{format_error(gain.after, gain.unit, 3)} instead of {format_error(gain.before, gain.unit, 3)} "
         "on data it has not seen."
     )
 
@@ -197,7 +197,7 @@ def _nothing(told: Diagnosis) -> str:
     if not math.isfinite(error):
         return said + "."
     return (
-        f"{said}: the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}, "
+        f"{said}: the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}, "
         f"and {_remains(told.left)}."
     )
 
@@ -223,7 +223,7 @@ def _unexplained(told: Diagnosis) -> str:
     error, unit, signal = base_error(told)
     said = "Something is missing, and it is not in the book"
     if math.isfinite(error):
-        said += f": the simulation errs by {format_quantity(error, unit, 3)} in {signal_words(signal)}"
+        said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
     return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
 
 
@@ -250,7 +250,7 @@ def gain_sentence(gain: Gain) -> str:
     """Return one signal's gain with its interval."""
     said = (
         f"Error of the simulated {signal_words(gain.signal)} on held-out data: "
-        f"{format_quantity(gain.before, gain.unit, 3)} before, {format_quantity(gain.after, gain.unit, 3)} after (RMS)"
+        f"{format_error(gain.before, gain.unit, 3)} before, {format_error(gain.after, gain.unit, 3)} after (RMS)"
     )
     if math.isfinite(gain.ratio):
         said += f", {format_share(gain.ratio)} of what it was"
@@ -312,9 +312,7 @@ def rests_on(told: Diagnosis) -> tuple[str, ...]:
     if told.held_out:
         said.append(f"Held out: {', '.join(told.held_out)}.")
     said.append(f"Candidates tried: {told.tried}; the p-values allow for that many. Time: {told.seconds:.1f} s.")
-    levels = [
-        f"{signal_words(n)} {format_quantity(s, SIGNALS[n][0], 2)}" for n, s in told.noise.items() if n in SIGNALS
-    ]
+    levels = [f"{signal_words(n)} {format_error(s, SIGNALS[n][0], 2)}" for n, s in told.noise.items() if n in SIGNALS]
     if levels:
         said.append(f"Left of each signal (rms): {', '.join(levels)}.")
     return tuple(said)

@@ -10,6 +10,7 @@ __all__ = [
     "NOT_TOLD",
     "UNKNOWN",
     "format_change",
+    "format_error",
     "format_factor",
     "format_moment",
     "format_number",
@@ -124,6 +125,13 @@ def format_quantity(value: float, unit: str, digits: int = 3) -> str:
     space = "" if shown.startswith("°") else " "
     unit_text = "" if shown in ("", "1") else space + pretty_unit(shown)
     return format_number(value * factor, digits) + unit_text
+
+
+def format_error(value: float, unit: str, digits: int = 3) -> str:
+    """Return :func:`format_quantity` of an error; of a heading one beyond half a turn means nothing but that."""
+    if unit == "rad" and math.isfinite(value) and abs(value) > math.pi:
+        return "over 180°"
+    return format_quantity(value, unit, digits)
 
 
 def format_seconds(t: float, missing: str = UNKNOWN) -> str:

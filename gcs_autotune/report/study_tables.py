@@ -8,10 +8,10 @@ from gcs_autotune.identify import AxisFit, Fit
 from gcs_autotune.identify.result import Parameter
 from gcs_autotune.report.numbers import (
     UNKNOWN,
+    format_error,
     format_number,
     format_parameter,
     format_percent,
-    format_quantity,
     format_seconds,
     pretty_unit,
 )
@@ -175,8 +175,8 @@ def unseen_table(outcome: Outcome) -> Table:
             t.run,
             f"{t.signal}, {SIGNALS.get(t.signal, ('', t.signal))[1]}",
             format_percent(s.fit_percent) if math.isfinite(s.fit_percent) else UNKNOWN,
-            format_quantity(s.rms, t.unit, 3),
-            format_quantity(s.worst, t.unit, 3),
+            format_error(s.rms, t.unit, 3),
+            format_error(s.worst, t.unit, 3),
         )
         for t, s in pairs
     )

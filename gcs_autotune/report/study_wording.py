@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs_autotune.identify import AxisFit, Fit
 from gcs_autotune.models.coupled import FORMS
-from gcs_autotune.report.numbers import format_percent, format_quantity
+from gcs_autotune.report.numbers import format_error, format_percent
 from gcs_autotune.report.study import Outcome, Study
 from gcs_autotune.report.wording import Headline, Tone, explains, model_sentences, model_words
 from gcs_autotune.sname import SIGNALS
@@ -33,11 +33,11 @@ def _fits(fit: Fit) -> str:
     left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
     if not left:
         return said
-    rows = ", ".join(f"{n} {format_quantity(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
+    rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
     coloured = {n: r for n, r in left.items() if r.unexplained > 0.0}
     if not coloured:
         return f"{said} Left of it (rms): {rows}, which change from sample to sample, as measurement noise does."
-    rest = ", ".join(f"{n} {format_quantity(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
+    rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
     return f"{said} Left of it (rms): {rows}; of that correlated, so unexplained and no noise: {rest}."
 
 

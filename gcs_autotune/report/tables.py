@@ -193,9 +193,7 @@ def estimate_table(fit: AxisFit) -> Table:
         (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
         for i, e in enumerate(fit.iso, start=1)
     ]
-    model = fit.model
-    refined = (model.alpha, model.beta, model.beta_quadratic, model.delta)
-    rows.append(("refined", *(format_number(v) for v in refined)))
+    rows.append(("refined", *(_parameter_value(fit.parameters[n]) for n in names)))
     return Table(("", *names), "lrrrr", tuple(rows))
 
 

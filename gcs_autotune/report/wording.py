@@ -17,6 +17,7 @@ from gcs_autotune.identify.result import AxisFit, Decision, Doubt
 from gcs_autotune.report.diagnosis_names import listed
 from gcs_autotune.report.numbers import (
     format_change,
+    format_error,
     format_factor,
     format_number,
     format_percent,
@@ -279,12 +280,12 @@ def explains(percent: float) -> str:
 
 def remainder_sentence(left: Remainder, unit: str) -> str:
     """Return what a model leaves: what changes from sample to sample is noise, what is correlated is unexplained."""
-    rms = format_quantity(left.rms, unit, 2)
+    rms = format_error(left.rms, unit, 2)
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
         return f"{rms} rms remain, which change from sample to sample, as measurement noise does."
-    noise, rest = format_quantity(left.noise, unit, 2), format_quantity(left.unexplained, unit, 2)
+    noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
     return f"{rms} rms remain: {noise} change from sample to sample, as noise does; {rest} stay unexplained."
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterLoan
+from gcs_autotune.report.numbers import format_factor
 from gcs_autotune.workflow.designing import Ruler
 from gcs_autotune.workflow.experiments import measure
 from gcs_autotune.workflow.voyage import Voyage
@@ -83,6 +84,6 @@ def _promise(proposal: Proposal) -> str:
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
         f"predicted: error over time {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
-        f"{new.overshoot:.0%}; margins at worst {min(low.gain, 100.0):.1f} in gain, {math.degrees(low.phase):.0f} deg "
-        "in phase"
+        f"{new.overshoot:.0%}; margins at worst {format_factor(low.gain, 2)} in gain, "
+        f"{math.degrees(low.phase):.0f} deg in phase"
     )

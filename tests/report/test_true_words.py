@@ -19,9 +19,9 @@ from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
 from gcs_autotune.report.diagnosis_wording import verdict_headline as diagnosis_headline
-from gcs_autotune.report.numbers import format_factor
+from gcs_autotune.report.numbers import format_error, format_factor
 from gcs_autotune.report.study_wording import verdict_headline
-from gcs_autotune.report.tables import margins_table, model_table
+from gcs_autotune.report.tables import estimate_table, margins_table, model_table
 from gcs_autotune.report.terminal import render_text
 from gcs_autotune.report.wording import model_sentences, model_words, remainder_sentence, safety
 from gcs_autotune.trial import Channel, Trial
@@ -151,3 +151,15 @@ def test_a_diagnosis_calls_a_correlated_remainder_unexplained(p: float, word: st
     said = " ".join((diagnosis_headline(told).text, *diagnosis_headline(told).sentences))
     assert word in said
     assert ("measurement noise" in said) == (p > 0.01)
+
+
+def test_an_error_of_heading_beyond_half_a_turn_is_said_to_be_that() -> None:
+    assert format_error(np.radians(539.5), "rad") == "over 180°"
+    assert format_error(np.radians(92.7), "rad") == "92.7°"
+    assert format_error(539.5, "m") == "540 m"
+
+
+def test_estimates_of_the_refined_fit_are_rounded_to_their_error() -> None:
+    assert estimate_table(stories.fit()).rows[-1] == (
+        "refined", "0.1795 ± 0.0011", "0", "0.408 ± 0.006", "0.0100 ± 0.0009"
+    )  # fmt: skip

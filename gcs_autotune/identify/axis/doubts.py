@@ -192,7 +192,7 @@ def _weak(f: Findings) -> Doubt | None:
     return Doubt(
         "weakly-excited",
         f"{', '.join(weak)}: standard error above {100 * WEAK:.0f} %",
-        f"record longer, with larger or more different inputs: {f.case.more_levels}",
+        f"record longer, with larger or more different inputs{' (a second relay with another C)' if f.relays else ''}",
     )
 
 
