@@ -36,6 +36,7 @@ from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL
 from gcs_autotune.sname import DOFS
 
 if TYPE_CHECKING:
@@ -73,10 +74,10 @@ class Given:
 def given_of(model: ExtendedModel | ModelFile) -> Given:
     """Return a model as its owner knows it: a file of one degree of freedom calls its inertia ``alpha``, positive."""
     if isinstance(model, ExtendedModel):
-        return Given(model)
+        return Given(_to_be_judged(model))
     std = {n: math.sqrt(max(v, 0.0)) for n, v in zip(model.names, np.diag(model.covariance).tolist(), strict=True)}
     if model.axis is None:
-        return Given(model.model, {}, std)
+        return Given(_to_be_judged(model.model), {}, std)
     theirs = ("alpha", "beta", "beta_quadratic", "delta")
     own = derivative_names(model.axis.axis)
     names: dict[Key, tuple[str, float]] = {
@@ -84,6 +85,21 @@ def given_of(model: ExtendedModel | ModelFile) -> Given:
     }
     names |= {(e.slug, e.place, "delay"): ("delay", 1.0) for e in model.model.effects}
     return Given(model.model, names, std)
+
+
+def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
+    """Return a model whose file holds every number as known with these free: in question they are all the same.
+
+    Of rigid body and added mass only the sum acts: the former stays known where there is any of the latter.
+    """
+    form = model.base.form
+    if form.free:
+        return model
+    gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
+    forces = [n for n in form.known if n not in RIGID_BODY and n not in SPECIAL and n not in gains]
+    added = any(n.endswith("dot") for n in forces)
+    free = [*forces, *(n for n in form.known if not added and n in ("m", "I_x", "I_y", "I_z"))]
+    return replace(model, base=CoupledModel(form.freeing(*free), {**form.known, **model.base.values}))
 
 
 @dataclass(eq=False)

@@ -125,6 +125,7 @@ def _beside_numbers(told: Diagnosis) -> list[str]:
     sentences = []
     if told.numbers is not None and told.wrong_numbers:
         sentences.append(numbers_sentence(told.numbers, causes=bool(told.causes)))
+        sentences += scale_words(told.numbers)
         if told.causes:
             sentences.append("On top of that " + _found(told))
     if told.gain is not None:
@@ -152,6 +153,19 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
         f" the simulated {signal_words(gain.signal)} errs by {after} instead of {before} on data it has not seen"
         + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
     )
+
+
+def scale_words(numbers: Numbers) -> list[str]:
+    """Return what else it may be when every number that is not zero is wrong by one factor: none when they are not."""
+    rows = [n for n in numbers.rows if n.given != 0.0 and n.value != 0.0]
+    if numbers.of != "model" or len(numbers.wrong) < 2 or not all(n.wrong for n in rows):
+        return []
+    factors = np.array([n.value / n.given for n in rows])
+    errors = np.array([abs(f) * n.std / abs(n.value) for f, n in zip(factors, rows, strict=True)])
+    mean = float(np.average(factors, weights=1.0 / np.maximum(errors, 1e-300) ** 2))
+    if np.any(np.abs(factors - mean) > 3.0 * errors):
+        return []
+    return [f"All are off by one factor ({format_number(mean, 3)}): the scale of the commands is as likely the cause."]
 
 
 def numbers_title(numbers: Numbers) -> str:

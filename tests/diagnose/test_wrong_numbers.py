@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.report import diagnosis_summary
+from gcs_autotune.report.diagnosis_wording import scale_words
 from gcs_autotune.report.terminal import render_text
 from gcs_autotune.workflow.diagnosis import write_diagnosis
 from sitl.tank import Hull
@@ -125,6 +127,22 @@ def test_a_model_that_runs_away_has_a_wrong_number_and_is_not_refused():
     told = diagnose(towed(), model=with_numbers(N_r=-4.0), effects=FEW)
     assert told.verdict == "wrong-numbers"
     assert [n.name for n in told.wrong_numbers] == ["N_r"]
+
+
+def test_numbers_that_a_file_holds_as_known_are_judged_when_all_are():
+    form = replace(FORM, free=(), known={"N_rdot": -3.0, "N_r": -1.0})
+    told = diagnose(towed(), model=ExtendedModel(CoupledModel(form, {})), effects=["input-bias"])
+    assert told.verdict == "wrong-numbers"
+    assert [(n.name, n.given) for n in told.wrong_numbers] == [("N_rdot", -3.0)]
+
+
+def test_numbers_all_off_by_one_factor_may_be_the_scale_of_the_commands():
+    told = diagnose(towed(), model=with_numbers(N_rdot=1.5, N_r=1.5), effects=["input-bias"])
+    assert len(told.wrong_numbers) == 2
+    assert re.search(r"All are off by one factor \(0\.66\d\): the scale of the commands", words(told))
+    assert told.numbers is not None
+    apart = [replace(n, value=1.1 * n.value) if n.name == "N_r" else n for n in told.numbers.rows]
+    assert scale_words(replace(told.numbers, rows=tuple(apart))) == []
 
 
 def test_numbers_are_told_under_the_names_and_signs_of_the_file(tmp_path):
