@@ -63,11 +63,14 @@ class Mutant:
     end_column: int
     before: str
     after: str
+    text: str = ""
 
     @property
     def key(self) -> str:
-        """What it is, whatever line it has slipped to."""
-        return f"{self.path}::{self.function}: {_one_line(self.before)} -> {_one_line(self.after)}"
+        """What it is, whatever line it has slipped to; a mere number or name with the line it stands in (*text*)."""
+        is_bare = self.kind in ("constant", "extreme", "boolean") and len(self.before.split()) == 1
+        where = f" in {self.text}" if is_bare else ""
+        return f"{self.path}::{self.function}: {_one_line(self.before)} -> {_one_line(self.after)}{where}"
 
     def applied(self, source: str) -> str:
         """Return the source with the fault in it."""
@@ -222,7 +225,8 @@ class _Finder:
         before = self._text(at)
         if before != after:
             place = (at.lineno, at.col_offset, at.end_lineno, at.end_col_offset)  # type: ignore[attr-defined]
-            self.mutants.append(Mutant(self.path, function, kind, *place, before, after))
+            text = self.lines[place[0] - 1].decode().strip()
+            self.mutants.append(Mutant(self.path, function, kind, *place, before, after, text))
 
 
 _SIGNS: dict[type[ast.cmpop], str] = {
