@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -44,11 +45,13 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of text under heads; ``align`` has one letter a column, ``l`` text or ``r`` number."""
+    """Rows of text under heads; ``align`` has one letter a column, ``l`` text or ``r`` number. ``note``: a sentence for
+    under it, of what holds for all rows."""
 
     heads: tuple[str, ...]
     align: str
     rows: tuple[tuple[str, ...], ...]
+    note: str = ""
 
 
 _METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
@@ -81,12 +84,31 @@ _VEHICLE: Mapping[str, str] = {
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
-    """Old and new gains, the documented range, and why."""
-    rows = tuple(_gain_row(change) for change in changes)
-    return Table(("parameter", "old", "new", "range", "why"), "lrrll", rows)
+    """Old and new gains, the documented range, and why; what several were chosen by is said once, under the table."""
+    common = _common_reason(changes)
+    rows = tuple(_gain_row(change, common) for change in changes)
+    if not common:
+        return Table(("parameter", "old", "new", "range", "why"), "lrrll", rows)
+    every = all(_split(change.reason)[1] == common for change in changes)
+    note = f"{'All are' if every else 'The others are'} {common}."
+    return Table(("parameter", "old", "new", "range", "what it does"), "lrrll", rows, note)
 
 
-def _gain_row(change: Change) -> tuple[str, ...]:
+def _common_reason(changes: Sequence[Change]) -> str:
+    """Return how most of the gains were chosen, where that is the same for two or more."""
+    told = Counter(_split(change.reason)[1] for change in changes)
+    reason, count = max(told.items(), key=lambda pair: pair[1], default=("", 0))
+    return reason if count > 1 and reason.startswith(("chosen", "matched", "measured")) else ""
+
+
+def _split(reason: str) -> tuple[str, str]:
+    """Return what a gain does and how it was chosen, without the remark that it is at its limit."""
+    meaning, _, how = reason.partition(": ")
+    return meaning, how.partition(", stopped at ")[0]
+
+
+def _gain_row(change: Change, common: str) -> tuple[str, ...]:
+    meaning, how = _split(change.reason)
     limits = f"{format_number(change.low)} to {format_number(change.high)}"
     remark = " (at limit)" if change.at_limit else ""
     return (
@@ -94,7 +116,7 @@ def _gain_row(change: Change) -> tuple[str, ...]:
         format_number(change.old),
         format_number(change.new),
         limits + remark,
-        change.reason,
+        meaning if common and how == common else change.reason,
     )
 
 

@@ -87,30 +87,38 @@ def gains_summary(proposal: Proposal) -> Group:
 
 
 def tune_summary(story: TuneStory) -> Group:
-    """Return how a tune ended: the verdict, the measured step, the gains, the doubts."""
+    """Return how a tune ended: the gains, the measured step, the doubts, and last, where the eye is, the verdict."""
+    return Group(*_details(story), *_verdict(story))
+
+
+def _verdict(story: TuneStory) -> list[RenderableType]:
     verdict = headline(story)
-    parts: list[RenderableType] = [title(verdict.text, STYLES[verdict.tone])]
-    parts.extend(paragraph(s) for s in verdict.sentences)
+    return [title(verdict.text, STYLES[verdict.tone]), *(paragraph(s) for s in verdict.sentences)]
+
+
+def _details(story: TuneStory) -> list[RenderableType]:
+    parts: list[RenderableType] = []
+    if story.changes:
+        parts.append(grid(tables.gains_table(story.changes)))
     if story.metrics_before is not None:
         parts.append(grid(tables.metrics_table(story.metrics_before, story.metrics_after)))
     parts.extend(bullet(reason) for reason in story.verdict_reasons)
-    if story.changes:
-        parts.append(grid(tables.gains_table(story.changes)))
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
     if doubts or story.fit is not None:
         parts.extend(doubts_shown(doubts))
-    return Group(*parts)
+    return parts
 
 
 def show_tune(console: Console, story: TuneStory) -> None:
-    """Print :func:`tune_summary`, then how to undo and where the report is, each whole on its line for copying."""
-    console.print(tune_summary(story))
+    """Print :func:`tune_summary`, and before the verdict how to undo and where the report is, whole on their lines."""
+    console.print(Group(*_details(story)))
     if story.ending == "kept":
         console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)
     if story.awaits_proof and story.proving:
         console.print(Text(f"\n{PROOF_SENTENCE}\n  {proof_command(story)}"), soft_wrap=True)
     if story.directory:
         console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
+    console.print(Group(*_verdict(story)))
 
 
 def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
@@ -148,4 +156,6 @@ def grid(table: tables.Table) -> Padding:
         lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=right or i == 0)
     for row in table.rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
+    if table.note:
+        return Padding(Group(lines, Text(visible(table.note))), (1, 0))
     return Padding(lines, (1, 0))

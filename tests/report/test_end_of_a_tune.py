@@ -1,0 +1,72 @@
+"""What stands last on the terminal, and what is said once instead of four times."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import report_stories as stories
+from rich.console import Console
+
+from gcs_autotune.design.result import Change
+from gcs_autotune.report.html import render_report
+from gcs_autotune.report.tables import gains_table
+from gcs_autotune.report.terminal import grid, render_text, show_tune
+
+CHOSEN = "chosen for the least predicted error over time of the step"
+
+
+def change(name: str, reason: str) -> Change:
+    return Change(name, 0.2, 0.4, 0.0, 2.0, reason)
+
+
+def test_the_verdict_is_the_last_thing_on_the_terminal():
+    stream = io.StringIO()
+    show_tune(Console(file=stream, width=80, color_system=None), stories.kept())
+    text = stream.getvalue()
+    verdict = text.index("The new heading gains are on the vehicle, and proved better.")
+    for earlier in ("Report: ", "To undo:", "lower is better", "ATC_", "doubt"):
+        assert text.index(earlier) < verdict
+    assert text.count("proved better.") == 1
+
+
+def test_what_all_gains_were_chosen_by_is_said_once_under_the_table():
+    table = gains_table(
+        [
+            change("ATC_STR_RAT_FF", f"steering per wanted turn rate: {CHOSEN}"),
+            change("ATC_STR_RAT_P", f"steering per turn-rate error: {CHOSEN}, stopped at the documented most"),
+            change("ATC_STR_RAT_I", f"steering per accumulated turn-rate error: {CHOSEN}"),
+            change("ATC_STR_ANG_P", f"wanted turn rate per heading error: {CHOSEN}"),
+        ]
+    )
+    assert table.note == f"All are {CHOSEN}."
+    assert [row[-1] for row in table.rows] == [
+        "steering per wanted turn rate",
+        "steering per turn-rate error",
+        "steering per accumulated turn-rate error",
+        "wanted turn rate per heading error",
+    ]
+    shown = render_text(grid(table))
+    assert " ".join(shown.split()).count("least predicted error") == 1
+    assert max(map(len, shown.splitlines())) <= 80
+
+
+def test_a_gain_with_a_reason_of_its_own_keeps_it():
+    own = "cruise speed: measured on the water, the speed that this throttle keeps"
+    table = gains_table([change("A", f"a: {CHOSEN}"), change("B", f"b: {CHOSEN}"), change("CRUISE_SPEED", own)])
+    assert [row[-1] for row in table.rows] == ["a", "b", own]
+    assert table.note == f"The others are {CHOSEN}."
+
+
+def test_a_single_gain_keeps_its_whole_reason():
+    table = gains_table([change("A", f"a: {CHOSEN}")])
+    assert table.heads[-1] == "why"
+    assert table.rows[0][-1] == f"a: {CHOSEN}"
+    assert table.note == ""
+
+
+def test_the_page_says_it_too():
+    story = stories.kept()
+    same = tuple(replace(c, reason=f"what it does: {CHOSEN}") for c in story.proposal.changes)
+    page = render_report(replace(story, proposal=replace(story.proposal, changes=same)))
+    assert page.count(f"All are {CHOSEN}.") == 1
