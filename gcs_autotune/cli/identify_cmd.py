@@ -91,7 +91,7 @@ def _run(args: argparse.Namespace) -> int:
 
     from gcs_autotune.identify import METHODS
     from gcs_autotune.identify.model_file import load_model, save_model
-    from gcs_autotune.report import render_study, study_summary, study_to_dict
+    from gcs_autotune.report import StageBar, render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
@@ -118,7 +118,8 @@ def _run(args: argparse.Namespace) -> int:
         choose=args.choose,
         plan_next=args.plan_next,
     )
-    found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"))
+    with StageBar(Console(stderr=True, quiet=args.json)) as bar:
+        found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"), bar)
     said = []
     if args.save is not None:
         replaced = on_replacing(args.save)

@@ -66,8 +66,20 @@ class StudySettings:
     plan_next: float | None = None
 
 
-def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str) -> Study:
+Stage = Callable[[str, int, int], None]
+"""Told what is being done, how many pieces of it are done and of how many."""
+
+
+def _unheard(stage: str, done: int, total: int) -> None:
+    """Nobody wants to know."""
+
+
+def study(
+    runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str, stage: Stage = _unheard
+) -> Study:
     """Identify from *runs*, check on *unseen* ones; without any, on parts of *runs* left out in turn.
+
+    stage : told how far it is, before each piece of work.
 
     Raises
     ------
@@ -76,10 +88,12 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
     """
     forms = Weighed()
     if settings.choose:
+        stage("choosing terms", 0, 1)
         choice = chosen_form(runs, form_of(settings.structure, settings.dof), settings)
         forms, settings = forms_weighed(choice), replace(settings, structure=choice.chosen.form, known={})
     methods = _methods(settings)
-    outcomes = [_outcome(name, runs, unseen, settings, lenient=len(methods) > 1) for name in methods]
+    pieces = _Pieces(stage, len(methods) * (1 + (_checks(runs, unseen) if settings.check else 0)))
+    outcomes = [_outcome(name, runs, unseen, settings, pieces, lenient=len(methods) > 1) for name in methods]
     fitted = [o.fit for o in outcomes if o.fit is not None]
     if not fitted:
         raise UsageError(f"no method could identify these runs; output-error says: {outcomes[0].refusal}")
@@ -89,7 +103,10 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
     drags = Weighed()
     plain = whole_model(answer.fit) is answer.fit.model
     if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None and plain:
+        stage("weighing kinds of drag", 0, 1)
         drags = drags_weighed(answer.fit, runs)
+    if settings.plan_next is not None:
+        stage("planning what to fly next", 0, 1)
     flown = Proposed() if settings.plan_next is None else next_manoeuvres(answer.fit, runs, settings.plan_next)
     return Study(
         title=f"Identification of {answer.fit.dof}: {', '.join(dict.fromkeys(t.name for t in runs))}",
@@ -104,6 +121,29 @@ def study(runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySetting
         proposal_verdict=flown.verdict,
         figures=(*response_pictures(fitted), *flown.pictures),
     )
+
+
+class _Pieces:
+    """Counts the pieces of work of a study for those who wait."""
+
+    def __init__(self, stage: Stage, total: int) -> None:
+        self._stage = stage
+        self._total = total
+        self._begun = 0
+
+    def begin(self, what: str) -> None:
+        """Begin the next piece."""
+        self._stage(what, self._begun, self._total)
+        self._begun += 1
+
+    def skip(self, count: int) -> None:
+        """So many pieces are not done."""
+        self._begun += count
+
+
+def _checks(runs: Sequence[Trial], unseen: Sequence[Trial]) -> int:
+    """Return how many times what was found is held against data left out."""
+    return len(unseen) or min(len(runs), MOST_FOLDS)
 
 
 def structure_of(settings: StudySettings) -> str | Path | Form | None:
@@ -131,7 +171,13 @@ def _methods(settings: StudySettings) -> list[str]:
 
 
 def _outcome(
-    method: str, runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, *, lenient: bool
+    method: str,
+    runs: Sequence[Trial],
+    unseen: Sequence[Trial],
+    settings: StudySettings,
+    pieces: _Pieces,
+    *,
+    lenient: bool,
 ) -> Outcome:
     begun = time.perf_counter()
 
@@ -152,16 +198,19 @@ def _outcome(
             **options,
         )
 
+    checks = _checks(runs, unseen) if settings.check else 0
+    pieces.begin(f"{method}: fitting")
     try:
         found = identify(runs)
     except AutotuneError as error:
         if not lenient:
             raise
+        pieces.skip(checks)
         return Outcome(method, None, time.perf_counter() - begun, refusal=str(error))
     seconds = time.perf_counter() - begun
     if not settings.check:
         return Outcome(method, found, seconds)
-    checked, objections = _check(found, identify, runs, unseen)
+    checked, objections = _check(found, identify, runs, unseen, lambda: pieces.begin(f"{method}: checking"))
     return Outcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
 
 
@@ -179,12 +228,17 @@ def _drag(settings: StudySettings) -> Structure | None:
 
 
 def _check(
-    found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
+    found: Fit,
+    identify: Callable[[Sequence[Trial]], Fit],
+    runs: Sequence[Trial],
+    unseen: Sequence[Trial],
+    begin: Callable[[], None],
 ) -> tuple[Validation | None, list[str]]:
     """Return how the model predicts what it has not seen, if anything could be checked, and what could not and why."""
     parts: list[Validation] = []
     objections: list[str] = []
     for model, held in _folds(found, identify, runs, unseen):
+        begin()
         try:
             parts.append(validate(model(), held))
         except AutotuneError as error:
