@@ -10,6 +10,7 @@ from typing import Literal
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotInformative, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
+from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.model_file import save_model
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.link import MavlinkCraft
@@ -30,6 +31,7 @@ from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
 from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
+from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
 from gcs_autotune.workflow.waiting import agreed, beside, think
 from gcs_autotune.workflow.warming import warmed, warming
 
@@ -84,11 +86,25 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
                     fit = think(craft, desk, fit_surge, trials, structure=settings.structure, delay=delay)
                 else:
                     fit = think(craft, desk, fit_axis, trials, dof=dof, structure=settings.structure, delay=delay)
+                    fit = _with_curve(settings, trials, fit, craft, watcher, desk)
         finally:
             ledger.leave()
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
     save_model(fit, record.path / "model.json")
     return fit
+
+
+def _with_curve(
+    settings: TuneSettings, trials: list[Trial], plain: AxisFit, craft: MavlinkCraft, watcher: Watcher, desk: Desk
+) -> AxisFit:
+    """Return the model with the thrust curve or dead band that the record calls for, *plain* when it calls for none."""
+    if settings.structure is not None or plain.dof not in CHECKED:
+        return plain
+    curved = think(craft, desk, fit_thrust_curve, trials, plain, None)
+    if curved is None:
+        return plain
+    watcher.say(told(curved, plain))
+    return with_actuator(curved, plain)
 
 
 def _fly(

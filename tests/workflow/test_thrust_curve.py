@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+import gcs_autotune.workflow.experiment  # noqa: F401
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.third_level import third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
+
+workflow_experiment = sys.modules["gcs_autotune.workflow.experiment"]
+"""The module: its name in the package is that of its function."""
 
 ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
@@ -96,3 +104,20 @@ def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list
 def test_a_straight_actuator_needs_no_third_size():
     runs = two(0.0)
     assert third_level(runs, fit_axis(runs, dof="yaw")) is None
+
+
+def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does(monkeypatch: pytest.MonkeyPatch):
+    def at_once(craft: object, desk: object, work: Callable[..., object], *args: object) -> object:
+        return work(*args)
+
+    monkeypatch.setattr(workflow_experiment, "think", at_once)
+    runs, said = two(0.8), []
+    plain, watcher = fit_axis(runs, dof="yaw"), SimpleNamespace(say=said.append)
+    free, asked = SimpleNamespace(structure=None), SimpleNamespace(structure="affine")
+    found = workflow_experiment._with_curve(free, runs, plain, None, watcher, None)  # type: ignore[arg-type]
+    assert [e.slug for e in found.effects] == ["quadratic-actuator"]
+    assert found.fit_percent > plain.fit_percent + 5.0
+    assert found.covariance.shape == (len(found.parameters),) * 2 == (6, 6)
+    assert found.correlation[0, 5] != 0.0
+    assert any("weak for small commands" in text for text in said)
+    assert workflow_experiment._with_curve(asked, runs, plain, None, watcher, None) is plain  # type: ignore[arg-type]
