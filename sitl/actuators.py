@@ -201,6 +201,8 @@ class ThrusterFrame(Actuators):
         """Return what all motors together make of full ``N``, ``X`` and ``Z``."""
         N = X = Z = 0.0
         for pulse, (yaw, ahead, down) in zip(pwm, self.motors, strict=False):
+            if pulse == _NEUTRAL_PWM:
+                continue
             output = _fraction(pulse, _MOTOR_SPAN)
             N += yaw * output
             X += ahead * output

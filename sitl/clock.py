@@ -14,7 +14,7 @@ _MOST_BEHIND = 0.5
 class Pacer:
     """Says how much simulated time has passed at *speedup*, and waits for more of it.
 
-    ``wall`` and ``sleep`` can be replaced, for tests.
+    ``wall`` and ``sleep`` can be replaced, for tests; ``speedup``: simulated seconds per second.
     """
 
     def __init__(
@@ -24,18 +24,18 @@ class Pacer:
         wall: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._speedup = speedup
+        self.speedup = speedup
         self._wall = wall
         self._sleep = sleep
         self._origin = wall()
 
     def now(self) -> float:
         """Return the simulated time [s] it should be."""
-        return (self._wall() - self._origin) * self._speedup
+        return (self._wall() - self._origin) * self.speedup
 
     def wait_until(self, t: float) -> None:
         """Sleep until simulated time *t* [s]; when that is long past, let the clock slip back to it."""
-        ahead = (t - self.now()) / self._speedup
+        ahead = (t - self.now()) / self.speedup
         if ahead > 0.0:
             self._sleep(ahead)
         elif ahead < -_MOST_BEHIND:

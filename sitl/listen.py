@@ -11,7 +11,6 @@ import serial
 
 from sitl.clock import Pacer
 from sitl.mavlink import Server
-from sitl.vehicle import TICKS_PER_SECOND
 
 __all__ = ["LINKS", "AddressError", "CannotListen", "Link", "host_and_port", "open_link", "serve_free_running"]
 
@@ -20,6 +19,10 @@ _DATAGRAM = 1400
 _BACKLOG_LIMIT = 1 << 20
 """Chosen: bytes kept for a client that does not read; more is dropped."""
 _DEFAULT_BAUD = 57600
+_SHORTEST_WAIT = 0.002
+"""Chosen: wall seconds between two looks at the link."""
+_LEAST_SERVED = 50
+"""Looks at the link per second of the vehicle's, at the least."""
 
 
 class AddressError(ValueError):
@@ -230,11 +233,16 @@ def open_link(address: str) -> Link:
 
 
 def serve_free_running(server: Server, link: Link, pacer: Pacer, *, until: float = float("inf")) -> None:
-    """Run the vehicle at the pacer's speed until simulated time *until* [s]; the link is served every tick."""
+    """Run the vehicle at the pacer's speed until simulated time *until* [s].
+
+    The link is served every loop tick, but not oftener than the wall clock is worth, and every 20 ms of the vehicle's.
+    """
+    rate = server.vehicle.rate
+    stride = min(max(round(rate * pacer.speedup * _SHORTEST_WAIT), 1), rate // _LEAST_SERVED)
     tick = 0
-    while tick < until * TICKS_PER_SECOND:
-        tick += 1
-        t = tick / TICKS_PER_SECOND
+    while tick < until * rate:
+        tick += stride
+        t = tick / rate
         pacer.wait_until(t)
         server.receive(link.read())
         sent = server.advance_to(t)

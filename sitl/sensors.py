@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import random
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sitl.body import Body
@@ -13,7 +15,10 @@ __all__ = ["Reading", "SensorData", "Sensors"]
 
 @dataclass(frozen=True, slots=True)
 class SensorData:
-    """Standard deviations of white noise per sample; ``heading_quantum`` [rad] is the compass' step (0: none)."""
+    """Standard deviations of noise, white from one sensor sample to the next (50 a second, held in between).
+
+    ``heading_quantum`` [rad] is the compass' step (0: none).
+    """
 
     heading_noise: float
     heading_quantum: float
@@ -52,34 +57,45 @@ class Sensors:
         self._data = data
         self._floats = floats
 
-        def stream(name: str) -> random.Random:
-            return random.Random(f"{seed}/{name}")
+        def stream(name: str, std: float) -> Callable[[], float]:
+            return functools.partial(random.Random(f"{seed}/{name}").gauss, 0.0, std)
 
-        self._heading = stream("heading").gauss
-        self._gyro = stream("gyro").gauss
-        self._tilt = stream("tilt").gauss
-        self._speed = stream("speed").gauss
-        self._position = stream("position").gauss
-        self._depth = stream("depth").gauss
-        self._climb = stream("climb").gauss
-        self._acceleration = stream("acceleration").gauss
+        tilt, position = stream("tilt", data.tilt_noise), stream("position", data.position_noise)
+        afloat = (
+            stream("heading", data.heading_noise),
+            stream("gyro", data.gyro_noise),
+            tilt,
+            tilt,
+            stream("speed", data.speed_noise),
+            position,
+            position,
+        )
+        submerged = (
+            stream("depth", data.depth_noise),
+            stream("climb", data.climb_noise),
+            stream("acceleration", data.acceleration_noise),
+        )
+        self._draws = afloat if floats else afloat + submerged
+        self._noise: list[float] = []
 
-    def sample(self, body: Body, reading: Reading) -> None:
-        """Fill *reading* with the present measurement."""
-        data = self._data
-        psi = body.psi + self._heading(0.0, data.heading_noise)
-        if data.heading_quantum > 0.0:
-            psi = round(psi / data.heading_quantum) * data.heading_quantum
+    def sample(self, body: Body, reading: Reading, *, new: bool = True) -> None:
+        """Fill *reading* with the present measurement; under the noise of the last one unless *new* is drawn."""
+        if new or not self._noise:
+            self._noise = [draw() for draw in self._draws]
+        noise, quantum = self._noise, self._data.heading_quantum
+        psi = body.psi + noise[0]
+        if quantum > 0.0:
+            psi = round(psi / quantum) * quantum
         reading.psi = math.remainder(psi, math.tau)
-        reading.r = body.r + self._gyro(0.0, data.gyro_noise)
-        reading.phi = body.phi + self._tilt(0.0, data.tilt_noise)
-        reading.theta = body.theta + self._tilt(0.0, data.tilt_noise)
+        reading.r = body.r + noise[1]
+        reading.phi = body.phi + noise[2]
+        reading.theta = body.theta + noise[3]
         reading.p, reading.q = body.p, body.q
-        reading.u = body.speed + self._speed(0.0, data.speed_noise)
+        reading.u = body.speed + noise[4]
         reading.v = body.drift
-        reading.x = body.x + self._position(0.0, data.position_noise)
-        reading.y = body.y + self._position(0.0, data.position_noise)
+        reading.x = body.x + noise[5]
+        reading.y = body.y + noise[6]
         if not self._floats:
-            reading.z = body.z + self._depth(0.0, data.depth_noise)
-            reading.w = body.w + self._climb(0.0, data.climb_noise)
-            reading.az = body.wdot + self._acceleration(0.0, data.acceleration_noise)
+            reading.z = body.z + noise[7]
+            reading.w = body.w + noise[8]
+            reading.az = body.wdot + noise[9]

@@ -1,10 +1,15 @@
-"""The whole craft: hull, actuators, sensors, battery and autopilot, in steps of one autopilot loop."""
+"""The whole craft: hull, actuators, sensors, battery and autopilot, in steps of one autopilot loop.
+
+A loop is what the firmware's main loop is: 50 a second on Rover, 400 on Sub (SCHED_LOOP_RATE). What the real ones do
+at 50 Hz whatever that is (sticks, failsafes, battery) is done at :data:`~sitl.autopilot.SLOW_RATE` here too, and so is
+what no loop should change: how often a sensor draws new noise.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.autopilot import FIRMWARE, Autopilot
+from sitl.autopilot import FIRMWARE, SLOW_RATE, Autopilot, loop_rate
 from sitl.autopilot.generations import Spoken
 from sitl.autopilot.parameters import ParameterStore
 from sitl.battery import Battery
@@ -14,12 +19,7 @@ from sitl.modelfile import FlownModel
 from sitl.rig import Rig
 from sitl.sensors import Reading, Sensors
 
-__all__ = ["TICKS_PER_SECOND", "Vehicle"]
-
-TICKS_PER_SECOND = 50
-"""SCHED_LOOP_RATE. Time is counted in whole ticks, so that stamps are exact."""
-_DT = 1.0 / TICKS_PER_SECOND
-_MS_PER_TICK = 1000 // TICKS_PER_SECOND
+__all__ = ["Vehicle"]
 
 
 class Vehicle:
@@ -33,6 +33,8 @@ class Vehicle:
     names : the firmware generation whose parameter names and units it uses towards the ground (``GENERATIONS``).
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
+
+    ``rate`` [Hz] is that of its loop; time is counted in whole ticks of it, so that stamps are exact.
     """
 
     def __init__(
@@ -55,6 +57,9 @@ class Vehicle:
         self.spoken = Spoken(self.parameters, names, data.firmware)
         for name, value in (parameters or {}).items():
             self.spoken.preset(name, value)
+        self.rate = loop_rate(self.parameters)
+        self._dt = 1.0 / self.rate
+        self._slowly = self.rate // SLOW_RATE
         self.battery = Battery()
         self.tick = 0
         self._boot_tick = 0
@@ -66,21 +71,34 @@ class Vehicle:
     @property
     def ms(self) -> int:
         """Milliseconds since the autopilot booted."""
-        return (self.tick - self._boot_tick) * _MS_PER_TICK
+        return (self.tick - self._boot_tick) * 1000 // self.rate
+
+    @property
+    def boot_us(self) -> int:
+        """Microseconds since the autopilot booted."""
+        return (self.tick - self._boot_tick) * 1_000_000 // self.rate
+
+    @property
+    def us(self) -> int:
+        """Microseconds since the simulation began."""
+        return self.tick * 1_000_000 // self.rate
 
     @property
     def seconds(self) -> float:
         """Seconds since the simulation began."""
-        return self.tick / TICKS_PER_SECOND
+        return self.tick / self.rate
 
     def move(self) -> None:
         """Let one tick pass in the water, under the pulses of the last loop, and sample the sensors."""
         self.tick += 1
         pwm: Sequence[int] = self.autopilot.pwm
-        t = self.seconds
-        self.rig.move(t, _DT, pwm)
-        self.battery.drain(pwm, _DT)
-        self._sensors.sample(self.body, self._reading)
+        t, dt = self.seconds, self._dt
+        self.rig.move(t, dt, pwm)
+        slowly = self._slowly
+        new = self.tick % slowly == 0
+        if new:
+            self.battery.drain(pwm, slowly * dt)
+        self._sensors.sample(self.body, self._reading, new=new)
         self.rig.alter(t, self._reading)
 
     def control(self) -> None:
@@ -94,4 +112,4 @@ class Vehicle:
         self.autopilot = self._boot()
 
     def _boot(self) -> Autopilot:
-        return self._make_autopilot(self.parameters, _DT, round(1000.0 * self.data.ready_time))
+        return self._make_autopilot(self.parameters, self._dt, round(1000.0 * self.data.ready_time))

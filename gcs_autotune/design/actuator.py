@@ -99,10 +99,11 @@ class Actuator:
     def slopes(self) -> tuple[float, ...]:
         """Return the gains around which small motions live: by direction, size of output and state of the battery.
 
-        Outputs are fractions of full (:meth:`in_fractions`), sizes from rest to ``USED``. Margins are to hold at each.
-        Within dead zone and play the loop is open; that is left to the simulation.
+        Outputs are fractions of full (:meth:`in_fractions`), sizes from rest to ``USED``, of which dead zone and play
+        take their part first. Margins are to hold at each. Within dead zone and play the loop is open; that is left to
+        the simulation.
         """
-        bend = 2.0 * self.square * USED / self.reference
+        bend = 2.0 * self.square * max(USED - 0.5 * self.play - self.dead_zone, 0.0) / self.reference
         sizes = (1.0 - self.square, 1.0 - self.square + bend) if self.square else (1.0,)
         found = {round(w * s * g, 6) for w in {1.0, self.weakest} for s in sizes for g in {self.ahead, self.astern}}
         return tuple(sorted({max(g, LEAST_SLOPE) for g in found}))

@@ -21,10 +21,18 @@ from gcs_autotune.design.matching import NOISE_LIMIT, Problem, integral_shortfal
 from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.design.result import ModelFunction, StepMetrics
 from gcs_autotune.design.scatter import sobol
-from gcs_autotune.design.selection import Candidate, is_tolerable, judge, most_overshoot
+from gcs_autotune.design.selection import (
+    LEAST_GAIN_MARGIN,
+    LEAST_PHASE_MARGIN,
+    Candidate,
+    is_tolerable,
+    judge,
+    most_overshoot,
+)
 from gcs_autotune.design.step_metrics import noise_floor
+from gcs_autotune.design.verdict import is_better
 
-__all__ = ["polish"]
+__all__ = ["any_better", "polish"]
 
 Array = NDArray[np.float64]
 
@@ -33,7 +41,9 @@ PARTS = (1.0, 1.0 / 3.0)
 GOOD_OVERSHOOT, DISLIKE = 0.05, 4.0
 """Chosen: overshoot beyond 5 % must pay for itself: each further 1 % counts like 4 % more error over time."""
 PRICE = 20.0
-"""Chosen: falling short of a margin or limit by 1 % counts like 20 % more error over time."""
+"""Chosen: falling short of a margin or limit by 1 % counts like 20 % more error over time..."""
+REGRET = 0.5
+"""...and by half a percent of it where no gains keep the wished-for margins: there the least ones have that price."""
 RESERVE = 1.05
 """Margins and noise are held this much above what is asked for: the gains are rounded afterwards."""
 LEAST_ERROR = 1e-3
@@ -54,6 +64,10 @@ SCATTER = 5
 """2 to this power gains all over the ranges are looked at first: where ranges bind, the least lies far off."""
 DESCENTS = 2
 """The first descents begin at the best so many of all starts."""
+SEARCHED = 8
+"""2 to this power gains all over the ranges are looked at before it is said that none are better than the present."""
+CLOSER = 8
+"""So many of them, those predicted best, are judged."""
 WORTH = 0.95
 """A gain that matching does without must bring the cost below this share: it makes the actuator busier."""
 CALM = 0.01
@@ -64,15 +78,39 @@ def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
     """Return the candidate with the least cost over *duration* [s]: a polished one, or *chosen* itself.
 
     Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. What they find must
-    not have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*. Then once
-    more with the gains that the law lets it take up (``Law.late``), if that pays.
+    not have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*. Where no gains
+    keep the wished-for margins the descents are held to the least ones instead: gains that are safe to fly are never
+    traded for others that miss the same wish by less and do worse. Then once more with the gains that the law lets it
+    take up (``Law.late``), if that pays.
     """
     best = _polished(problem, chosen, [chosen.settings, problem.settings], duration)
+    lenient = bool(best.objections)
+    if lenient:
+        best = _polished(problem, chosen, [chosen.settings, best.settings, problem.settings], duration, lenient=True)
     if not problem.late:
         return best
     wider = replace(problem, gains=(*problem.gains, *problem.late))
     full = {**best.settings, **{g.parameter: g.high for g in problem.late}}
-    return _polished(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM)
+    return _polished(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
+
+
+def any_better(problem: Problem, before: Candidate, duration: float) -> Candidate | None:
+    """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
+
+    What is looked at is a scatter all over the documented ranges, and what a descent makes of the best of it.
+    """
+    cost = _Cost(problem, before.wanted, duration, before.settings, NOISE_LIMIT, lenient=True)
+    best = sorted(sobol(len(problem.gains), SEARCHED), key=cost)[:CLOSER]
+    for x in (_descend(cost, best[0]), *best):
+        found = judge(problem, before.wanted, _rounded(problem, cost.settings(x)), duration)
+        if is_tolerable(found) and _passes(problem, before, found):
+            return found
+    return None
+
+
+def _passes(problem: Problem, before: Candidate, found: Candidate) -> bool:
+    old, new = before.prediction.metrics, found.prediction.metrics
+    return is_better(old, new, problem.law.free_overshoot).better
 
 
 def _polished(
@@ -83,9 +121,10 @@ def _polished(
     *,
     worth: float = NOTICEABLE,
     noise: float = NOISE_LIMIT,
+    lenient: bool = False,
 ) -> Candidate:
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
-    cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise)
+    cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise, lenient=lenient)
     best, least = chosen, worth * cost.of(chosen.settings)
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
@@ -93,15 +132,12 @@ def _polished(
     for _ in range(ROUNDS):
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, duration)
-        if _is_acceptable(found, chosen) and cost.of(settings) < least:
+        acceptable = is_tolerable(found) and (lenient or len(found.objections) <= len(chosen.objections))
+        if acceptable and cost.of(settings) < least:
             best, least = found, cost.of(settings)
-        cost = _Cost(problem, chosen.wanted, duration, settings, noise)
+        cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
         x = _descend(cost, x)
     return best
-
-
-def _is_acceptable(found: Candidate, chosen: Candidate) -> bool:
-    return is_tolerable(found) and len(found.objections) <= len(chosen.objections)
 
 
 def _rounded(problem: Problem, settings: Settings) -> dict[str, float]:
@@ -109,11 +145,24 @@ def _rounded(problem: Problem, settings: Settings) -> dict[str, float]:
 
 
 class _Cost:
-    """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks."""
+    """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks.
 
-    def __init__(self, problem: Problem, wanted: ModelFunction, duration: float, near: Settings, noise: float) -> None:
+    *lenient*: the margins that count are the least ones, those wished for are a regret only.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        wanted: ModelFunction,
+        duration: float,
+        near: Settings,
+        noise: float,
+        *,
+        lenient: bool = False,
+    ) -> None:
         self._problem = problem
         self._noise = noise
+        self._lenient = lenient
         self._wanted = wanted
         self._duration = duration
         least = 2.0 * noise_floor(problem.spec.noise_std, problem.spec.quantum)
@@ -137,22 +186,32 @@ class _Cost:
         plain = max(error, LEAST_ERROR)
         if plain * (1.0 + dislike) > HOPELESS * self._least:
             return plain * (1.0 + dislike)
-        cost = plain * (1.0 + dislike + PRICE * self._shortfall(settings, steps[0]))
+        cost = plain * (1.0 + dislike + self._price(settings, steps[0]))
         self._least = min(self._least, cost)
         return cost
 
-    def _shortfall(self, settings: Settings, step: StepMetrics) -> float:
-        """Return by how much limits are missed, as a sum of fractions of them."""
+    def _price(self, settings: Settings, step: StepMetrics) -> float:
+        """Return what missing limits costs, by the sum of the fractions of them that are missed."""
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
         missed += max(0.0, step.overshoot - most_overshoot(problem))
         missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
-        for m in problem.margins(settings, self._wanted, self._watched):
-            missed += max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))
-            missed += max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin))
-            missed += max(0.0, 1.0 - m.delay / (RESERVE * reserve))
-        return missed
+        margins = problem.margins(settings, self._wanted, self._watched)
+        wish = sum(
+            max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))
+            + max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin))
+            + max(0.0, 1.0 - m.delay / (RESERVE * reserve))
+            for m in margins
+        )
+        if not self._lenient:
+            return PRICE * (missed + wish)
+        least = sum(
+            max(0.0, 1.0 - m.gain / (RESERVE * LEAST_GAIN_MARGIN))
+            + max(0.0, 1.0 - m.phase / (RESERVE * LEAST_PHASE_MARGIN))
+            for m in margins
+        )
+        return PRICE * (missed + least) + REGRET * wish
 
 
 def _descend(cost: Callable[[Array], float], start: Array) -> Array:

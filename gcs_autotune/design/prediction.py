@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,45 +24,76 @@ RATE = 50.0
 """Most samples per second kept [Hz]."""
 
 
+class _Flown(NamedTuple):
+    """A step of *size* [rad or m]: t (n,) [s] from the step on, position from where it was stepped from, output."""
+
+    size: float
+    t: Array
+    position: Array
+    output: Array
+
+
 def predict(
     problem: Problem, model: SingleDof, wanted: ModelFunction, settings: Settings, duration: float
 ) -> Prediction:
     """Simulate the step and the step back on *model* with *settings* for *duration* [s] each.
 
-    The arrays are those of the step; the metrics are those of both, joined as the flown ones are.
+    The arrays are those of the step; the metrics are those of both, joined as the flown ones are, and read through as
+    much noise.
     """
-    there, back = (_fly(problem, model, settings, s) for s in _there_and_back(problem, problem.step, duration))
-    t, position, output = there
-    metrics = combine([_measure(problem, problem.step, there), _measure(problem, -problem.step, back)])
-    ideal = problem.step * wanted_step(wanted, t).position
-    return Prediction(t, np.full_like(t, problem.step), position, ideal, output, metrics)
+    pair = _there_and_back(problem, model, settings, problem.step, duration)
+    there = pair[0]
+    ideal = problem.step * wanted_step(wanted, there.t).position
+    metrics = combine([_measure(problem, flown) for flown in pair])
+    return Prediction(there.t, np.full_like(there.t, problem.step), there.position, ideal, there.output, metrics)
 
 
 def predict_metrics(problem: Problem, settings: Settings, step: float, duration: float) -> StepMetrics:
     """Return what :func:`predict` would measure for a step of *step* [rad or m] on the identified model."""
-    pair = _there_and_back(problem, step, duration)
-    return combine([_measure(problem, s.step, _fly(problem, problem.model, settings, s)) for s in pair])
+    pair = _there_and_back(problem, problem.model, settings, step, duration)
+    return combine([_measure(problem, flown) for flown in pair])
 
 
-def _there_and_back(problem: Problem, step: float, duration: float) -> tuple[Scenario, Scenario]:
-    """Return both steps: as flown where the flight is known, else of a loop that has long settled."""
-    lead = LEAD if problem.spec.step_duration is not None else 0.0
-    return Scenario(step, duration + lead, lead=lead), Scenario(-step, duration)
+def _there_and_back(
+    problem: Problem, model: SingleDof, settings: Settings, step: float, duration: float
+) -> tuple[_Flown, _Flown]:
+    """Return both steps: in one flight where that is known, else each of a loop that has long settled."""
+    if problem.spec.step_duration is None:
+        there, back = (
+            _Flown(size, *_fly(problem, model, settings, Scenario(size, duration), 0.0)) for size in (step, -step)
+        )
+        return there, back
+    turn = LEAD + duration
+    t, position, output = _fly(problem, model, settings, Scenario(step, turn + duration, lead=LEAD, back_at=turn), LEAD)
+    first = int(np.searchsorted(t, duration - 1e-9))
+    return (
+        _Flown(step, t[: first + 1], position[: first + 1], output[: first + 1]),
+        _Flown(-step, t[first:] - t[first], position[first:] - step, output[first:]),
+    )
 
 
-def _fly(problem: Problem, model: SingleDof, settings: Settings, scenario: Scenario) -> tuple[Array, Array, Array]:
-    """Return t (n,) from the step on, position and output, at the rate that is kept."""
+def _fly(
+    problem: Problem, model: SingleDof, settings: Settings, scenario: Scenario, begin: float
+) -> tuple[Array, Array, Array]:
+    """Return t (n,) [s] from *begin* on, position and output, at the rate that is kept."""
     motion = problem.law.simulate(model, settings, scenario, problem.spec.speed, problem.delay, problem.actuator)
     period = problem.law.loop_period(settings)
     every = max(round(1.0 / (RATE * period)), 1)
-    kept = slice(round(scenario.lead / period), None, every)
-    return motion.t[kept] - scenario.lead, motion.position[kept], motion.output[kept]
+    kept = slice(round(begin / period), None, every)
+    return motion.t[kept] - begin, motion.position[kept], motion.output[kept]
 
 
-def _measure(problem: Problem, step: float, flown: tuple[Array, Array, Array]) -> StepMetrics:
+def _measure(problem: Problem, flown: _Flown) -> StepMetrics:
     """Measure a step as the flown one is: the target was the position at rest, and errors within the noise are none."""
-    t, position, output = flown
     spec = problem.spec
-    target = np.full_like(t, step)
+    target = np.full_like(flown.t, flown.size)
     target[0] = 0.0
-    return step_metrics(t, target, position, output, noise_std=spec.noise_std, quantum=spec.quantum)
+    return step_metrics(
+        flown.t,
+        target,
+        flown.position,
+        flown.output,
+        noise_std=spec.noise_std,
+        quantum=spec.quantum,
+        unread=spec.noise_std,
+    )

@@ -17,7 +17,7 @@ from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.model_function import model_function, settling_time
 from gcs_autotune.design.notes import notes_on, said
 from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
-from gcs_autotune.design.polishing import polish
+from gcs_autotune.design.polishing import any_better, polish
 from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.result import Change, ModelFunction, Proposal
@@ -87,12 +87,11 @@ def design(
     chosen = choose(problem)
     span = _span(spec, chosen)
     after = judge(problem, chosen.wanted, chosen.settings, span)
-    if spec.is_automatic:
-        after = polish(problem, after, span)
-    is_polished = after.settings != chosen.settings
     before = judge(problem, chosen.wanted, dict(present), span)
-    verdict = is_better(before.prediction.metrics, after.prediction.metrics, law.free_overshoot)
-    keep = spec.is_automatic and not verdict.better and is_tolerable(before)
+    keep = False
+    if spec.is_automatic:
+        after, keep = _best(problem, before, after, span)
+    is_polished = after.settings != chosen.settings
     changes = () if keep else _changes(law, axis, before, after, is_polished)
     shown = after if changes else before
     remarks = () if reduction is None else reduction.remarks
@@ -145,6 +144,19 @@ def design_from(
     spec = spec or Spec()
     r = reduce(source, axis.dof, inputs or {}, law=axis.law, speed=spec.speed, names=names, covariance=covariance)
     return design(r.model, r.covariance, axis, present, replace(spec, quantum=max(spec.quantum, r.quantum)), r)
+
+
+def _best(problem: Problem, before: Candidate, matched: Candidate, span: float) -> tuple[Candidate, bool]:
+    """Return the gains to offer, and whether the present ones stay: safe to fly, and none in the ranges do better."""
+    free = problem.law.free_overshoot
+    polished = polish(problem, matched, span)
+    for found in (polished, matched):
+        if is_better(before.prediction.metrics, found.prediction.metrics, free).better:
+            return found, False
+    if not is_tolerable(before):
+        return polished, False
+    other = any_better(problem, before, span)
+    return (polished, True) if other is None else (other, False)
 
 
 def _bound(

@@ -19,7 +19,17 @@ from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.result import Margins, ModelFunction, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec
 
-__all__ = ["OVERSHOOT", "Candidate", "choose", "is_tolerable", "judge", "most_overshoot", "objections"]
+__all__ = [
+    "LEAST_GAIN_MARGIN",
+    "LEAST_PHASE_MARGIN",
+    "OVERSHOOT",
+    "Candidate",
+    "choose",
+    "is_tolerable",
+    "judge",
+    "most_overshoot",
+    "objections",
+]
 
 OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
 """Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from gcs_autotune.design.model_function import SETTLED
 from gcs_autotune.design.result import StepMetrics
@@ -22,6 +23,8 @@ NOISE_STDS = 2.0
 """Errors within so many standard deviations of the noise count as none."""
 QUANTUM = 1.01
 """A reading one quantum off the target is as near as the sensor can tell; the hundredth is for float32 rounding."""
+FAR = 5.0
+"""Errors further than so many standard deviations from what counts are read as they are."""
 LAST_PART = 1.0 / 3.0
 """Share of the record that tells about the steady state."""
 
@@ -41,7 +44,14 @@ def combine(found: Sequence[StepMetrics]) -> StepMetrics:
 
 
 def step_metrics(
-    t: Array, target: Array, position: Array, output: Array, *, noise_std: float = 0.0, quantum: float = 0.0
+    t: Array,
+    target: Array,
+    position: Array,
+    output: Array,
+    *,
+    noise_std: float = 0.0,
+    quantum: float = 0.0,
+    unread: float = 0.0,
 ) -> StepMetrics:
     """Measure one step.
 
@@ -51,6 +61,9 @@ def step_metrics(
     step) [rad or m]: errors within :func:`noise_floor` count as none, and the settling band is never narrower than
     that. Single wild samples are replaced by their neighbours' mean. Compare only steps recorded over equally long
     windows: ITAE grows with the window.
+
+    unread : standard deviation [rad or m] of the noise that a simulated *position* is without: its error over time is
+        then that to be expected of a reading through such noise.
 
     Raises
     ------
@@ -69,11 +82,11 @@ def step_metrics(
     smooth = _without_spikes(position, size)[begin:]
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
-    error = np.sign(1.0 - share) * np.maximum(np.abs(1.0 - share) - floor, 0.0)
+    error = _beyond(np.abs(1.0 - share), floor, unread / abs(size))
     last = seconds >= seconds[-1] * (1.0 - LAST_PART)
     swing = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
     return StepMetrics(
-        itae=float(np.trapezoid(seconds * np.abs(error), seconds)),
+        itae=float(np.trapezoid(seconds * error, seconds)),
         overshoot=max(0.0, float(share.max()) - 1.0 - floor),
         rise=_crossing(seconds, share, 0.9) - _crossing(seconds, share, 0.1),
         settling=_settling(seconds, share, max(SETTLED, floor)),
@@ -81,6 +94,21 @@ def step_metrics(
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
         oscillation=swing,
     )
+
+
+def _beyond(error: Array, floor: float, std: float) -> Array:
+    """Return by how much sizes of errors (n,) go beyond *floor*: on the mean, once read through normal noise of *std*.
+
+    ``E max(|e + n| - f, 0)``, both tails of which are the loss function of the normal distribution.
+    """
+    beyond: Array = np.maximum(error - floor, 0.0)
+    if std > 0.0:
+        near = np.abs(error - floor) < FAR * std
+        beyond[near] = sum(
+            std * np.exp(-0.5 * (tail / std) ** 2) / math.sqrt(math.tau) + tail * ndtr(tail / std)
+            for tail in (error[near] - floor, -error[near] - floor)
+        )
+    return beyond
 
 
 def _checked(*signals: Array) -> list[Array]:

@@ -6,6 +6,10 @@ grows with the size of the command. Without it the smaller oscillation is that o
 Most speed controllers do nothing at all near neutral besides. Two sizes of square wave cannot tell such a dead band
 from a curve: each tells one point of the characteristic. A step under the autopilot's own loop, whose output runs
 through all sizes down to the bias it holds against, can; it has been flown anyway.
+
+And no thruster pulls with the square of its command up to full: its motor runs out of voltage, its propeller out of
+water. A square law fitted to small oscillations promises half again the force there is. A step whose output went beyond
+the oscillations tells where the thrust levels off.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design import Proposal, Reduction, Spec, design_from, reduce
+from gcs_autotune.design.actuator import USED
 from gcs_autotune.effects.extended import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
@@ -40,10 +45,13 @@ Array = NDArray[np.float64]
 
 CURVE = "quadratic-actuator"
 DEAD = "dead-zone"
+LEVEL = "saturation"
 _UNEXPLAINED = 0.8
 """The curve must bring what is left unexplained below this share of what it was..."""
 _WORTH_A_LOOK = 4.0
 """Chosen [percent]: what a straight actuator leaves unexplained that nobody need look into."""
+_BEYOND = 1.1
+"""Chosen: a step whose output went so far beyond the oscillations (ratio) can tell that thrust levels off."""
 _SIZES = 3
 """Sizes of oscillation that tell a dead band from a curve."""
 _STDS = 5.0
@@ -56,7 +64,7 @@ def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit, step: Trial | None =
     """Return a model with a thrust curve when the *runs* clearly call for one, else None.
 
     plain : the model without, of the same runs. step : flown under the autopilot's own loop; with it, or with three
-    sizes of oscillation, the curve may turn out to be a dead band, or to have one.
+    sizes of oscillation, the curve may turn out to be a dead band, or to have one, or to level off.
     """
     if left(plain) < _WORTH_A_LOOK:
         return None
@@ -65,15 +73,34 @@ def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit, step: Trial | None =
         return None
     if step is None and len(runs) < _SIZES:
         return curve
-    return _with_dead_band(runs if step is None else [*runs, step], plain, curve)
+    more = [DEAD] if step is None or not _goes_beyond(step, runs, plain.model.axis.force) else [DEAD, LEVEL]
+    return _with_more(runs if step is None else [*runs, step], plain, curve, more)
 
 
-def _with_dead_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit) -> Fit:
-    """Return a model with dead band and curve when the step clearly calls for it, else *curve*."""
-    both, bent = fitted(runs, plain, DEAD, CURVE), fitted(runs, plain, CURVE)
-    if both is None or bent is None:
-        return curve
-    return both if pays(both, bent, DEAD) else curve
+def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
+    flown = max(float(np.max(np.abs(run[force].values))) for run in runs)
+    return float(np.max(np.abs(step[force].values))) > _BEYOND * flown
+
+
+def _with_more(runs: Sequence[Trial], plain: AxisFit, curve: Fit, more: Sequence[str]) -> Fit:
+    """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *curve*."""
+    slugs, best = (CURVE,), fitted(runs, plain, CURVE)
+    found, more = curve, list(more)
+    while more and best is not None:
+        without = best
+        tried = [(slug, fitted(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
+        paying = [(left(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, without, slug)]
+        if not paying:
+            break
+        _, slug, best = min(paying, key=lambda entry: entry[0])
+        found, slugs = best, (slug, *slugs)
+        more.remove(slug)
+    return found
+
+
+def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects as they act: on the command first, on the force last."""
+    return tuple(slug for slug in (LEVEL, DEAD, CURVE) if slug in slugs)
 
 
 def fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str) -> Fit | None:
@@ -103,17 +130,38 @@ def left(found: Fit | AxisFit) -> float:
 
 def told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
     """Return the finding in a sentence. *step*: the one that was looked at too."""
-    share = number(found, CURVE)
-    if any(name.startswith(DEAD) for name in found.parameters):
+    share, has = number(found, CURVE), {name.partition("@")[0] for name in found.parameters}
+    at, part = bent_at_half(found)
+    square = f"{part:.0%} of the force goes with the square of the command at {at:.0%} of full"
+    levels = f", and pushes no harder beyond {number(found, LEVEL).value:.0%}" if LEVEL in has else ""
+    if DEAD in has:
         speak = f"of an actuator that does nothing below {number(found, DEAD).value:.1%} of full"
         if share.value > _STDS * share.std:
-            speak += f", beyond which {share.value:.0%} of the force goes with the square of the command"
-        return f"the {'three oscillations' if step is None else 'oscillations and the step together'} speak {speak}"
+            speak += f", beyond which {square}"
+        told_by = "three oscillations" if step is None else "oscillations and the step together"
+        return f"the {told_by} speak {speak}{levels}"
+    told_by = "oscillations and the step together" if levels else "two oscillations"
     return (
-        "the two oscillations speak of an actuator that is weak for small commands "
-        f"({share.value:.0%} of the force goes with the square of the command): with that the model explains "
-        f"{found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+        f"the {told_by} speak of an actuator that is weak for small commands ({square}){levels}: with that the model "
+        f"explains {found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
+
+
+def bent_at_half(found: Fit) -> tuple[float, float]:
+    """Return an output [fraction of full] and the share of the force there that goes with the square of the command.
+
+    The fitted share is that at the largest output of the runs it was fitted to. Told of one output, half of full, the
+    same thruster has the same share whatever was flown.
+    """
+    share, reference = number(found, CURVE).value, _reference(found)
+    dead = next((p.value for name, p in found.parameters.items() if name.startswith(DEAD)), 0.0)
+    square = share * max(USED - dead, 0.0) / reference
+    return USED, square / (1.0 - share + square)
+
+
+def _reference(found: Fit) -> float:
+    assert isinstance(found.model, ExtendedModel)
+    return next(own.constants["u_ref"] for own in found.model.effects if own.slug == CURVE)
 
 
 def design_with_curve(found: Fit, axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:

@@ -8,17 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.autopilot.autopilot import Autopilot
-from sitl.autopilot.parameters import Definition
+from sitl.autopilot.autopilot import SLOW_RATE, Autopilot
+from sitl.autopilot.parameters import Definition, ParameterStore
 from sitl.autopilot.rover import Rover
 from sitl.autopilot.rover_parameters import ROVER_PARAMETERS
 from sitl.autopilot.sub import Sub
 from sitl.autopilot.sub_parameters import SUB_PARAMETERS
 
-__all__ = ["FIRMWARE", "Autopilot"]
+__all__ = ["FIRMWARE", "SLOW_RATE", "Autopilot", "loop_rate"]
 
 FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
     "rover": (Rover, ROVER_PARAMETERS),
     "sub": (Sub, SUB_PARAMETERS),
 }
 """Name in a vehicle's data file -> the autopilot and its parameters."""
+
+_MOST_RATE = 1000
+"""Time is told in whole milliseconds."""
+
+
+def loop_rate(parameters: ParameterStore) -> int:
+    """Return SCHED_LOOP_RATE [Hz] as it acts here: a multiple of :data:`SLOW_RATE`, at most 1000."""
+    whole = int(parameters["SCHED_LOOP_RATE"]) // SLOW_RATE * SLOW_RATE
+    return max(SLOW_RATE, min(_MOST_RATE, whole))

@@ -13,10 +13,14 @@ from sitl.autopilot.rc_input import RcInput
 from sitl.autopilot.servo_rail import ServoRail
 from sitl.sensors import Reading
 
-__all__ = ["CRITICAL", "ERROR", "INFO", "WARNING", "Autopilot"]
+__all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot"]
+
+SLOW_RATE = 50
+"""Hz at which sticks are read and failsafes looked at, whatever the loop rate (ArduPilot's scheduler tables)."""
 
 CRITICAL, ERROR, WARNING, INFO = 2, 3, 4, 6
 """MAV_SEVERITY."""
+_SLOW_PERIOD_MS = 1000 // SLOW_RATE
 _PREARM_PERIOD_MS = 1000
 _PREARM_REPORT_MS = 30000
 _FIRST_REPORT_MS = 2000
@@ -102,10 +106,11 @@ class Autopilot(ABC):
         """Run one loop at *ms* since boot."""
         self.ms = ms
         self.estimate.update(reading, self.dt)
-        self.check_failsafes()
-        self.battery.update(self, voltage, consumed_mah)
-        if ms % _PREARM_PERIOD_MS == 0:
-            self._check_prearm()
+        if ms % _SLOW_PERIOD_MS == 0:
+            self.check_failsafes()
+            self.battery.update(self, voltage, consumed_mah)
+            if ms % _PREARM_PERIOD_MS == 0:
+                self._check_prearm()
         if self.armed:
             self.mode.run()
         self.write_outputs()

@@ -26,7 +26,7 @@ class Estimate:
         self.roll_rate = self.pitch_rate = self.yaw_rate = 0.0
         self.speed = 0.0
         self.x = self.y = self.z = 0.0
-        self.vx = self.vy = self.vz = 0.0
+        self._sway = self.vz = 0.0
         self.climb = self.climb_acceleration = 0.0
 
     def update(self, reading: Reading, dt: float) -> None:
@@ -37,9 +37,16 @@ class Estimate:
         self.yaw_rate = self._gyro.apply(reading.r, values["INS_GYRO_FILTER"], dt)
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
-        c, s = math.cos(reading.psi), math.sin(reading.psi)
-        self.vx = reading.u * c - reading.v * s
-        self.vy = reading.u * s + reading.v * c
-        self.vz = reading.w
+        self._sway, self.vz = reading.v, reading.w
         self.climb = -reading.w
         self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)
+
+    @property
+    def vx(self) -> float:
+        """The velocity to the north [m/s]."""
+        return self.speed * math.cos(self.yaw) - self._sway * math.sin(self.yaw)
+
+    @property
+    def vy(self) -> float:
+        """The velocity to the east [m/s]."""
+        return self.speed * math.sin(self.yaw) + self._sway * math.cos(self.yaw)

@@ -18,7 +18,7 @@ class Pid:
     """
 
     def __init__(self, parameters: ParameterStore, prefix: str) -> None:
-        self._values = parameters.values
+        self._parameters, self._version, self._dt = parameters, -1, 0.0
         names = ("P", "I", "D", "FF", "D_FF", "IMAX", "FLTT", "FLTE", "FLTD", "PDMX")
         self._p, self._i, self._d, self._ff, self._dff, *rest = (f"{prefix}_{name}" for name in names)
         self._imax, self._fltt, self._flte, self._fltd, self._pdmx = rest
@@ -28,6 +28,8 @@ class Pid:
         self.p_part = self.d_part = self.feed_forward = 0.0
         self._error = self._derivative = 0.0
         self._fresh = True
+        self._kp = self._ki = self._kd = self._kff = self._kdff = self._most = self._most_pd = 0.0
+        self._new_target = self._new_error = self._new_slope = 1.0
 
     def reset(self) -> None:
         """Forget the integral and let the filters start anew."""
@@ -36,7 +38,8 @@ class Pid:
 
     def update(self, target: float, measured: float, dt: float, limited: bool) -> float:
         """Return P + I + D. While *limited* (the actuator saturates) the integral may only shrink."""
-        values = self._values
+        if self._version != self._parameters.version or dt != self._dt:
+            self._read_gains(dt)
         last_error, last_target = self._error, self.target
         if self._fresh:
             self._fresh = False
@@ -44,30 +47,36 @@ class Pid:
             self._error = target - measured
             self._derivative = 0.0
         else:
-            self.target += low_pass_share(values.get(self._fltt, 0.0), dt) * (target - self.target)
-            self._error += low_pass_share(values[self._flte], dt) * (self.target - measured - self._error)
+            self.target += self._new_target * (target - self.target)
+            self._error += self._new_error * (self.target - measured - self._error)
             slope = (self._error - last_error) / dt
-            self._derivative += low_pass_share(values[self._fltd], dt) * (slope - self._derivative)
+            self._derivative += self._new_slope * (slope - self._derivative)
         self.measured = measured
-        self.feed_forward = self.target * values[self._ff]
-        self.feed_forward += (self.target - last_target) / dt * values.get(self._dff, 0.0)
-        self._integrate(dt, limited)
-        self.p_part = self._error * values[self._p]
-        self.d_part = self._derivative * values[self._d]
-        self._limit_p_and_d(values.get(self._pdmx, 0.0))
+        self.feed_forward = self.target * self._kff
+        self.feed_forward += (self.target - last_target) / dt * self._kdff
+        if self._ki == 0.0:
+            self.integrator = 0.0
+        elif not limited or self.integrator * self._error < 0.0:
+            limit = max(self._most, self.least_imax)
+            self.integrator = clamp(self.integrator + self._error * self._ki * dt, -limit, limit)
+        self.p_part = self._error * self._kp
+        self.d_part = self._derivative * self._kd
+        if self._most_pd > 0.0:
+            self._limit_p_and_d(self._most_pd)
         return self.p_part + self.integrator + self.d_part
 
-    def _integrate(self, dt: float, limited: bool) -> None:
-        gain = self._values[self._i]
-        if gain == 0.0:
-            self.integrator = 0.0
-            return
-        if not limited or self.integrator * self._error < 0.0:
-            limit = max(self._values[self._imax], self.least_imax)
-            self.integrator = clamp(self.integrator + self._error * gain * dt, -limit, limit)
+    def _read_gains(self, dt: float) -> None:
+        values = self._parameters.values
+        self._version, self._dt = self._parameters.version, dt
+        self._kp, self._ki, self._kd, self._kff = (values[n] for n in (self._p, self._i, self._d, self._ff))
+        self._kdff, self._most_pd = values.get(self._dff, 0.0), values.get(self._pdmx, 0.0)
+        self._most = values[self._imax]
+        self._new_target = low_pass_share(values.get(self._fltt, 0.0), dt)
+        self._new_error = low_pass_share(values[self._flte], dt)
+        self._new_slope = low_pass_share(values[self._fltd], dt)
 
     def _limit_p_and_d(self, limit: float) -> None:
         size = abs(self.p_part + self.d_part)
-        if 0.0 < limit < size:
+        if limit < size:
             self.p_part *= limit / size
             self.d_part *= limit / size

@@ -23,6 +23,8 @@ class RcInput:
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
+        self._parameters, self._version = parameters, -1
+        self._known_ends: dict[int, tuple[float, float, float, int]] = {}
         self.pwm = [_STICK_PWM] * (CHANNELS + 1)
         self._override = [0] * (CHANNELS + 1)
         self._stamp = [0] * (CHANNELS + 1)
@@ -92,6 +94,11 @@ class RcInput:
         return 0.0 if span <= 0.0 else max(-1.0, min(1.0, sign * (pwm - trim) / span))
 
     def _ends(self, channel: int) -> tuple[float, float, float, int]:
-        values = self._values
-        low, trim, high, reverse = _KEYS[channel]
-        return values[low], values[trim], values[high], -1 if values[reverse] else 1
+        if self._version != self._parameters.version:
+            self._version = self._parameters.version
+            values = self._values
+            self._known_ends = {
+                n: (values[low], values[trim], values[high], -1 if values[reverse] else 1)
+                for n, (low, trim, high, reverse) in _KEYS.items()
+            }
+        return self._known_ends[channel]

@@ -29,8 +29,10 @@ class ServoRail:
         """Set every assigned channel to ``pulse_for(function, low, trim, high, sign)``."""
         if self._version != self._parameters.version:
             self._read_assignments()
+        pwm = self.pwm
         for index, function, low, trim, high, sign in self._rows:
-            self.pwm[index] = max(0, min(_MOST_PWM, pulse_for(function, low, trim, high, sign)))
+            pulse = pulse_for(function, low, trim, high, sign)
+            pwm[index] = pulse if 0 <= pulse <= _MOST_PWM else max(0, min(_MOST_PWM, pulse))
 
     def _read_assignments(self) -> None:
         values = self._parameters.values

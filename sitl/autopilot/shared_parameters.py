@@ -61,7 +61,7 @@ RC_OPTIONS        i32 0
 RC_OVERRIDE_TIME  f32 3
 RC_PROTOCOLS      i32 1
 SCHED_DEBUG       i8  0
-SCHED_LOOP_RATE   i16 50 ro   # one loop rate here, and it cannot be changed without a reboot on a real one
+SCHED_LOOP_RATE   i16 50 ro   # acts at boot only, as on a real one; see loop_rate
 SCHED_OPTIONS     i8  0
 SIM_BATT_VOLTAGE  f32 12.6
 SIM_RC_FAIL       i8  1

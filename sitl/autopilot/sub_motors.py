@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from sitl.autopilot.parameters import ParameterStore
@@ -27,7 +28,7 @@ _FRAMES: Mapping[int, Sequence[tuple[float, float, float, float]]] = {
 3 vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom. Roll and pitch are passive here and have no
 factors."""
 _FIRST_MOTOR_FUNCTION, _LAST_MOTOR_FUNCTION = 33, 40
-_SPAN_PWM = 400
+_SPAN_PWM = 400.0
 _NEUTRAL_PWM = 1500
 _ROUNDING = 1e-6
 """Pulses are cut to whole microseconds; this keeps an exact stick exact."""
@@ -40,12 +41,17 @@ class SubMotors:
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
-        self._values = parameters.values
+        self._parameters = parameters
+        self._version = -1
+        self._motors: list[tuple[int, int, int, int, float]] = []
+        self._which: list[int] = []
+        self._lowest, self._highest = 0, 0
         self._dt = dt
         self.yaw = self.forward = self.lateral = 0.0
         self.throttle_in = self.throttle = 0.5
         self._cutoff = 0.0
-        self._outputs: tuple[float, ...] = ()
+        self._pulses: list[int] = []
+        self._written = (math.nan,) * 4
 
     @property
     def limit_yaw(self) -> bool:
@@ -74,16 +80,40 @@ class SubMotors:
         self.throttle += low_pass_share(self._cutoff, self._dt) * (self.throttle_in - self.throttle)
         up = 2.0 * self.throttle - 1.0
         self.yaw = clamp(self.yaw, -1.0, 1.0)
-        self._outputs = tuple(
-            clamp(self.yaw * yaw + self.forward * ahead + self.lateral * side + up * lift, -1.0, 1.0)
-            for yaw, ahead, side, lift in _FRAMES.get(int(self._values["FRAME_CONFIG"]), ())
-        )
+        demands = self.yaw, self.forward, self.lateral, up
+        if self._version != self._parameters.version:
+            self._read_frame()
+        elif demands == self._written:
+            return
+        self._written = demands
+        distinct = [self._pulse_of(*demands, motor) for motor in self._motors]
+        self._pulses = [distinct[k] for k in self._which]
         rail.write(self._pulse)
+
+    def _read_frame(self) -> None:
+        values = self._parameters.values
+        self._version = self._parameters.version
+        self._lowest, self._highest = int(values["MOT_PWM_MIN"]), int(values["MOT_PWM_MAX"])
+        motors = [
+            (*factors, -_SPAN_PWM if values[f"MOT_{n}_DIRECTION"] < 0.0 else _SPAN_PWM)
+            for n, factors in enumerate(_FRAMES.get(int(values["FRAME_CONFIG"]), ()), start=1)
+        ]
+        self._motors = list(dict.fromkeys(motors))
+        self._which = [self._motors.index(motor) for motor in motors]
+
+    def _pulse_of(
+        self, yaw: float, ahead: float, side: float, up: float, motor: tuple[int, int, int, int, float]
+    ) -> int:
+        output = yaw * motor[0] + ahead * motor[1] + side * motor[2] + up * motor[3]
+        if output > 1.0:
+            output = 1.0
+        elif output < -1.0:
+            output = -1.0
+        pulse = int(_NEUTRAL_PWM + motor[4] * output + _ROUNDING)
+        return max(self._lowest, min(self._highest, pulse))
 
     def _pulse(self, function: int, low: int, trim: int, high: int, sign: int) -> int:
         index = function - _FIRST_MOTOR_FUNCTION
-        if not _FIRST_MOTOR_FUNCTION <= function <= _LAST_MOTOR_FUNCTION or index >= len(self._outputs):
+        if not _FIRST_MOTOR_FUNCTION <= function <= _LAST_MOTOR_FUNCTION or index >= len(self._pulses):
             return trim
-        direction = -1.0 if self._values[f"MOT_{index + 1}_DIRECTION"] < 0.0 else 1.0
-        pulse = int(_NEUTRAL_PWM + _SPAN_PWM * direction * self._outputs[index] + _ROUNDING)
-        return max(int(self._values["MOT_PWM_MIN"]), min(int(self._values["MOT_PWM_MAX"]), pulse))
+        return self._pulses[index]

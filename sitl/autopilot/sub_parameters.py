@@ -131,7 +131,7 @@ WP_YAW_BEHAVIOR   i8  4
 XTRACK_ANG_LIM    i16 45
 """
 
-_OVERRIDES = {"ARMING_CHECK": 448.0, "INS_ACCEL_FILTER": 20.0}
+_OVERRIDES = {"ARMING_CHECK": 448.0, "INS_ACCEL_FILTER": 20.0, "SCHED_LOOP_RATE": 400.0}
 
 
 def _definitions() -> tuple[Definition, ...]:

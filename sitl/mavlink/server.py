@@ -21,7 +21,7 @@ from sitl.mavlink.report import Reporter
 from sitl.mavlink.signing import handle_setup_signing
 from sitl.mavlink.streams import STREAM_GROUPS, Streams
 from sitl.mavlink.telemetry import MESSAGES, available_messages
-from sitl.vehicle import TICKS_PER_SECOND, Vehicle
+from sitl.vehicle import Vehicle
 
 __all__ = ["HANDLERS", "Server"]
 
@@ -40,8 +40,8 @@ class Server:
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.now = 0.0
-        self._up_ticks = round(vehicle.data.up_delay * TICKS_PER_SECOND)
-        self._down_ticks = round(vehicle.data.down_delay * TICKS_PER_SECOND)
+        self._up_ticks = round(vehicle.data.up_delay * vehicle.rate)
+        self._down_ticks = round(vehicle.data.down_delay * vehicle.rate)
         self._uplink: deque[tuple[int, bytes]] = deque()
         self._downlink: deque[tuple[int, bytes]] = deque()
         self._out = bytearray()
@@ -50,13 +50,13 @@ class Server:
         self._reboots = False
         self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
-        self.streams = Streams(available_messages(vehicle.autopilot))
+        self.streams = Streams(available_messages(vehicle.autopilot), vehicle.rate)
         self._announce()
 
     @property
     def now_us(self) -> int:
         """The vehicle's time of boot stamps [us]."""
-        return self.vehicle.ms * 1000
+        return self.vehicle.boot_us
 
     def receive(self, data: bytes) -> None:
         """Take bytes that arrive now."""
@@ -68,7 +68,7 @@ class Server:
         if not math.isfinite(t) or t <= self.now:
             return b""
         self.now = t
-        last = math.floor(t * TICKS_PER_SECOND + _ROUNDING)
+        last = math.floor(t * self.vehicle.rate + _ROUNDING)
         arrived = bytearray()
         while self.vehicle.tick < last:
             self._tick()
@@ -129,7 +129,7 @@ class Server:
         self._reboots = False
         self.vehicle.reboot()
         self.parameters = ParameterProtocol(self)
-        self.streams = Streams(available_messages(self.vehicle.autopilot))
+        self.streams = Streams(available_messages(self.vehicle.autopilot), self.vehicle.rate)
         self._announce()
 
     def _hear(self, data: bytes) -> None:

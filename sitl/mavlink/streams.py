@@ -9,7 +9,6 @@ from sitl.mavlink.telemetry import MESSAGES
 
 __all__ = ["STREAM_GROUPS", "Streams"]
 
-_TICK_US = 20_000
 _LONGEST_US = 2**31 - 1
 _DENY_SHARE = 0.8
 """ArduPilot denies an interval when 0.8 of it is shorter than its loop."""
@@ -38,11 +37,14 @@ STREAM_GROUPS = {
 class Streams:
     """Intervals in microseconds. A message falls due at the first tick at or after each multiple of its interval.
 
-    So 40 Hz comes as gaps of 20 and 40 ms on our 50 Hz loop, and 10 Hz falls on whole tenths of a second.
+    So 40 Hz comes as gaps of 20 and 40 ms on a 50 Hz loop, and 10 Hz falls on whole tenths of a second. *rate*: of the
+    loop [Hz].
     """
 
-    def __init__(self, available: Iterable[int]) -> None:
+    def __init__(self, available: Iterable[int], rate: int) -> None:
         self.available = frozenset(available)
+        self._loop_us = 1e6 / rate
+        self._soonest = 0
         self._interval: dict[int, int] = {}
         self._next: dict[int, int] = {}
         for message in MESSAGES:
@@ -55,7 +57,7 @@ class Streams:
 
     def is_too_fast(self, interval: float) -> bool:
         """Return whether *interval* [us] is denied."""
-        return 0.0 < interval * _DENY_SHARE < _TICK_US
+        return 0.0 < interval * _DENY_SHARE < self._loop_us
 
     def request(self, message: int, interval: float, now_us: int) -> None:
         """Send *message* every *interval* [us]; 0 is its default, negative turns it off."""
@@ -66,11 +68,14 @@ class Streams:
 
     def due(self, now_us: int) -> Iterator[int]:
         """Yield the messages due at *now_us*, in a fixed order."""
+        if now_us < self._soonest:
+            return
         for message, when in self._next.items():
             if now_us >= when:
                 interval = self._interval[message]
                 self._next[message] = (now_us // interval + 1) * interval
                 yield message
+        self._soonest = min(self._next.values(), default=_LONGEST_US)
 
     @staticmethod
     def _default(message: int) -> int:
@@ -83,4 +88,5 @@ class Streams:
             self._next.pop(message, None)
             return
         self._interval[message] = interval
+        self._soonest = 0
         self._next[message] = (now_us // interval + 1) * interval

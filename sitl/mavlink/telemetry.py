@@ -79,7 +79,7 @@ def _local_position(vehicle: Vehicle) -> Message:
 
 
 def _servo_output(vehicle: Vehicle) -> Message:
-    return mavlink.MAVLink_servo_output_raw_message(vehicle.ms * 1000 & 0xFFFFFFFF, 0, *vehicle.autopilot.pwm)
+    return mavlink.MAVLink_servo_output_raw_message(vehicle.boot_us & 0xFFFFFFFF, 0, *vehicle.autopilot.pwm)
 
 
 def _rc_channels(vehicle: Vehicle) -> Message:
@@ -113,7 +113,7 @@ def _estimator(vehicle: Vehicle) -> Message:
 
 
 def _system_time(vehicle: Vehicle) -> Message:
-    return mavlink.MAVLink_system_time_message(_EPOCH_US + vehicle.tick * 20_000, vehicle.ms)
+    return mavlink.MAVLink_system_time_message(_EPOCH_US + vehicle.us, vehicle.ms)
 
 
 def _autopilot_version(vehicle: Vehicle) -> Message:

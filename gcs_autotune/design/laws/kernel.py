@@ -25,6 +25,7 @@ __all__ = [
     "advance",
     "clip",
     "compiled",
+    "delayed",
     "gyro_coefficients",
     "plant_vector",
     "smoothing",
@@ -40,6 +41,8 @@ STANDING_MOST = 0.5
 FINEST = 0.1
 """A substep of the craft's motion may take at most this share of its shortest time constant."""
 MOST_SUBSTEPS = 50
+HELD = 0.5
+"""Loops by which an output that is held for one acts late on the mean."""
 
 
 def _clip(value: float, low: float, high: float) -> float:
@@ -113,13 +116,28 @@ def _actuate(output: float, actuator: NDArray[np.float64], memory: NDArray[np.fl
 actuate = compiled(_actuate)
 
 
+def _delayed(sent: NDArray[np.float64], k: int, late: float, before: float) -> float:
+    """Return what acts, on the mean, during loop *k* of outputs that are *late* (in loops, besides being held for one).
+
+    *before* acts until the first of *sent* arrives.
+    """
+    whole = int(late)
+    new = sent[k - whole] if k >= whole else before
+    old = sent[k - whole - 1] if k > whole else before
+    return float(new + (late - whole) * (old - new))
+
+
+delayed = compiled(_delayed)
+
+
 def plant_vector(
     model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT
 ) -> NDArray[np.float64]:
     """Return what the kernels need of craft and scenario.
 
     ``(alpha, beta, beta_quadratic, delta, dt, substeps, delay in loops, step, push, loop at which it starts, loop at
-    which the step comes, constant force already worked off)``
+    which the step comes, constant force already worked off, loop at which the step is taken back)``. Holding an output
+    for a loop delays it by half a loop, which is part of *delay* and happens by itself here: it is taken out.
     """
     fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
     rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
@@ -133,12 +151,13 @@ def plant_vector(
             model.delta,
             dt,
             substeps,
-            round((model.delay + delay) / dt),
+            max((model.delay + delay) / dt - HELD, 0.0),
             scenario.step,
             scenario.push,
             push_at,
             round(scenario.lead / dt),
             -actuator.output_for(-model.delta) if scenario.lead == 0.0 else 0.0,
+            round(scenario.back_at / dt) if math.isfinite(scenario.back_at) else 1e12,
         ]
     )
 

@@ -32,7 +32,8 @@ class Scenario:
     """A step of *step* [rad or m], and a constant force *push* [fraction] from ``push_at`` [s] on.
 
     Without ``lead`` the step comes at t = 0 to a loop that has long worked off the craft's own constant force. With
-    it the loop takes over a craft at rest, its integral empty, and the step comes ``lead`` [s] later.
+    it the loop takes over a craft at rest, its integral empty, and the step comes ``lead`` [s] later. At ``back_at``
+    [s] the step is taken back: with whatever its integral holds by then.
     """
 
     step: float
@@ -40,6 +41,7 @@ class Scenario:
     push: float = 0.0
     push_at: float = math.inf
     lead: float = 0.0
+    back_at: float = math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)

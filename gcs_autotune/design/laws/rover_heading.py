@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.about_rest import AboutRest
-from gcs_autotune.design.laws.kernel import STANDING_MOST, actuate, advance, clip, compiled, smoothing, wrap
+from gcs_autotune.design.laws.kernel import STANDING_MOST, actuate, advance, clip, compiled, delayed, smoothing, wrap
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.paths import integral_over_proportional
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
@@ -49,8 +49,8 @@ def _fly(
         limits[4],
         limits[5] > 0.0,
     )
-    dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
-    step_at, rest = plant[10], plant[11]
+    dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
+    step_at, rest, back_at = plant[10], plant[11], plant[12]
     f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
     r = slope = x1 = x2 = y1 = y2 = 0.0
     integral = clip(-rest / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
@@ -62,7 +62,7 @@ def _fly(
     memory = np.zeros(4)
     for k in range(len(position)):
         position[k] = psi
-        aim = step if k >= step_at else 0.0
+        aim = step if step_at <= k < back_at else 0.0
         measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
         x2, x1, y2, y1 = x1, r, y1, measured
         e = wrap(aim - psi)
@@ -83,7 +83,7 @@ def _fly(
         servo = clip(u, -1.0, 1.0)
         limited = not grows or servo != u
         output[k] = servo
-        applied = actuate(output[k - wait] if k >= wait else trim, actuator, memory)
+        applied = actuate(delayed(output, k, late, trim), actuator, memory)
         force = applied + (push if k >= push_at else 0.0)
         psi, r = advance(psi, r, force, plant)
 

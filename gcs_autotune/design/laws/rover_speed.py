@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import Actuator
 from gcs_autotune.design.laws.about_speed import AboutSpeed, holding, local_drag
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, smoothing
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.paths import pid_path
 from gcs_autotune.design.laws.rover_throttle import pulse_of, shape, throttle_of, throttle_shape
@@ -45,7 +45,8 @@ def _fly(
     kp, ki, kd, kff = gains[0], gains[1], gains[2], gains[3]
     imax, up, down, brakes, slew = limits[0], limits[1], limits[2], limits[3] > 0.0, limits[4]
     most, least, expo, cruise = limits[5], limits[6], limits[7], limits[8]
-    dt, wait, step, push, push_at, step_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9], plant[10]
+    dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
+    back_at = plant[12]
     f_t, f_e, f_d = smoothing(limits[9], dt), smoothing(limits[10], dt), smoothing(limits[11], dt)
     v0, throttle, before = start[0], start[1], int(start[2])
     v = desired = target = v0
@@ -59,7 +60,7 @@ def _fly(
         k = j - before
         if k >= 0:
             position[k] = v - v0
-        aim = v0 + step if k >= step_at else v0
+        aim = v0 + step if step_at <= k < back_at else v0
         rate = down if (abs(aim) < abs(desired) and down > 0.0) else up
         desired = clip(aim, desired - rate * dt, desired + rate * dt) if rate > 0.0 else aim
         target += f_t * (desired - target)
@@ -79,7 +80,7 @@ def _fly(
         sent[j] = pulse
         if k >= 0:
             output[k] = pulse
-        applied = actuate(sent[j - wait] if j >= wait else trim, actuator, memory)
+        applied = actuate(delayed(sent, j, late, trim), actuator, memory)
         x, v = advance(x, v, applied + (push if k >= push_at else 0.0), plant)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.about_speed import AboutSpeed
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, smoothing
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
 from gcs_autotune.design.open_loop import Rational, second_order
@@ -39,7 +39,8 @@ def _fly(
 ) -> None:
     kff, kp, ki, kd = gains[0], gains[1], gains[2], gains[3]
     imax, rate_max, acc_max, scale, grows = limits[0], limits[1], limits[2], limits[3], limits[4] > 0.0
-    dt, wait, step, push, push_at, step_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9], plant[10]
+    dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
+    back_at = plant[12]
     f_t, f_e, f_d = smoothing(limits[5], dt), smoothing(limits[6], dt), smoothing(limits[7], dt)
     v0, trim, before = start[0], start[1], int(start[2])
     r = x1 = x2 = y1 = y2 = demand = target = v0
@@ -54,7 +55,7 @@ def _fly(
             position[k] = r - v0
         measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
         x2, x1, y2, y1 = x1, r, y1, measured
-        wish = v0 + step if k >= step_at else v0
+        wish = v0 + step if step_at <= k < back_at else v0
         if acc_max > 0.0:
             wish = clip(wish, demand - acc_max * dt, demand + acc_max * dt)
         demand = clip(wish, -rate_max, rate_max)
@@ -70,7 +71,7 @@ def _fly(
         sent[j] = servo
         if k >= 0:
             output[k] = servo
-        applied = actuate(sent[j - wait] if j >= wait else trim, actuator, memory)
+        applied = actuate(delayed(sent, j, late, trim), actuator, memory)
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 

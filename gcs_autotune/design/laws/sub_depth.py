@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws.about_rest import AboutRest
-from gcs_autotune.design.laws.kernel import STANDING_MOST, actuate, advance, clip, compiled, smoothing, sqrt_control
+from gcs_autotune.design.laws.kernel import (
+    STANDING_MOST,
+    actuate,
+    advance,
+    clip,
+    compiled,
+    delayed,
+    smoothing,
+    sqrt_control,
+)
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.paths import integral_over_proportional, pid_path
 from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator
@@ -47,8 +56,8 @@ def _fly(
 ) -> None:
     pos, vel, vel_i, acc, acc_i, acc_ff = gains[0], gains[1], gains[2], gains[3], gains[4], gains[5]
     v_max, a_max, vel_imax, imax, hover = limits[0], limits[1], limits[2], limits[3], limits[4]
-    dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
-    step_at, rest = plant[10], plant[11]
+    dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
+    step_at, rest, back_at = plant[10], plant[11], plant[12]
     f_v, f_t, f_e = smoothing(limits[5], dt), smoothing(limits[6], dt), smoothing(limits[7], dt)
     f_u = smoothing(THROTTLE_CUTOFF, dt)
     w = a = v_integral = 0.0
@@ -61,7 +70,7 @@ def _fly(
     memory = np.zeros(4)
     for k in range(len(position)):
         position[k] = z
-        aim = step if k >= step_at else 0.0
+        aim = step if step_at <= k < back_at else 0.0
         wish = clip(sqrt_control(aim - z, pos, a_max), -v_max, v_max)
         v_error += f_v * (wish - w - v_error)
         if not limited or v_integral * v_error < 0.0:
@@ -75,7 +84,7 @@ def _fly(
         thrust += f_u * (clip(u, -1.0, 1.0) - thrust)
         limited = abs(thrust) >= 0.999
         output[k] = thrust
-        applied = actuate(output[k - wait] if k >= wait else trim, actuator, memory)
+        applied = actuate(delayed(output, k, late, trim), actuator, memory)
         was = w
         z, w = advance(z, w, applied + (push if k >= push_at else 0.0), plant)
         a = (w - was) / dt

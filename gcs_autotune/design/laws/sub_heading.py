@@ -18,6 +18,7 @@ from gcs_autotune.design.laws.kernel import (
     advance,
     clip,
     compiled,
+    delayed,
     smoothing,
     sqrt_control,
     wrap,
@@ -56,8 +57,8 @@ def _fly(
         limits[5] > 0.0,
         limits[6],
     )
-    dt, wait, step, push, push_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9]
-    step_at, rest = plant[10], plant[11]
+    dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
+    step_at, rest, back_at = plant[10], plant[11], plant[12]
     f_t, f_e, f_d = smoothing(limits[7], dt), smoothing(limits[8], dt), smoothing(limits[9], dt)
     r = lead = lead_rate = slope = x1 = x2 = y1 = y2 = 0.0
     integral = clip(-rest, -imax, imax) if ki > 0.0 else 0.0
@@ -68,7 +69,7 @@ def _fly(
     memory = np.zeros(4)
     for k in range(len(position)):
         position[k] = psi
-        aim = step if k >= step_at else 0.0
+        aim = step if step_at <= k < back_at else 0.0
         measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
         x2, x1, y2, y1 = x1, r, y1, measured
         ahead = wrap(aim - lead)
@@ -93,7 +94,7 @@ def _fly(
         thrust = clip(u, -1.0, 1.0)
         limited = thrust != u
         output[k] = thrust
-        applied = actuate(output[k - wait] if k >= wait else trim, actuator, memory)
+        applied = actuate(delayed(output, k, late, trim), actuator, memory)
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 

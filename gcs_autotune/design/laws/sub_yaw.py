@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws.about_speed import AboutSpeed
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, smoothing, sqrt_control
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing, sqrt_control
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.sub_heading import ACCELERATION, ANG, ERROR_MAX, FILTERS, FIXED, D, I, P, SubHeading
 from gcs_autotune.design.laws.sub_heading import DEFAULTS as OF_HEADING
@@ -52,7 +52,8 @@ def _fly(
         limits[4],
         limits[5],
     )
-    dt, wait, step, push, push_at, step_at = plant[4], int(plant[6]), plant[7], plant[8], plant[9], plant[10]
+    dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
+    back_at = plant[12]
     f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
     v0, trim, before = start[0], start[1], int(start[2])
     r = x1 = x2 = y1 = y2 = target = v0
@@ -68,7 +69,7 @@ def _fly(
             position[k] = r - v0
         measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
         x2, x1, y2, y1 = x1, r, y1, measured
-        wish = v0 + step if k >= step_at else v0
+        wish = v0 + step if step_at <= k < back_at else v0
         if shaped:
             lead_rate = clip(wish, lead_rate - shape_acc * dt, lead_rate + shape_acc * dt)
             lead += lead_rate * dt
@@ -89,7 +90,7 @@ def _fly(
         sent[j] = thrust
         if k >= 0:
             output[k] = thrust
-        applied = actuate(sent[j - wait] if j >= wait else trim, actuator, memory)
+        applied = actuate(delayed(sent, j, late, trim), actuator, memory)
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 
