@@ -84,7 +84,8 @@ def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
 
 def _with_more(runs: Sequence[Trial], plain: AxisFit, curve: Fit, more: Sequence[str]) -> Fit:
     """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *curve*."""
-    slugs, best = (CURVE,), fitted(runs, plain, CURVE)
+    slugs: tuple[str, ...] = (CURVE,)
+    best = fitted(runs, plain, CURVE)
     found, more = curve, list(more)
     while more and best is not None:
         without = best

@@ -1,0 +1,295 @@
+"""How near do tunes come to the best gains there are? Whole tunes, beside a search that knows the craft.
+
+Every craft is tuned over several seeds of its sensors' noise. Beside them stands the best of a Nelder-Mead search that
+may fly the simulator itself: each trial of gains is a step and a step back of the vehicle's own autopilot, held to the
+margins that a design asks for, computed from the true hull and the true thrust curve. What is compared is the error
+over time (ITAE) as flown, by the ruler of a tune.
+
+Goals: kept with at most 1.3 times the best in 95 % of tunes (of those left alone: the present gains within 1.3), and
+predicted within 25 % of flown in 90 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from gcs_autotune.design import StepMetrics, combine, step_metrics
+from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.margins import Plant, margins_of_each, worst
+from gcs_autotune.design.selection import LEAST_OVERSHOOT
+from gcs_autotune.design.spec import Spec
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.firmware import FIRMWARE, Axis, Gain
+from gcs_autotune.link import MemoryLink, Transport
+from gcs_autotune.report import TuneStory
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
+from gcs_autotune.workflow.settings import DEFAULTS
+from sitl import Server, open_vehicle
+from sitl.vehicle import Vehicle
+
+__all__ = ["CASES", "main"]
+
+Array = NDArray[np.float64]
+
+CASES: Sequence[tuple[str, str]] = tuple(
+    (vehicle, axis)
+    for vehicle, axes in (
+        ("bluerov2", ("heading", "yaw", "depth")),
+        ("bluerov2-loaded", ("heading", "yaw", "depth")),
+        ("falcon", ("heading", "depth")),
+        ("videoray", ("heading", "depth")),
+        ("charlie", ("heading",)),
+        ("blueboat", ("heading",)),
+        ("automarine", ("heading",)),
+    )
+    for axis in axes
+)
+"""(vehicle, axis)."""
+SEARCHED = frozenset({"bluerov2", "bluerov2-loaded"})
+"""Vehicles with a search beside them."""
+WITHIN, NEAR = 1.3, 0.25
+PRICE = 20.0
+_NEUTRAL, _STICK = 1500, 45
+USED = 0.5
+"""Outputs up to which margins are held, as the design does."""
+
+
+@dataclass(frozen=True)
+class Aboard(Connection):
+    """A connection to a vehicle in this process."""
+
+    uri: str = "memory"
+    server: Server | None = None
+
+    def open(self) -> Transport:
+        """Return a link to it."""
+        assert self.server is not None
+        return MemoryLink(self.server)
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """How one tune ended: ITAE predicted and flown, NaN where there is none; ``offered``: what the vehicle has now."""
+
+    ending: str
+    before: float
+    predicted: float
+    flown: float
+
+
+def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
+    """Tune and return how it went."""
+    server = open_vehicle(vehicle, seed=seed)
+    with tempfile.TemporaryDirectory() as folder:
+        settings = TuneSettings(axis, Aboard(server=server), Path(folder) / "run")
+        try:
+            story: TuneStory = tune(settings, Unattended(), SilentWatcher(), "2026-11-20T12:00:00")
+        except AutotuneError as error:
+            print(f"   {vehicle} {axis} {seed}: {error}")
+            return Tuned("aborted", math.nan, math.nan, math.nan)
+    predicted = math.nan if story.proposal is None else story.proposal.after.metrics.itae
+    before, after = (math.nan if m is None else m.itae for m in (story.metrics_before, story.metrics_after))
+    return Tuned(story.ending, before, predicted, after)
+
+
+class Bench:
+    """The vehicle without a link: its own autopilot holds, steps and steps back with any gains."""
+
+    def __init__(self, name: str, axis: Axis, seed: int) -> None:
+        self.name, self.axis, self.seed = name, axis, seed
+        self.law: Law = LAWS[axis.law]
+        usual = DEFAULTS[axis.dof]
+        self.signal = "r" if self.law.controls_velocity else usual.signal
+        self.size, self.duration = usual.step, 6.0 if self.signal == "r" else usual.step_duration
+        sensors = open_vehicle(name).vehicle.data.sensors
+        self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)
+
+    def fly(self, gains: Mapping[str, float]) -> StepMetrics:
+        """Return the metrics of the step and the step back, as a tune reads them."""
+        vehicle = open_vehicle(self.name, seed=self.seed, parameters=gains).vehicle
+        sub = vehicle.autopilot
+        for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE", "ARMING_CHECK"):
+            vehicle.parameters.preset(name, 0.0)
+        _run(vehicle, 5.0)
+        sub.set_mode(2)
+        sub.arm(force=True)
+        low = {"psi": sub.estimate.yaw, "z": sub.estimate.z, "r": -_stick_rate(vehicle)}[self.signal]
+        high = -low if self.signal == "r" else low + self.size
+        _hold(vehicle, self.signal, low, 4.0)
+        parts = []
+        for start, end in ((low, high), (high, low)):
+            t, x, u = _hold(vehicle, self.signal, end, self.duration)
+            target = np.full_like(t, end)
+            target[0] = start
+            noise = self.noise or _noise_in(x)
+            parts.append(step_metrics(t, target, x, u, noise_std=noise))
+        return combine(parts)
+
+    def shortfall(self, gains: Mapping[str, float]) -> float:
+        """Return by how much the margins a design asks for are missed on the true craft, as a sum of fractions."""
+        spec = Spec()
+        data = open_vehicle(self.name).vehicle
+        hull = {"yaw": data.body.yaw, "heave": data.body.heave}[self.axis.dof]
+        full = data.actuators.full[self.axis.dof]
+        u = np.linspace(0.0, USED, 201)
+        curve = getattr(data.actuators, "curve", None)
+        force = np.array([curve(v) if curve is not None else v for v in u])
+        dead = int(np.argmax(force > 0.0))
+        slopes = np.gradient(force[dead:], u[dead:])
+        moving = hull.beta + hull.beta2 * 0.3
+        period = self.law.loop_period(data.parameters.values)
+        plants = [
+            Plant(float(slope), hull.alpha / full, drag / full, 1.5 * period)
+            for slope in (max(slopes[1:-1].min(), 0.25), slopes[1:-1].max())
+            for drag in (hull.beta, moving)
+        ]
+        settings = {**data.parameters.values, **gains}
+        low = worst(margins_of_each(self.law.controller(settings, None), plants))
+        return (
+            max(0.0, 1.0 - low.gain / spec.gain_margin)
+            + max(0.0, 1.0 - low.phase / spec.phase_margin)
+            + max(0.0, 1.0 - low.delay / (2.0 * period))
+        )
+
+
+def _noise_in(x: Array) -> float:
+    """Return the noise of a turn rate (n,) by its second differences, as a tune reads it off a step."""
+    return 1.4826 * float(np.median(np.abs(np.diff(x, n=2)))) / math.sqrt(6.0)
+
+
+def _stick_rate(vehicle: Vehicle) -> float:
+    """Return the turn rate [rad/s] that the stick asks for when it is out by :data:`_STICK`."""
+    dead = vehicle.parameters["RC4_DZ"] * 0.5
+    return math.radians(int(4500 * (_STICK - dead) / (400.0 - dead)) * vehicle.parameters["ACRO_YAW_P"] / 100.0)
+
+
+def _run(vehicle: Vehicle, seconds: float) -> None:
+    for _ in range(round(seconds * vehicle.rate)):
+        vehicle.move()
+        vehicle.control()
+
+
+def _hold(vehicle: Vehicle, signal: str, target: float, seconds: float) -> tuple[Array, Array, Array]:
+    """Hold *target*, sent again every 0.1 s; return t, the signal and the output (n,) at 10 Hz."""
+    sub, rows, start = vehicle.autopilot, [], vehicle.seconds
+    first = target
+    for _ in range(round(10.0 * seconds)):
+        if signal == "psi":
+            sub.set_heading_target(target)  # type: ignore[attr-defined]
+        elif signal == "r":
+            sub.rc.override(4, _NEUTRAL + (_STICK if target > 0.0 else -_STICK), sub.ms)
+        else:
+            sub.set_depth_target(-target)  # type: ignore[attr-defined]
+        e = sub.estimate
+        value = {"psi": first + math.remainder(e.yaw - first, math.tau), "z": e.z, "r": e.yaw_rate}[signal]
+        shares = vehicle.actuators.read(vehicle.autopilot.pwm)
+        rows.append((vehicle.seconds - start, value, shares["Z" if signal == "z" else "N"]))
+        _run(vehicle, 0.1)
+    table = np.array(rows)
+    return table[:, 0], table[:, 1], table[:, 2]
+
+
+def search(bench: Bench, evaluations: int) -> tuple[float, dict[str, float]]:
+    """Return the least ITAE with margins kept that a Nelder-Mead search over the documented ranges finds."""
+    present = open_vehicle(bench.name).vehicle.parameters.values
+    gains: list[Gain] = [g for g in bench.axis.gains if g.parameter in bench.law.tuned]
+
+    def values(x: Array) -> dict[str, float]:
+        part = np.square(np.clip(x, 0.0, 1.0))
+        return {g.parameter: g.low + float(p) * (g.high - g.low) for g, p in zip(gains, part, strict=True)}
+
+    def cost(x: Array) -> float:
+        missed = bench.shortfall(values(x))
+        if missed > 0.5:
+            return 100.0 * (1.0 + missed)
+        m = bench.fly(values(x))
+        over = max(0.0, m.overshoot - 0.15) / LEAST_OVERSHOOT
+        return m.itae * (1.0 + PRICE * (missed + over))
+
+    own = np.sqrt([(present[g.parameter] - g.low) / (g.high - g.low) for g in gains])
+    starts = [np.clip(own, 0.05, 0.95), np.full(len(gains), 0.6)]
+    best, where = math.inf, starts[0]
+    for start in starts:
+        simplex = np.tile(start, (len(start) + 1, 1))
+        for i in range(len(start)):
+            simplex[i + 1, i] += 0.25 if start[i] < 0.6 else -0.25
+        found = minimize(
+            cost,
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": evaluations // len(starts)},
+        )
+        if found.fun < best:
+            best, where = float(found.fun), np.asarray(found.x)
+    return best, values(where)
+
+
+def _cases(only: Sequence[str]) -> Iterator[tuple[str, str]]:
+    for vehicle, axis in CASES:
+        if not only or vehicle in only or f"{vehicle}/{axis}" in only:
+            yield vehicle, axis
+
+
+def _share(tuned: Sequence[Tuned], good: Callable[[Tuned], bool]) -> str:
+    return f"{sum(good(t) for t in tuned)}/{len(tuned)}"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cases", nargs="*", help="vehicle or vehicle/axis; default: all")
+    parser.add_argument("--seeds", type=int, default=20, help="of each case; default 20")
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--search", type=int, default=80, metavar="N", help="steps flown by the search; 0: no search")
+    args = parser.parse_args(argv)
+    print(f"{'case':<24}{'best':>7}{'kept':>7}{'<=1.3':>7}{'ITAE before -> flown (median)':>32}{'predicted':>11}")
+    for vehicle, name in _cases(args.cases):
+        began = time.monotonic()
+        axis = FIRMWARE["ardusub" if open_vehicle(vehicle).vehicle.data.firmware == "sub" else "ardurover"].axes[name]
+        best = math.nan
+        if args.search and vehicle in SEARCHED:
+            best, gains = search(Bench(vehicle, axis, args.first_seed), args.search)
+            print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
+        tuned = []
+        for seed in range(args.first_seed, args.first_seed + args.seeds):
+            one = tune_once(vehicle, name, seed)
+            tuned.append(one)
+            print(
+                f"   {vehicle} {name} seed {seed}: {one.ending}, {one.before:.3f} -> {one.flown:.3f}, predicted "
+                f"{one.predicted:.3f}",
+                flush=True,
+            )
+        flown = [t.flown if t.ending == "kept" else t.before for t in tuned]
+        near = [t for t in tuned if math.isfinite(t.flown)]
+        print(
+            f"{vehicle + ' ' + name:<24}{best:>7.3f}{_share(tuned, lambda t: t.ending == 'kept'):>7}"
+            f"{_within(flown, best):>7}{np.nanmedian([t.before for t in tuned]):>21.3f} -> {np.nanmedian(flown):.3f}"
+            f"{_share(near, lambda t: abs(t.predicted - t.flown) <= NEAR * t.flown):>11}   "
+            f"{time.monotonic() - began:.0f} s",
+            flush=True,
+        )
+
+
+def _within(flown: Sequence[float], best: float) -> str:
+    if not math.isfinite(best):
+        return "-"
+    return f"{sum(value <= WITHIN * best for value in flown)}/{len(flown)}"
+
+
+def _shown(gains: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in gains.items())
+
+
+if __name__ == "__main__":
+    main()
