@@ -66,7 +66,7 @@ DESCENTS = 2
 """The first descents begin at the best so many of all starts."""
 SEARCHED = 8
 """2 to this power gains all over the ranges are looked at before it is said that none are better than the present."""
-CLOSER = 8
+CLOSER = 32
 """So many of them, those predicted best, are judged."""
 WORTH = 0.95
 """A gain that matching does without must bring the cost below this share: it makes the actuator busier."""
@@ -101,7 +101,7 @@ def any_better(problem: Problem, before: Candidate, duration: float) -> Candidat
     """
     cost = _Cost(problem, before.wanted, duration, before.settings, NOISE_LIMIT, lenient=True)
     best = sorted(sobol(len(problem.gains), SEARCHED), key=cost)[:CLOSER]
-    for x in (_descend(cost, best[0]), *best):
+    for x in (*(_descend(cost, begin) for begin in best[:DESCENTS]), *best):
         found = judge(problem, before.wanted, _rounded(problem, cost.settings(x)), duration)
         if is_tolerable(found) and _passes(problem, before, found):
             return found
@@ -195,7 +195,7 @@ class _Cost:
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
-        missed += max(0.0, step.overshoot - most_overshoot(problem))
+        missed += max(0.0, step.overshoot / most_overshoot(problem) - 1.0)
         missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
         margins = problem.margins(settings, self._wanted, self._watched)
         wish = sum(

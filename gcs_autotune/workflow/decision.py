@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterLoan
@@ -65,6 +65,8 @@ def _prove(voyage: Voyage, new: Mapping[str, float], before: StepMetrics, ruler:
         tale.verdict = (verdict.better, verdict.reasons)
         if verdict.better:
             loan.keep()
+            for sentence in _on_the_other_axis(voyage):
+                tale.say(sentence)
             tale.end("kept", "the new gains are better and stay")
     if not verdict.better:
         tale.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
@@ -73,6 +75,29 @@ def _prove(voyage: Voyage, new: Mapping[str, float], before: StepMetrics, ruler:
 def _is_hopeless(proposal: Proposal, measured: StepMetrics) -> bool:
     """Whether the new gains promise no better step than the present ones promise and were just seen to give."""
     return proposal.after.metrics.itae >= max(proposal.before.metrics.itae, measured.itae)
+
+
+HELD_LAST = "heading"
+"""Of axes that set the same parameters, the one to tune last (decision 10)."""
+
+
+def _on_the_other_axis(voyage: Voyage) -> Iterator[str]:
+    """Say which of two axes that set the same parameters is to be tuned last, and why."""
+    axes, own = voyage.craft.firmware.axes, voyage.axis
+    mine = {gain.parameter for gain in axes[own.name].gains}
+    for other in axes.values():
+        shared = [own.names.own(gain.parameter) for gain in other.gains if gain.parameter in mine]
+        if other.name == own.name or not shared or HELD_LAST not in (own.name, other.name):
+            continue
+        first = other.name if own.name == HELD_LAST else own.name
+        then = (
+            "" if own.name == HELD_LAST else f": run `tune {HELD_LAST}` now, unless the craft is only steered by hand"
+        )
+        yield (
+            f"`tune {HELD_LAST}` and `tune {first}` both set {', '.join(shared)}, and the later one wins. "
+            f"`tune {HELD_LAST}` goes last, because gains that hold a heading follow turn rates as well, and gains for "
+            f"turn rates alone may hold a heading several times worse{then}"
+        )
 
 
 def _shown(changes: Sequence[Change]) -> str:

@@ -30,9 +30,6 @@ __all__ = ["ThirdLevel", "fly_third", "third_level"]
 
 Array = NDArray[np.float64]
 
-MOST = 0.6
-"""Chosen [fraction of full]: margins are asked for up to half of full, and beyond that a real propeller levels off,
-which neither a dead band nor a square law says: a third size there would bend the curve where it is needed."""
 _ALIKE = 0.9
 """Chosen: explanations that leave so much alike (ratio of what is left) have not been told apart."""
 _WEAKEST = 0.5
@@ -50,10 +47,10 @@ class ThirdLevel:
     why: str
 
 
-def third_level(runs: Sequence[Trial], plain: AxisFit, room: float = MOST) -> ThirdLevel | None:
+def third_level(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdLevel | None:
     """Return the relay that tells a dead band from a curve; None when the *runs* call for neither, or tell already.
 
-    plain : the model of the *runs* without either. room : largest relay output to look at.
+    plain : the model of the *runs* without either. room : largest relay output there is.
     """
     dead, bent = fitted(runs, plain, DEAD), fitted(runs, plain, CURVE)
     if dead is None or bent is None or not (pays(dead, plain, DEAD) and pays(bent, plain, CURVE)):

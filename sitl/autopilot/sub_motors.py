@@ -43,7 +43,7 @@ class SubMotors:
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
         self._parameters = parameters
         self._version = -1
-        self._motors: list[tuple[int, int, int, int, float]] = []
+        self._motors: list[tuple[float, float, float, float, float]] = []
         self._which: list[int] = []
         self._lowest, self._highest = 0, 0
         self._dt = dt
@@ -102,7 +102,7 @@ class SubMotors:
         self._which = [self._motors.index(motor) for motor in motors]
 
     def _pulse_of(
-        self, yaw: float, ahead: float, side: float, up: float, motor: tuple[int, int, int, int, float]
+        self, yaw: float, ahead: float, side: float, up: float, motor: tuple[float, float, float, float, float]
     ) -> int:
         output = yaw * motor[0] + ahead * motor[1] + side * motor[2] + up * motor[3]
         if output > 1.0:

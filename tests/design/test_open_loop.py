@@ -98,12 +98,11 @@ def test_the_linear_loop_predicts_the_small_steps_of_the_simulated_one(name: str
     settings = {**present(axis), "ATC_RATE_FF_ENAB": 0.0, "ATC_SLEW_YAW": 1e7}
     if law.name == "rover-heading":
         settings.update({"ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 0.05, "ATC_STR_ACC_MAX": 0.0})
-    period = law.loop_period(settings)
     delay, step, speed = 0.06, 1e-4, spec.speed
     level = type(model)(model.dof, "1", model.alpha, model.beta, 0.0, 0.0, model.delay)
     motion = law.simulate(level, settings, Scenario(step, 15.0), speed, delay)
     controller = law.controller(settings, speed)
-    loop = open_loop(controller, level.alpha, level.beta, level.delay + delay + 0.5 * period)
+    loop = open_loop(controller, level.alpha, level.beta, level.delay + delay)
     path = law.position_path(settings, speed) * Rational(np.array([1.0]), np.array([level.alpha, level.beta, 0.0]))
     forward = OpenLoop(path, loop.delay).to_control()
     closed = forward / (1 + loop.to_control())

@@ -117,8 +117,8 @@ def test_the_linear_loop_predicts_small_speed_steps() -> None:
     motion = SPEED.simulate(model, settings, Scenario(step, 15.0), base, delay)
     drag = model.beta + 2.0 * model.beta_quadratic * base
     controller = SPEED.controller(settings, base)
-    loop = open_loop(controller, model.alpha, drag, delay + 0.01)
-    forward = open_loop(controller + constant(0.25), model.alpha, drag, delay + 0.01).to_control()
+    loop = open_loop(controller, model.alpha, drag, delay)
+    forward = open_loop(controller + constant(0.25), model.alpha, drag, delay).to_control()
     closed = control.minreal(forward / (1 + loop.to_control()), tol=1e-6, verbose=False)
     t = np.linspace(0.0, 15.0, 751)
     expected = control.step_response(closed, t).outputs

@@ -1,0 +1,124 @@
+"""A BlueROV2 behind a 50 Hz loop: no gains keep the wished-for margins, and some that are safe to fly are far better.
+
+Numbers: a fit of the simulated one, thrusters with a dead band and a curve.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs_autotune.design import Actuator, Proposal, Spec, design, is_better, step_metrics
+from gcs_autotune.design import proposal as door
+from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.model_function import model_function
+from gcs_autotune.design.reduction import Reduction
+from gcs_autotune.design.selection import LEAST_GAIN_MARGIN, LEAST_PHASE_MARGIN, Candidate, judge
+from gcs_autotune.design.verdict import Verdict
+
+from .crafts import DEFAULTS, DEG, SUB_HEADING, SUB_HEADING_DEFAULTS, heave, uncertain, yaw
+
+HULL = yaw(0.0267, 0.0325, 0.0506, delta=0.0024)
+THRUSTERS = Actuator(dead_zone=0.055, square=0.356, reference=0.3)
+SPREAD = np.diag([2e-4, 3e-3, 2e-3, 1e-4, 5e-3]) ** 2
+SLOW = {**SUB_HEADING_DEFAULTS, "SCHED_LOOP_RATE": 50.0}
+STEP = Spec(step=30.0 * DEG, step_duration=30.0, noise_std=0.25 * DEG)
+
+
+def propose() -> Proposal:
+    return design(HULL, SPREAD, SUB_HEADING, SLOW, STEP, Reduction(HULL, "N", SPREAD, THRUSTERS))
+
+
+def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() -> None:
+    found = propose()
+    low, old, new = found.worst_margins, found.before.metrics, found.after.metrics
+    assert found.changes
+    assert low.gain >= LEAST_GAIN_MARGIN and low.phase >= LEAST_PHASE_MARGIN
+    assert is_better(old, new).better
+    assert new.itae < 0.6 * old.itae
+
+
+def test_where_polishing_does_worse_the_matched_gains_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Candidate] = []
+
+    def worsen(problem: Problem, chosen: Candidate, span: float) -> Candidate:
+        seen.append(chosen)
+        metrics = replace(chosen.prediction.metrics, itae=50.0)
+        return replace(chosen, prediction=replace(chosen.prediction, metrics=metrics))
+
+    monkeypatch.setattr(door, "polish", worsen)
+    monkeypatch.setattr(door, "is_better", lambda old, new, free: Verdict(new.itae < old.itae, ()))
+    found = propose()
+    assert found.after.metrics.itae == seen[0].prediction.metrics.itae < 50.0
+
+
+def test_nothing_better_is_said_only_after_a_look_all_over_the_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither the wishes nor the descents find anything: the scatter does."""
+
+    def present(problem: Problem) -> Candidate:
+        return judge(problem, model_function("bessel", 2.0), dict(problem.settings), 30.0)
+
+    monkeypatch.setattr(door, "choose", present)
+    monkeypatch.setattr(door, "polish", lambda problem, chosen, span: chosen)
+    falcon = yaw(0.2, 0.75, 0.025)
+    found = design(falcon, uncertain(falcon), SUB_HEADING, SUB_HEADING_DEFAULTS, STEP)
+    assert found.changes
+    assert is_better(found.before.metrics, found.after.metrics).better
+    low = found.worst_margins
+    assert low.gain >= LEAST_GAIN_MARGIN and low.phase >= LEAST_PHASE_MARGIN
+
+
+@pytest.mark.parametrize("name", ["sub-heading", "rover-heading", "sub-depth"])
+def test_an_output_held_for_a_loop_acts_half_a_loop_late_and_no_more(name: str) -> None:
+    """The same delay in all, of a loop of 50 Hz and of one so quick that holding is nothing."""
+    craft = heave(0.3, 0.5, 0.5) if name == "sub-depth" else yaw(0.2, 0.75, 0.02)
+    gains = {**DEFAULTS[name], "INS_GYRO_FILTER": 0.0, "ATC_RATE_FF_ENAB": 0.0}
+    for delay in (0.01, 0.03, 0.055):
+        slow, quick = (
+            LAWS[name].simulate(craft, {**gains, "SCHED_LOOP_RATE": rate}, Scenario(0.2, 4.0), 1.0, delay)
+            for rate in (50.0, 1000.0)
+        )
+        apart = np.interp(slow.t, quick.t, quick.position) - slow.position
+        assert np.max(np.abs(apart)) < 0.02 * 0.2
+
+
+def test_a_step_taken_back_begins_with_what_the_integral_holds_by_then() -> None:
+    law, craft = LAWS["sub-heading"], yaw(0.2, 0.75, 0.025, delta=0.05)
+    gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.01}
+    flight = law.simulate(craft, gains, Scenario(0.5, 20.0, lead=2.0, back_at=10.0), None, 0.0)
+    there = law.simulate(craft, gains, Scenario(0.5, 20.0, lead=2.0), None, 0.0)
+    turn = int(np.searchsorted(flight.t, 10.0 - 1e-9))
+    assert np.array_equal(flight.position[:turn], there.position[:turn])
+    settled = law.simulate(craft, gains, Scenario(-0.5, 10.0), None, 0.0)
+    back = flight.position[turn:] - 0.5
+    assert back[0] == pytest.approx(there.position[turn] - 0.5)
+    assert np.max(np.abs(back - settled.position[: len(back)])) > 0.02
+
+
+def test_a_prediction_counts_the_noise_it_will_be_read_through() -> None:
+    t = np.arange(0.0, 30.0, 0.1)
+    target = np.where(t > 0.0, 1.0, 0.0)
+    position = 1.0 - np.exp(-t) * np.cos(t) + 0.02
+    position[0] = 0.0
+    noise, draw = 0.02, np.random.default_rng(5)
+    read = [
+        step_metrics(t, target, position + draw.normal(0.0, noise, len(t)), 0.0 * t, noise_std=noise).itae
+        for _ in range(200)
+    ]
+    expected = step_metrics(t, target, position, 0.0 * t, noise_std=noise, unread=noise).itae
+    assert expected == pytest.approx(np.mean(read), rel=0.02)
+    assert step_metrics(t, target, position, 0.0 * t, noise_std=noise).itae < 0.8 * expected
+
+
+def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> None:
+    bent = Actuator(square=0.4, reference=0.8)
+    assert bent.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.5 / 0.8)
+    for actuator in (replace(bent, dead_zone=0.1), replace(bent, play=0.2)):
+        u = np.array([0.5, 0.5 + 1e-6])
+        assert actuator.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.4 / 0.8)
+        assert actuator.slopes()[-1] == pytest.approx(float(np.diff(actuator.static(u))[0]) / 1e-6, rel=1e-3)
+    assert math.isclose(replace(bent, dead_zone=0.6).slopes()[-1], 0.6)
