@@ -195,7 +195,7 @@ class _Cost:
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
-        missed += max(0.0, step.overshoot / most_overshoot(problem) - 1.0)
+        missed += max(0.0, step.overshoot - most_overshoot(problem))
         missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
         margins = problem.margins(settings, self._wanted, self._watched)
         wish = sum(

@@ -153,10 +153,8 @@ def _best(problem: Problem, before: Candidate, matched: Candidate, span: float) 
     for found in (polished, matched):
         if is_better(before.prediction.metrics, found.prediction.metrics, free).better:
             return found, False
-    if not is_tolerable(before):
-        return polished, False
     other = any_better(problem, before, span)
-    return (polished, True) if other is None else (other, False)
+    return (polished, is_tolerable(before)) if other is None else (other, False)
 
 
 def _bound(

@@ -24,7 +24,7 @@ from .crafts import DEFAULTS, DEG, SUB_HEADING, SUB_HEADING_DEFAULTS, heave, unc
 
 HULL = yaw(0.0267, 0.0325, 0.0506, delta=0.0024)
 THRUSTERS = Actuator(dead_zone=0.055, square=0.356, reference=0.3)
-SPREAD = np.diag([2e-4, 3e-3, 2e-3, 1e-4, 5e-3]) ** 2
+SPREAD = np.diag([2e-4, 3e-3, 2e-3, 1e-4, 1e-3]) ** 2
 SLOW = {**SUB_HEADING_DEFAULTS, "SCHED_LOOP_RATE": 50.0}
 STEP = Spec(step=30.0 * DEG, step_duration=30.0, noise_std=0.25 * DEG)
 
