@@ -97,13 +97,15 @@ def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
 def any_better(problem: Problem, before: Candidate, duration: float) -> Candidate | None:
     """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
 
-    What is looked at is a scatter all over the documented ranges, and what a descent makes of the best of it.
+    What is looked at is a scatter all over the documented ranges, and what descents make of the best of it. Present
+    gains that keep the wished-for margins are not given up for gains that do not.
     """
-    cost = _Cost(problem, before.wanted, duration, before.settings, NOISE_LIMIT, lenient=True)
+    lenient = bool(before.objections)
+    cost = _Cost(problem, before.wanted, duration, before.settings, NOISE_LIMIT, lenient=lenient)
     best = sorted(sobol(len(problem.gains), SEARCHED), key=cost)[:CLOSER]
     for x in (*(_descend(cost, begin) for begin in best[:DESCENTS]), *best):
         found = judge(problem, before.wanted, _rounded(problem, cost.settings(x)), duration)
-        if is_tolerable(found) and _passes(problem, before, found):
+        if is_tolerable(found) and (lenient or not found.objections) and _passes(problem, before, found):
             return found
     return None
 
