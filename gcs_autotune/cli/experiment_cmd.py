@@ -56,10 +56,11 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.workflow import TuneSettings, experiment
 
     hysteresis = args.relay_hysteresis
+    now = datetime.now()
     settings = TuneSettings(
         axis=args.axis,
         connection=connection,
-        directory=run_directory(args, connection.uri, datetime.now()),
+        directory=run_directory(args, connection.uri, now),
         relay_output=args.relay_output,
         relay_hysteresis=math.radians(hysteresis) if args.axis == "heading" and hysteresis else hysteresis,
         throttle=args.throttle,
@@ -72,12 +73,12 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     )
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
-        fit = experiment(settings, operator, watcher)
+        fit = experiment(settings, operator, watcher, now.isoformat(timespec="seconds"))
     if args.json:
         sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")
     else:
         Console().print(fit_summary(fit))
-        sys.stdout.write(f"Recorded in {settings.directory}\n")
+        sys.stdout.write(f"Recorded in {settings.directory}\nReport: {settings.directory / 'report.html'}\n")
     operator.ring()
     return 0
 

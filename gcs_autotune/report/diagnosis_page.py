@@ -44,7 +44,7 @@ MOST_RANKED = 8
 MODEL_FILE = "model.json"
 
 _SURE = 0.05
-"""Share of a residual below which a view of it is not worth a picture, unless a cause is to be shown."""
+"""Share of a residual, beyond what luck gives, below which a view of it carries no point and is not drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,13 +203,17 @@ def _after(told: Diagnosis) -> Iterator[Picture]:
 
 
 def _views(told: Diagnosis) -> Iterator[Picture]:
-    """Yield per cause the view of the simulation's residual that shows it; without causes the strongest."""
+    """Yield per cause the view of the simulation's residual that shows it, if any; without causes the strongest."""
     if told.verdict == "no-effect":
         return
     views: list[tuple[View, str]] = []
     for cause in told.causes:
         view = telling_view(told.before, BOOK.get(cause.applied.slug), cause.applied.place)
-        if view is not None and all(view.name != v.name or view.kind != v.kind for v, _ in views):
+        if (
+            view is not None
+            and view.share > _SURE
+            and all(view.name != v.name or view.kind != v.kind for v, _ in views)
+        ):
             views.append((view, effect_words(cause.applied.slug)))
     if not told.causes:
         every = sorted((v for p in told.before for v in views_of(p)), key=lambda v: v.share, reverse=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from gcs_autotune.identify import Fit
 from gcs_autotune.identify.validate import Validation
+from gcs_autotune.trial import Trial
 
 __all__ = ["Outcome", "RunRow", "Study", "study_to_dict"]
 
@@ -42,6 +43,7 @@ class Study:
 
     ``outcomes``: one per method, the first fitted one is the answer. ``how_unseen`` says which data the check used.
     ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
+    ``trials``: the runs themselves, for the pictures of inputs and track.
     ``cannot_tell``, ``proposals``: sentences; ``figures``: extra pictures as (caption, matplotlib figure).
     """
 
@@ -56,6 +58,7 @@ class Study:
     proposals: tuple[tuple[str, ...], ...] = ()
     proposal_verdict: str = ""
     figures: tuple[tuple[str, Any], ...] = ()
+    trials: tuple[Trial, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
 
     @property

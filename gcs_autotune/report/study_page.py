@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gcs_autotune.identify import AxisFit
-from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report import study_tables, tables
 from gcs_autotune.report.canvas import AFTER, BEFORE, FAINT, WANTED, legend, new_axes, pens, to_svg
-from gcs_autotune.report.figures import Picture
+from gcs_autotune.report.craft_figures import draw_intervals, draw_track
+from gcs_autotune.report.figures import INTERVALS_CAPTION, Picture, draw_fit
 from gcs_autotune.report.numbers import format_moment, format_percent
 from gcs_autotune.report.page import render_page
 from gcs_autotune.report.study import Study
@@ -26,6 +26,9 @@ __all__ = ["render_study"]
 
 MOST_TRACES = 12
 """Traces drawn of each kind; chosen so that the page stays small."""
+
+ON_CELLS = "#111111"
+"""Numbers on coloured cells, which are light on a dark page too."""
 
 _COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
@@ -56,7 +59,9 @@ def _context(study: Study) -> dict[str, Any]:
         "methods": study_tables.method_table(study) if len(study.outcomes) > 1 else None,
         "estimates": study_tables.estimate_tables(study) if len(study.outcomes) > 1 else (),
         "proposals": study_tables.proposal_table(study) if study.proposals else None,
-        "pictures": {kind: [p for p in pictures if p.kind == kind] for kind in ("fit", "unseen", "model", "extra")},
+        "pictures": {
+            kind: [p for p in pictures if p.kind == kind] for kind in ("fit", "unseen", "model", "extra", "track")
+        },
     }
 
 
@@ -76,15 +81,19 @@ def _tiles(study: Study) -> tuple[tuple[str, str, str], ...]:
 def _pictures(study: Study) -> Iterator[Picture]:
     answer = study.answer
     for i, trace in enumerate(study.fit.traces[:MOST_TRACES], start=1):
-        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over."
-        yield from _picture("fit", i, caption, _trace(trace))
+        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what is left over and the input."
+        yield from _picture("fit", i, caption, _trace(trace, study))
     unseen = () if answer.unseen is None else answer.unseen.traces
     for i, trace in enumerate(unseen[:MOST_TRACES], start=1):
         caption = f"Prediction of '{trace.run}', which this model was not identified from."
-        yield from _picture("unseen", i, caption, _trace(trace))
+        yield from _picture("unseen", i, caption, _trace(trace, study))
     if len([p for p in study.fit.parameters.values() if p.std > 0.0]) > 2:
         caption = "Correlation of the estimates: pairs near ±1 cannot be told apart by these runs."
         yield from _picture("model", 1, caption, _correlation(study))
+    intervals = _plain("intervals", lambda: draw_intervals(study.fit.parameters))
+    yield from _picture("model", 3, INTERVALS_CAPTION, intervals)
+    track = _plain("track", lambda: draw_track({t.name: t for t in study.trials}))
+    yield from _picture("track", 1, "Track over ground, north up.", track)
     if sum(o.fit is not None for o in study.outcomes) > 1:
         caption = "What each method found, relative to the answer, with 95 % intervals."
         yield from _picture("model", 2, caption, _methods(study))
@@ -92,19 +101,23 @@ def _pictures(study: Study) -> Iterator[Picture]:
         yield from _picture("extra", i, caption, figure)
 
 
-def _picture(kind: str, i: int, caption: str, figure: Figure) -> Iterator[Picture]:
+def _picture(kind: str, i: int, caption: str, figure: Figure | None) -> Iterator[Picture]:
+    if figure is None:
+        return
     name = f"{kind}-{i}"
     with pens(name):
         yield Picture(kind, caption, to_svg(figure, name, caption))
 
 
-def _trace(trace: Trace) -> Figure:
+def _trace(trace: Trace, study: Study) -> Figure | None:
+    run = next((t for t in study.trials if t.name == trace.run), None)
     with pens(trace.run):
-        figure, (top, bottom) = new_axes((1.7, 0.8))
-        draw_trace(top, bottom, trace)
-        bottom.set_xlabel("time [s]")
-        legend(top)
-    return figure
+        return draw_fit(trace, run, study.fit.model)
+
+
+def _plain(name: str, draw: Callable[[], Figure | None]) -> Figure | None:
+    with pens(name):
+        return draw()
 
 
 def _correlation(study: Study) -> Figure:
@@ -116,7 +129,9 @@ def _correlation(study: Study) -> Figure:
         figure, (axes,) = new_axes((max(1.2, 0.27 * len(names)),))
         axes.imshow(table, cmap="RdBu_r", vmin=-1.3, vmax=1.3, aspect="auto")
         for i, j in np.ndindex(table.shape):
-            axes.text(j, i, f"{table[i, j]:.2f}".replace("0.", "."), ha="center", va="center", fontsize=6.5)
+            axes.text(
+                j, i, f"{table[i, j]:.2f}".replace("0.", "."), ha="center", va="center", fontsize=6.5, color=ON_CELLS
+            )
         axes.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
         axes.set_yticks(range(len(names)), names, fontsize=7)
         axes.grid(False)

@@ -15,6 +15,7 @@ from gcs_autotune.identify.model_file import save_model
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import visit
+from gcs_autotune.report import render_study
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
@@ -30,6 +31,7 @@ from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_depth_is_tol
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
+from gcs_autotune.workflow.study import study_of
 from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
 from gcs_autotune.workflow.waiting import agreed, beside, think
@@ -46,8 +48,8 @@ class _Cruise:
     speed: float
 
 
-def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> AxisFit:
-    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog`` and ``fit.json``.
+def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str = "") -> AxisFit:
+    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``, ``report.html``.
 
     No parameter is written. The craft is left as found on every ending.
 
@@ -91,6 +93,8 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher) -> 
             ledger.leave()
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
     save_model(fit, record.path / "model.json")
+    page = render_study(study_of(fit, [trial.proper for trial in trials], f"Experiment: {settings.axis}", when))
+    (record.path / "report.html").write_text(page, encoding="utf-8")
     return fit
 
 

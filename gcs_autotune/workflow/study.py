@@ -32,7 +32,7 @@ from gcs_autotune.workflow.findings import (
     response_pictures,
 )
 
-__all__ = ["StudySettings", "study"]
+__all__ = ["StudySettings", "study", "study_of"]
 
 HELD_BACK = 0.3
 """Share of a single run held back for the check on unseen data: its end."""
@@ -120,6 +120,19 @@ def study(
         proposals=flown.rows,
         proposal_verdict=flown.verdict,
         figures=(*response_pictures(fitted), *flown.pictures),
+        trials=(*runs, *unseen),
+    )
+
+
+def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Study:
+    """Return a fit that was made elsewhere as a study of its *runs*, nothing checked on unseen data."""
+    return Study(
+        title=title,
+        when=when,
+        runs=tuple(_row(t, "identification") for t in runs),
+        outcomes=(Outcome(fit.method, fit, 0.0),),
+        cannot_tell=cannot_tell(fit, runs),
+        trials=tuple(runs),
     )
 
 

@@ -16,7 +16,10 @@ from tests.workflow.harbour import Ear, Harbour
 @pytest.mark.parametrize(("name", "axis", "dof"), [("videoray", "heading", "yaw"), ("falcon", "depth", "heave")])
 def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: str, dof: str) -> None:
     harbour = Harbour(tmp_path, name)
-    experiment(harbour.settings(axis), Unattended(), Ear(harbour.said))
+    experiment(harbour.settings(axis), Unattended(), Ear(harbour.said), "2026-11-20T12:00:00")
+    page = (harbour.directory / "report.html").read_text(encoding="utf-8")
+    assert f"Experiment: {axis}" in page
+    assert page.count("residual [") == page.count("[% of full]") > 1
     trials = fit_axis(load_runs(harbour.directory), dof=dof)
     runs = load_runs(harbour.directory / "telemetry.tlog")
     assert all(r.meta["input_from"] == "servo outputs" and r.meta["damaged"] == 0 for r in runs)

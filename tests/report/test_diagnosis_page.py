@@ -225,3 +225,14 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(terminal):
     with StageBar(Console(file=stream, force_terminal=terminal, width=80)) as bar:
         bar("cause 1: screening", 3, 23)
     assert ("cause 1: screening" in stream.getvalue()) is terminal
+
+
+def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
+    told = dead_zone()
+    rng = np.random.default_rng(3)
+    flat = []
+    for portrait in told.before:
+        against = {n: (x, rng.normal(0.0, 1.0, len(x)), u) for n, (x, _, u) in portrait.against.items()}
+        flat.append(replace(portrait, against=against, cross={}, spectrum=None))
+    assert "This speaks for:" in render_diagnosis(told, "t", WHEN)
+    assert "This speaks for:" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)

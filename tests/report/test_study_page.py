@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -82,3 +83,16 @@ def test_a_fit_draws_itself_for_a_notebook(study: Study) -> None:
     figure = study.fit.plot()
     assert len(figure.axes) == 2 * len(study.fit.traces)
     assert any("model" in (line.get_label() or "") for line in figure.axes[0].lines)
+
+
+def test_the_page_draws_the_input_under_every_fit_and_where_the_craft_went(study: Study) -> None:
+    run = trial()
+    t = run["r"].t
+    gone = {"x": Channel("x", "m", t, 0.5 * t), "y": Channel("y", "m", t, 0.1 * t)}
+    bare = render_study(study)
+    page = render_study(replace(study, trials=(replace(run, channels={**run.channels, **gone}),)))
+    assert page.count("N [N m]") == 2
+    assert "east [m]; circle: start, square: end" in page
+    assert "N [N m]" not in bare
+    assert "Where it went" not in bare
+    assert "95 % interval [% of the value]" in bare
