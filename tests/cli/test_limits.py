@@ -80,9 +80,10 @@ def bare(tmp_path, monkeypatch):
         raise AssertionError("a link was opened")
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gcs_autotune.link.open_link", opened)
     monkeypatch.setattr("gcs_autotune.workflow.settings.open_link", opened)
     for name in ("tune", "experiment"):
-        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "warm_up", opened)
+        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "warming", opened)
     return tmp_path
 
 
