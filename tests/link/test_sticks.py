@@ -52,6 +52,16 @@ def test_a_stick_that_is_moved_either_way_and_stays_there_is_a_hand(
     assert sticks.moved_by_hand == (6, 1500, to)
 
 
+@pytest.mark.parametrize("channel", [1, 8])
+def test_the_first_and_the_last_of_a_transmitters_channels_are_watched(
+    listening: Listening, sticks: Sticks, channel: int
+) -> None:
+    sticks.sent({3: 1700})
+    for shown in (1500, 1150, 1150):
+        listening.show(c3=1700, **{f"c{channel}": shown})
+    assert sticks.moved_by_hand == (channel, 1500, 1150)
+
+
 @pytest.mark.parametrize("by", [100, -100])
 def test_a_stick_within_a_hundred_microseconds_is_jitter_and_one_beyond_is_not(
     listening: Listening, sticks: Sticks, by: int
