@@ -456,6 +456,16 @@ _LINKED = (
         unset="the one the vehicle takes commands from, MAV_GCS_SYSID",
         whole=True,
     ),
+    Limit(
+        "patience",
+        "longest silence of the vehicle that is waited out; what it interrupted is flown again",
+        "s",
+        0.0,
+        600.0,
+        "0 ends the run at the first silence, and in ten minutes a craft drifts out of its free water",
+        60.0,
+        slips=(_MS,),
+    ),
     Limit("seed", "noise seed of a sitl: vehicle", "", 0, 2**32 - 1, "it begins a generator", 1, whole=True),
 )
 _DESK = (

@@ -229,6 +229,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     add_number(group, "speed")
     add_number(group, "control-rate", "HZ")
     add_number(group, "delay", "S")
+    add_number(group, "patience", "S")
     group.add_argument(
         "--structure",
         choices=("linear", "nonlinear", "affine"),

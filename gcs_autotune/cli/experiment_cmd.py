@@ -69,6 +69,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         delay=args.delay,
         control_rate=args.control_rate,
         most_relays=args.relays,
+        patience=args.patience,
         envelope=envelope_from(args),
     )
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)

@@ -54,6 +54,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     add_quiet(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
+    parser.add_argument(
+        "--resume",
+        type=Path,
+        metavar="RUN",
+        help="go on from a run that ended early: what was flown to its end there is used, if vehicle, parameters, axis "
+        "and settings are the same",
+    )
     step = parser.add_argument_group("proof")
     add_number(step, "step")
     add_number(step, "step-duration", "S")
@@ -122,6 +129,8 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
         dry_run=args.dry_run,
         control_rate=args.control_rate,
         most_relays=args.relays,
+        patience=args.patience,
+        resume=args.resume,
         envelope=envelope_from(args),
         gains=_gains(args),
         proving=_proving(args),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 __all__ = ["Hearing"]
 
 _LONGEST_PUMP = 0.5
 """Chosen: of a longer time from pump to pump [s] this much counts as listened: then it was we who were away (a machine
 that is busy or was suspended), and what has come meanwhile is still to be read."""
+_WORTH_KEEPING = 0.5
+_KEPT = 50
 
 
 class Hearing:
@@ -22,6 +26,8 @@ class Hearing:
         self._last_pump = now
         self.listened = 0.0
         self.last_heard = 0.0
+        self._word = 0.0
+        self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
     @property
     def silence(self) -> float:
@@ -33,9 +39,20 @@ class Hearing:
         self.listened += min(now - self._last_pump, _LONGEST_PUMP)
         self._last_pump = now
 
+    @property
+    def unheard(self) -> float:
+        """The same, whatever silence is borne."""
+        return self.listened - self._word
+
+    def longest(self, span: float) -> float:
+        """Return the longest silence [s] that ended within the last *span* [s] listened."""
+        return max((silence for end, silence in self._silences if end >= self.listened - span), default=0.0)
+
     def heard(self) -> None:
         """The vehicle has just said something."""
-        self.last_heard = self.listened
+        if self.unheard > _WORTH_KEEPING:
+            self._silences.append((self.listened, self.unheard))
+        self.last_heard = self._word = self.listened
 
     def bear(self, silence: float) -> None:
         """Count the silence from *silence* [s] ahead: so long the vehicle may still be quiet."""

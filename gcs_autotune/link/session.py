@@ -137,6 +137,15 @@ class Session:
         return self._hearing.silence
 
     @property
+    def unheard(self) -> float:
+        """The same, also while a silence is borne (:meth:`await_return`)."""
+        return self._hearing.unheard
+
+    def longest_silence(self, span: float) -> float:
+        """Return the longest silence of the vehicle [s] that ended within the last *span* [s] spent listening."""
+        return self._hearing.longest(span)
+
+    @property
     def stop_asked(self) -> bool:
         """Whether the operator has wanted to stop."""
         return self._operator.asked

@@ -21,6 +21,8 @@ _FROZEN = 10.0
 """Chosen: seconds of bit-identical attitude while turning, or while anything works; real gyros never repeat."""
 _STANDING = 2.0
 _JUMP = 5.0
+_SLACK = 1.5
+"""Chosen: after a silence the clock may have gone on by so much more than our own says; beyond that it has jumped."""
 _LATE = 1.0
 """Chosen: a stamp this much older is a datagram out of order; older still, the clock ran back."""
 _REBOOT = 60.0
@@ -42,7 +44,15 @@ class Watchdog:
         self._turning_since = math.nan
         self._stamp = math.nan
         self._stamp_heard = clock.now()
+        self._first = (math.nan, math.nan)
+        self._pace = 1.0
         self.fault: TelemetryFault | None = None
+
+    def _keep_pace(self, t: float, now: float) -> None:
+        """A simulation may run ahead: note how many seconds of its time go by in one of ours."""
+        begun, heard = self._first
+        if now - heard > _STANDING:
+            self._pace = max((t - begun) / (now - heard), 1.0)
 
     def check(self) -> None:
         """Raise the fault, if there is one."""
@@ -54,10 +64,12 @@ class Watchdog:
         before, now = self._stamp, self._clock.now()
         if math.isnan(before):
             self._stamp, self._stamp_heard = t, now
+            self._first = (t, now)
             return True
         if t > before:
-            if t - before > _JUMP:
+            if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_heard):
                 self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two attitudes")
+            self._keep_pace(t, now)
             self._stamp, self._stamp_heard = t, now
             return True
         if before - t > _LATE:

@@ -68,6 +68,10 @@ class Sequencer:
             raise
         return Flown(self._end(manoeuvre, outcome, None).proper, outcome)
 
+    def go_on(self) -> None:
+        """What ended the last manoeuvre is over, and the craft is neutral: more may be flown."""
+        self._broken = ""
+
     def _run(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope) -> Outcome:
         craft, firmware = self._craft, self._craft.firmware
         craft.set_mode(firmware.manual_mode if manoeuvre.in_manual else firmware.hold_mode)

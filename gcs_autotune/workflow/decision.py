@@ -58,7 +58,7 @@ def _prove(voyage: Voyage, new: Mapping[str, float], before: StepMetrics, ruler:
         tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
         loan.set(new)
         tale.say("written and read back")
-        voyage.come_about()
+        voyage.come_about("step-after")
         after = voyage.fly(ruler.proof.step("step-after"), "step with new gains")
         tale.metrics_after = measure(after.trial, ruler.noise, ruler.grain)
         verdict = is_better(before, tale.metrics_after, voyage.law.free_overshoot)

@@ -81,14 +81,16 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
                 make_ready(craft, watcher)
                 craft.arm()
                 say_link_times(craft, watcher)
-                trials = _fly(settings, dof, craft, watcher, record, desk)
+                helm, trials = _fly(settings, dof, craft, watcher, record, desk)
                 delay = delay_of(settings)
                 surge = dof == "surge" and craft.firmware.kind == "boat"
                 if surge:
-                    fit = think(craft, desk, fit_surge, trials, structure=settings.structure, delay=delay)
+                    fit = think(craft, desk, helm.bear, fit_surge, trials, structure=settings.structure, delay=delay)
                 else:
-                    fit = think(craft, desk, fit_axis, trials, dof=dof, structure=settings.structure, delay=delay)
-                    fit = _with_curve(settings, trials, fit, craft, watcher, desk)
+                    fit = think(
+                        craft, desk, helm.bear, fit_axis, trials, dof=dof, structure=settings.structure, delay=delay
+                    )
+                    fit = _with_curve(settings, trials, fit, craft, watcher, desk, helm)
         finally:
             ledger.leave()
     (record.path / "fit.json").write_text(json.dumps(fit.to_dict(), indent=1) + "\n", encoding="utf-8")
@@ -99,12 +101,18 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
 
 
 def _with_curve(
-    settings: TuneSettings, trials: list[Trial], plain: AxisFit, craft: MavlinkCraft, watcher: Watcher, desk: Desk
+    settings: TuneSettings,
+    trials: list[Trial],
+    plain: AxisFit,
+    craft: MavlinkCraft,
+    watcher: Watcher,
+    desk: Desk,
+    helm: Helm,
 ) -> AxisFit:
     """Return the model with the thrust curve or dead band that the record calls for, *plain* when it calls for none."""
     if settings.structure is not None or plain.dof not in CHECKED:
         return plain
-    curved = think(craft, desk, fit_thrust_curve, trials, plain, None)
+    curved = think(craft, desk, helm.bear, fit_thrust_curve, trials, plain, None)
     if curved is None:
         return plain
     watcher.say(told(curved, plain))
@@ -113,12 +121,18 @@ def _with_curve(
 
 def _fly(
     settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, desk: Desk
-) -> list[Trial]:
+) -> tuple[Helm, list[Trial]]:
     cruise, kind = _cruise(settings, dof, craft), craft.firmware.kind
     settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
-    helm = Helm(craft, settings.envelope, watcher, lambda trial: beside(craft, partial(record.keep, trial)))
+    helm = Helm(
+        craft,
+        settings.envelope,
+        watcher,
+        lambda trial: beside(craft, partial(record.keep, trial)),
+        settings.patience,
+    )
     if dof == "surge" and kind == "boat":
-        return [_swing(helm, cruise, n) for n in range(2)]
+        return helm, [_swing(helm, cruise, n) for n in range(2)]
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
     if dof in CHECKED:
@@ -137,11 +151,11 @@ def _fly(
         trials.append(helm.achieve(relay, name).trial)
         output = second_output(trials[-1], room)
     if dof in CHECKED and settings.most_relays > len(trials):
-        third = think(craft, desk, _third, trials, dof, settings.structure, delay_of(settings))
+        third = think(craft, desk, helm.bear, _third, trials, dof, settings.structure, delay_of(settings))
         if third is not None:
             helm.come_about(cruise.throttle)
             trials += fly_third(third, settings, dof, craft, cruise.throttle, helm, watcher)
-    return trials
+    return helm, trials
 
 
 def _third(

@@ -36,6 +36,7 @@ CALMED: Mapping[str, float] = {"u": 0.5}
 """Signals so noisy that a step is measured through a centred mean of so many seconds."""
 
 __all__ = [
+    "SHALLOW",
     "dive_for",
     "measure",
     "noise_in",

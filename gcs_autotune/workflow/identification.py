@@ -48,17 +48,17 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
     kind, throttle = craft.firmware.kind, voyage.throttle
     least = craft.least_period
     relay = relay_for(s, dof, kind, throttle, s.relay_output, "relay-1", least_period=least)
-    voyage.come_about()
+    voyage.come_about("relay-1")
     first = voyage.fly(relay, "first self-oscillation").trial
     relay = relay_for(s, dof, kind, throttle, second_output(first), "relay-2", least_period=least)
-    voyage.come_about()
+    voyage.come_about("relay-2")
     trials = [first, voyage.fly(relay, "second self-oscillation").trial]
     tale.say("identifying")
     plain = _plain(voyage, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
         third = voyage.think(third_level, trials, plain)
         if third is not None:
-            voyage.come_about()
+            voyage.come_about("relay-3")
             trials += fly_third(third, s, dof, craft, throttle, voyage.helm, tale)
             plain = _plain(voyage, trials)
     tale.fit = plain
@@ -79,8 +79,9 @@ def _plain(voyage: Voyage, trials: list[Trial]) -> AxisFit:
 def _by_throttle_steps(voyage: Voyage) -> Identified:
     s, trials = voyage.settings, list[Trial]()
     for n, stage in enumerate(("first throttle steps", "second throttle steps")):
-        voyage.come_about()
-        trials.append(voyage.fly(throttle_steps_for(voyage.throttle, n, f"throttle-{n + 1}"), stage).trial)
+        name = f"throttle-{n + 1}"
+        voyage.come_about(name)
+        trials.append(voyage.fly(throttle_steps_for(voyage.throttle, n, name), stage).trial)
     voyage.tale.say("identifying")
     fit = voyage.think(fit_surge, trials, structure=s.structure, delay=delay_of(s))
     voyage.tale.fit = fit

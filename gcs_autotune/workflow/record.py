@@ -117,6 +117,13 @@ class RunDirectory:
         save_params(path, values, comment=comment)
         save_qgc_params(path.with_suffix(".params"), values, types, vehicle, comment=comment)
 
+    def save_json(self, name: str, content: Mapping[str, object]) -> None:
+        """Write *content* as the file *name*; errors likewise."""
+        try:
+            (self.path / name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise self._unwritable(error) from error
+
     def _unwritable(self, error: OSError) -> BadFile:
         return BadFile(
             f"the run directory {self.path} cannot be written ({error.strerror or error}): free some disk space or "

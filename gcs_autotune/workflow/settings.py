@@ -22,7 +22,7 @@ __all__ = ["Connection", "TuneSettings"]
 
 _NUMBERS = (
     *("step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed"),
-    *("settling_time", "omega_0", "delay", "full_scale", "control_rate"),
+    *("settling_time", "omega_0", "delay", "full_scale", "control_rate", "patience"),
 )
 """What a tune is given as numbers."""
 
@@ -81,6 +81,8 @@ class TuneSettings:
     ``gains``: gains to prove instead of designing any; ``proving``: the command that proves the gains of a file as they
     would be here, less the file.
     ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
+    ``patience`` [s]: longest silence of the vehicle after which the run goes on. ``resume``:
+    directory of a run that ended early, to go on from.
 
     Raises
     ------
@@ -109,6 +111,8 @@ class TuneSettings:
     most_relays: int = 3
     gains: GivenGains | None = None
     proving: str = ""
+    patience: float = 60.0
+    resume: Path | None = None
     envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:

@@ -82,8 +82,13 @@ class Tale:
         return self._craft.parameters.types, (vehicle.system, vehicle.component)
 
     def flown(self, trial: Trial) -> None:
-        """Note a finished trial."""
-        self._trials.append(trial)
+        """Note a trial that is over; one flown again takes the place of the one that was interrupted."""
+        self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
+
+    @property
+    def finished(self) -> list[str]:
+        """The trials that came to their end."""
+        return [trial.name for trial in self._trials if trial.ending == "completed"]
 
     def end(self, ending: str, reason: str) -> None:
         """Note how it ended."""

@@ -48,6 +48,7 @@ from gcs_autotune.workflow.proof import known_of, proof_about_rest, proof_of_vel
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resting import jitter_in, noise_behind, resting_noise
+from gcs_autotune.workflow.resuming import Earlier, note_setting_out, way_on
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
 from gcs_autotune.workflow.voyage import Voyage
@@ -66,6 +67,7 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
         Whatever ended it early. By then the craft is as found (or ``NotAsFound`` says what is not), and the
         report of the aborted run is written.
     """
+    earlier = Earlier(settings)
     record = RunDirectory(settings.directory)
     tale = Tale(settings, when, watcher)
     axes = [f.axes[settings.axis] for f in FIRMWARE.values() if settings.axis in f.axes]
@@ -74,7 +76,7 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
             warming(settings.connection.uri, (a.dof for a in axes), (a.law for a in axes)) as desk,
             come_aboard(settings.connection, operator, tale, record, settings.control_rate, settings.axis) as craft,
         ):
-            voyage = _set_out(settings, operator, tale, record, craft, desk)
+            voyage = _set_out(settings, operator, tale, record, craft, desk, earlier)
             warmed(craft, desk, tale)
             announce(voyage)
             try:
@@ -83,6 +85,9 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
                 read_again(craft, tale, record)
     except BaseException as error:
         tale.abort(error)
+        on = way_on(settings, tale.finished)
+        if on:
+            tale.say(on)
         raise
     finally:
         _leave_report(tale, record)
@@ -104,7 +109,13 @@ def _leave_report(tale: Tale, record: RunDirectory) -> None:
 
 
 def _set_out(
-    settings: TuneSettings, operator: Operator, tale: Tale, record: RunDirectory, craft: MavlinkCraft, desk: Desk
+    settings: TuneSettings,
+    operator: Operator,
+    tale: Tale,
+    record: RunDirectory,
+    craft: MavlinkCraft,
+    desk: Desk,
+    earlier: Earlier,
 ) -> Voyage:
     """Learn what is tuned and what the vehicle has now; nothing moves yet."""
     axis = axis_of(craft.firmware, settings.axis)
@@ -113,15 +124,21 @@ def _set_out(
     tale.meet(craft)
     axis, own = learn_parameters(craft, axis, tale)
     tale.parameters_before = own
+    earlier.see_that_it_is_the_same(craft, own)
+    note_setting_out(record, settings, craft, own)
     present = axis.names.to_canonical(own)
     throttle, speed = speed_for(settings, axis, present)
     see_throttle_is_free(craft, axis.dof, throttle)
     see_depth_is_told(craft, axis.dof)
-    helm = Helm(craft, replace(settings.envelope, cruise=speed), tale, _keeper(craft, record, tale))
+    helm = Helm(craft, replace(settings.envelope, cruise=speed), tale, _keeper(craft, record, tale), settings.patience)
     tale.say(f"present parameters saved to {record.save_parameters('before', own)}")
+    if settings.resume is not None:
+        names = ", ".join(earlier.names) or "nothing was flown to its end there"
+        tale.say(f"of {settings.resume} will be used: {names}; the vehicle and its parameters are the same")
     for remark in remarks_on(craft):
         tale.say(remark)
-    voyage = Voyage(settings, operator, tale, record, craft, helm, desk, axis, law, given, present, throttle, speed)
+    about = axis, law, given, present, throttle, speed
+    voyage = Voyage(settings, operator, tale, record, craft, helm, desk, earlier, *about)
     if settings.gains is not None:
         tale.given_changes = changes_of(voyage, settings.gains)
         if not tale.given_changes:
@@ -166,7 +183,7 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
     if voyage.law.controls_velocity:
         if given is None:
             found = identify(voyage)
-            voyage.come_about()
+            voyage.come_about("step-before")
             known = known_of(found, axis)
         else:
             known = known_of(given, axis)

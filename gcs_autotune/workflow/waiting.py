@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
-from gcs_autotune.errors import LinkError
+from gcs_autotune.errors import AutotuneError, LinkError
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.desk import Desk
@@ -29,28 +29,52 @@ _GLANCE = 0.01
 """Chosen: seconds between two looks whether the work is done."""
 
 
-def think(craft: MavlinkCraft, desk: Desk, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
+def think(
+    craft: MavlinkCraft,
+    desk: Desk,
+    bear: Callable[[AutotuneError], bool],
+    work: Callable[P, T],
+    *args: P.args,
+    **named: P.kwargs,
+) -> T:
     """Return what *work* comes to at the *desk*, keeping the craft company meanwhile; what it raises is raised here.
 
-    On a lock-stepped link time stands still while we think, so there the work is simply done.
+    *bear* tells of trouble with the craft whether it is over; then the work goes on. On a lock-stepped link time stands
+    still while we think, so there the work is simply done.
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
     _keep_company(craft)
     desk.begin(partial(work, *args, **named))
-    return finish(craft, desk)  # type: ignore[no-any-return]
+    while True:
+        try:
+            _watch(craft, desk)
+        except AutotuneError as error:
+            if not bear(error):
+                desk.abandon()
+                raise
+            _keep_company(craft)
+        except BaseException:
+            desk.abandon()
+            raise
+        else:
+            return desk.result()  # type: ignore[no-any-return]
 
 
 def finish(craft: MavlinkCraft, desk: Desk, meanwhile: Callable[[], None] = lambda: None) -> Any:
     """Watch the craft until what was begun at the *desk* is done, and return it; likewise."""
     try:
-        while not desk.done:
-            craft.observe()
-            meanwhile()
+        _watch(craft, desk, meanwhile)
     except BaseException:
         desk.abandon()
         raise
     return desk.result()
+
+
+def _watch(craft: MavlinkCraft, desk: Desk, meanwhile: Callable[[], None] = lambda: None) -> None:
+    while not desk.done:
+        craft.observe()
+        meanwhile()
 
 
 def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:

@@ -44,6 +44,11 @@ class Company:
         self.observe()
 
 
+def never(error: AutotuneError) -> bool:
+    """No trouble is over by itself."""
+    return False
+
+
 @pytest.fixture(scope="module")
 def desk() -> Any:
     with Desk() as desk:
@@ -52,34 +57,49 @@ def desk() -> Any:
 
 def test_what_is_thought_about_is_computed_in_another_process_while_the_craft_is_kept_company(desk: Desk) -> None:
     craft: Any = Company()
-    assert think(craft, desk, os.getpid) != os.getpid()
+    assert think(craft, desk, never, os.getpid) != os.getpid()
     assert craft.sent == 1 and craft.looked > 0
 
 
 def test_an_error_crosses_with_its_type_its_words_and_what_it_carries(desk: Desk) -> None:
     craft: Any = Company()
     with pytest.raises(UnknownName, match="'rover-headin'") as caught:
-        think(craft, desk, lookup, {"rover-heading": 1}, "rover-headin", "control law")
+        think(craft, desk, never, lookup, {"rover-heading": 1}, "rover-headin", "control law")
     assert caught.value.nearest == ("rover-heading",)
     assert "in lookup" in caught.value.__notes__[0]
     with pytest.raises(ZeroDivisionError, match="by zero"):
-        think(craft, desk, divmod, 1, 0)
+        think(craft, desk, never, divmod, 1, 0)
 
 
 def test_what_cannot_cross_is_an_error_and_the_desk_works_on(desk: Desk) -> None:
     craft: Any = Company()
     with pytest.raises((AttributeError, pickle.PicklingError)):
-        think(craft, desk, lambda: 1)
+        think(craft, desk, never, lambda: 1)
     with pytest.raises(RuntimeError, match="module cannot be sent"):
-        think(craft, desk, __import__, "os")
-    assert think(craft, desk, divmod, 7, 2) == (3, 1)
+        think(craft, desk, never, __import__, "os")
+    assert think(craft, desk, never, divmod, 7, 2) == (3, 1)
 
 
 def test_a_process_that_dies_at_work_is_told_of_and_another_takes_its_place(desk: Desk) -> None:
     craft: Any = Company()
     with pytest.raises(AutotuneError, match=r"process that computes has ended by itself \(code 3"):
-        think(craft, desk, os._exit, 3)
-    assert think(craft, desk, divmod, 7, 2) == (3, 1)
+        think(craft, desk, never, os._exit, 3)
+    assert think(craft, desk, never, divmod, 7, 2) == (3, 1)
+
+
+def test_a_silence_that_is_over_does_not_lose_the_work(desk: Desk) -> None:
+    troubles = [LinkLost("silent for 3.0 s")]
+
+    def look() -> None:
+        if troubles:
+            raise troubles.pop()
+
+    craft: Any = Company(look)
+    assert think(craft, desk, lambda error: isinstance(error, LinkLost), divmod, 7, 2) == (3, 1)
+    assert troubles == [] and craft.sent == 2  # company is kept anew
+    troubles.append(LinkLost("silent again"))
+    with pytest.raises(LinkLost, match="again"):
+        think(craft, desk, never, time.sleep, 0.01)
 
 
 def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
@@ -90,7 +110,7 @@ def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
     with Desk() as desk:
         process: Any = desk._process
         with pytest.raises(OperatorStopped):
-            think(craft, desk, time.sleep, 1000.0)
+            think(craft, desk, never, time.sleep, 1000.0)
     assert process.returncode is not None and process.stdin.closed and process.stdout.closed
 
 
@@ -139,7 +159,7 @@ def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> N
 def test_everything_that_a_tune_computes_can_cross_to_another_process(tmp_path: Any, monkeypatch: Any) -> None:
     crossed = []
 
-    def there_and_back(craft: Any, desk: Desk, work: Any, *args: Any, **named: Any) -> Any:
+    def there_and_back(craft: Any, desk: Desk, bear: Any, work: Any, *args: Any, **named: Any) -> Any:
         crossed.append(work.__name__)
         return pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(partial(work, *args, **named)))()))
 

@@ -1,0 +1,156 @@
+"""Going on from a run that ended early: what of it was flown to its end is used, when nothing has changed since.
+
+A trial tells about one vehicle with one set of parameters. So the vehicle must be the same, by its board or its
+fingerprint, its firmware too, and hold the parameters recorded then; axis and settings must be those of that run. What
+makes a flight safe, the sign check and the dive, is always flown again.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping
+from typing import Any
+
+from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of, same_float32
+from gcs_autotune.trial import Trial, load_trial
+from gcs_autotune.workflow.record import JOURNAL, RunDirectory
+from gcs_autotune.workflow.settings import TuneSettings
+
+__all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "way_on"]
+
+SETTING_OUT = "setting_out.json"
+"""What a run set out with, in its directory."""
+USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
+"""Trials that a later run may use."""
+_SHAPING = (
+    *("axis", "step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed", "control_rate"),
+    "full_scale",
+)
+"""Settings that say what is flown."""
+
+
+def _shape(settings: TuneSettings) -> dict[str, Any]:
+    return {**{name: getattr(settings, name) for name in _SHAPING}, "given": settings.given is not None}
+
+
+def note_setting_out(
+    record: RunDirectory, settings: TuneSettings, craft: MavlinkCraft, own: Mapping[str, float]
+) -> None:
+    """Write down, before anything moves, what a run that goes on from this one must find the same."""
+    vehicle = craft.session.vehicle
+    record.save_json(
+        SETTING_OUT,
+        {
+            "settings": _shape(settings),
+            "vehicle": vehicle.to_dict() if vehicle is not None else {},
+            "fingerprint": fingerprint_of(craft.parameters),
+            "parameters": dict(own),
+        },
+    )
+
+
+def way_on(settings: TuneSettings, finished: list[str]) -> str:
+    """Return how to go on after a run that ended early, with what was *finished* of it; empty when nothing was."""
+    kept = [name for name in USED_AGAIN if name in finished]
+    if not kept:
+        return ""
+    link, run = shlex.quote(settings.connection.uri), shlex.quote(str(settings.directory))
+    return (
+        f"of this run {', '.join(kept)} can be used again, the rest is lost; to go on from there, with the same "
+        f"options: gcs-autotune tune {settings.axis} --connect {link} --resume {run}"
+    )
+
+
+class Earlier:
+    """The finished trials of an earlier run; none without *run*.
+
+    Raises
+    ------
+    UsageError
+        *run* is no run of a tune, or was flown with other settings.
+    PreconditionFailed
+        It left its vehicle with something to be put back.
+    BadFile
+        It cannot be read.
+    """
+
+    def __init__(self, settings: TuneSettings) -> None:
+        self._run = settings.resume
+        self._told: dict[str, Any] = {}
+        self._trials: dict[str, Trial] = {}
+        if self._run is None:
+            return
+        path = self._run / SETTING_OUT
+        if not path.exists():
+            raise UsageError(f"{self._run} is no run to go on from: there is no {SETTING_OUT} of a tune in it")
+        try:
+            self._told = json.loads(path.read_text(encoding="utf-8"))
+            self._check_settings(_shape(settings))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise BadFile(f"{path} cannot be read: {error}") from error
+        journal = self._run / JOURNAL
+        if journal.exists() and not Journal.read(journal).is_settled:
+            raise PreconditionFailed(
+                f"{self._run} left something to be put back: first run `gcs-autotune restore "
+                f"{shlex.quote(str(self._run))}`"
+            )
+        for path in sorted((self._run / "trials").glob("*.csv")):
+            if path.stem.partition("-")[2] in USED_AGAIN:
+                trial = load_trial(path)
+                if trial.ending == "completed":
+                    self._trials[trial.name] = trial
+
+    def _check_settings(self, wanted: Mapping[str, Any]) -> None:
+        then = self._told["settings"]
+        other = [name for name, value in wanted.items() if then.get(name) != value]
+        if other:
+            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} there, {wanted[name]} here" for name in other)
+            raise UsageError(
+                f"{self._run} was flown with other settings ({shown}): give the same, or leave out --resume"
+            )
+
+    @property
+    def names(self) -> list[str]:
+        """The trials that may be used."""
+        return [name for name in USED_AGAIN if name in self._trials]
+
+    def take(self, name: str) -> Trial | None:
+        """Return the trial of that *name*, if it was flown to its end, and give it out no more."""
+        return self._trials.pop(name, None)
+
+    def has(self, name: str) -> bool:
+        """Whether :meth:`take` would return one."""
+        return name in self._trials
+
+    def see_that_it_is_the_same(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
+        """See that the vehicle is the one of that run, and holds what it held then (*own*: name -> value now).
+
+        Raises
+        ------
+        WrongVehicle, PreconditionFailed
+            It is another, or has other parameters.
+        """
+        if self._run is None:
+            return
+        here = craft.session.vehicle
+        assert here is not None
+        then = self._told["vehicle"]
+        strange = difference(then, self._told["fingerprint"], here, craft.parameters)
+        if not strange and then.get("version") != here.version:
+            strange = f"its firmware is {then.get('version') or 'untold'} there, {here.version or 'untold'} here"
+        if strange:
+            raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}): tune without --resume")
+        held = self._told["parameters"]
+        other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
+        if other:
+            shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
+            raise PreconditionFailed(
+                f"the vehicle has other parameters than when {self._run} was flown ({shown}): what was flown then "
+                "tells nothing about it now. Tune without --resume, or put them back"
+            )
+
+
+def _same(a: float | None, b: float | None) -> bool:
+    return a is not None and b is not None and same_float32(float(a), float(b))

@@ -1,0 +1,125 @@
+"""`tune --resume RUN`: what was flown to its end is used, of the same vehicle with the same parameters alone."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import BadFile, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.workflow import tune
+
+from .harbour import WHEN, Ear, Harbour, Later, Moored
+from .test_silence import Enough
+
+CHANGED = "ATC_STR_RAT_FF"
+
+
+@pytest.fixture(scope="module")
+def ended_early(tmp_path_factory: pytest.TempPathFactory) -> Harbour:
+    """A heading tune that was stopped after its first self-oscillation."""
+    harbour = Harbour(tmp_path_factory.mktemp("ended_early"))
+    with pytest.raises(OperatorStopped):
+        harbour.tune(Enough(harbour, "relay-1: completed"))
+    return harbour
+
+
+class Again:
+    """The same vehicle, tuned by somebody who goes on from an earlier run, until *words* are said."""
+
+    def __init__(
+        self, harbour: Harbour, tmp_path: Path, words: str = "second self-oscillation", **changes: Any
+    ) -> None:
+        self.said: list[str] = []
+        self.operator = Enough(self, words)  # type: ignore[arg-type]
+        self.directory = tmp_path / "again"
+        connection = Moored(peer=Later(harbour.server))
+        wanted = {"resume": harbour.directory, **changes}
+        self.settings = replace(harbour.settings(), connection=connection, directory=self.directory, **wanted)
+
+    def tune(self) -> None:
+        tune(self.settings, self.operator, Ear(self.said), WHEN)
+
+
+def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: Harbour) -> None:
+    told = [text for text in ended_early.said if "--resume" in text]
+    assert told == [
+        "of this run step-before, relay-1 can be used again, the rest is lost; to go on from there, with the same "
+        f"options: gcs-autotune tune heading --connect memory --resume {ended_early.directory}"
+    ]
+
+
+def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early: Harbour, tmp_path: Path) -> None:
+    again = Again(ended_early, tmp_path)
+    with pytest.raises(OperatorStopped):
+        again.tune()
+    assert (
+        f"of {ended_early.directory} will be used: step-before, relay-1; the vehicle and its parameters are the same"
+        in (again.said)
+    )
+    assert "step with present gains: not flown, step-before of the earlier run is used" in again.said
+    assert "first self-oscillation: not flown, relay-1 of the earlier run is used" in again.said
+    assert any(text.startswith("sign-check: completed") for text in again.said)  # for safety, always
+    names = {path.stem.partition("-")[2] for path in (again.directory / "trials").glob("*.csv")}
+    assert {"sign-check", "step-before", "relay-1"} <= names
+    old, new = (next(d.glob("trials/*-relay-1.csv")).read_text() for d in (ended_early.directory, again.directory))
+    assert old.splitlines()[0] == new.splitlines()[0] and len(old.splitlines()) == len(new.splitlines())
+
+
+def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: Harbour, tmp_path: Path) -> None:
+    values, old = ended_early.vehicle.parameters.values, ended_early.vehicle.parameters.values[CHANGED]
+    values[CHANGED] = old + 0.125
+    again = Again(ended_early, tmp_path)
+    try:
+        with pytest.raises(PreconditionFailed, match=rf"{CHANGED} [\d.]+ then, [\d.]+ now\): what was flown"):
+            again.tune()
+    finally:
+        values[CHANGED] = old
+    assert not any(text.startswith("found: mode") for text in again.said)
+
+
+def copied(harbour: Harbour, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(harbour.directory, tmp_path / "copied"))
+
+
+def test_another_vehicle_is_not_gone_on_with(ended_early: Harbour, tmp_path: Path) -> None:
+    run = copied(ended_early, tmp_path)
+    told = json.loads((run / "setting_out.json").read_text())
+    told["vehicle"]["uid"] = "c0ffee"
+    (run / "setting_out.json").write_text(json.dumps(told))
+    with pytest.raises(WrongVehicle, match=r"flown by another vehicle .*c0ffee"):
+        Again(ended_early, tmp_path, resume=run).tune()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"step": 0.25}, "step None there, 0.25 here"), ({"axis": "yaw"}, "axis heading there, yaw here")],
+)
+def test_other_settings_are_refused_before_the_link_is_opened(
+    ended_early: Harbour, tmp_path: Path, changes: dict[str, Any], words: str
+) -> None:
+    again = Again(ended_early, tmp_path, **changes)
+    with pytest.raises(UsageError, match=words):
+        again.tune()
+    assert again.said == [] and not again.directory.exists()
+
+
+def test_a_run_that_owes_something_is_put_back_first(ended_early: Harbour, tmp_path: Path) -> None:
+    run = copied(ended_early, tmp_path)
+    journal = run / "journal.jsonl"
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(PreconditionFailed, match="first run `gcs-autotune restore"):
+        Again(ended_early, tmp_path, resume=run).tune()
+
+
+def test_what_is_no_run_of_a_tune_is_refused(ended_early: Harbour, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no run to go on from"):
+        Again(ended_early, tmp_path, resume=tmp_path).tune()
+    run = copied(ended_early, tmp_path)
+    (run / "setting_out.json").write_text("{")
+    with pytest.raises(BadFile, match=r"setting_out\.json cannot be read"):
+        Again(ended_early, tmp_path, resume=run).tune()

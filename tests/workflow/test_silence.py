@@ -1,0 +1,83 @@
+"""A silence of some seconds pauses a tune, and it goes on where it was; a longer one ends it, all put back."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import LinkLost, OperatorStopped
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow.tale import Tale
+
+from .harbour import Harbour
+
+
+class Hushed(Harbour):
+    """A vehicle that cannot be heard, and hears nothing, for ``silence`` [s], from ``after`` [s] into *stage* on."""
+
+    def __init__(self, tmp_path: Any, stage: str, after: float, silence: float, **options: Any) -> None:
+        self.stage, self.after, self.silence, self.begun = stage, after, silence, float("inf")
+        super().__init__(tmp_path, meddling=self.hush, **options)
+
+    def hush(self, t: float, message: Any) -> list[Any]:
+        if self.begun > t and self.stage in self.said:
+            self.begun = min(self.begun, t)
+        quiet = self.begun + self.after <= t < self.begun + self.after + self.silence
+        self.peer.deaf = quiet
+        return [] if quiet else [message]
+
+
+class Enough:
+    """An operator who has seen enough as soon as *words* have been said."""
+
+    def __init__(self, harbour: Harbour, words: str) -> None:
+        self.harbour, self.words = harbour, words
+
+    def stop_requested(self) -> bool:
+        return any(text.startswith(self.words) for text in self.harbour.said)
+
+    def ask(self, question: str, while_waiting: Any) -> bool:
+        return True
+
+
+def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flown_again(tmp_path: Any) -> None:
+    harbour = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
+    with pytest.raises(OperatorStopped):
+        harbour.tune(Enough(harbour, "relay-1: completed"))
+    again = [text for text in harbour.said if text.startswith("going on:")]
+    assert again == ["going on: first self-oscillation is flown again from its beginning"]
+    kept = sorted(path.name for path in (harbour.directory / "trials").glob("*-relay-1.json"))
+    endings = [json.loads((harbour.directory / "trials" / name).read_text())["ending"] for name in kept]
+    assert endings == ["aborted", "completed"]  # the interrupted one is on disk too
+    harbour.assert_as_found()
+
+
+def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced(tmp_path: Any) -> None:
+    harbour = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
+    with pytest.raises(OperatorStopped):
+        harbour.tune(Enough(harbour, "step-before: completed"), axis="depth")
+    said = "\n".join(harbour.said)
+    assert "going on: step with present gains is flown again" in said
+    assert "arming it again, as announced" in said
+    harbour.assert_as_found()
+
+
+def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(tmp_path: Any) -> None:
+    tale = Tale(Harbour(tmp_path).settings(), "now", SilentWatcher())
+    for ending in ("aborted", "completed"):
+        tale.flown(Trial("relay-1", {}, ending=ending))
+    assert [trial.ending for trial in tale.story().relays] == ["completed"]
+
+
+@pytest.mark.parametrize(("patience", "silence"), [(0.0, 9.0), (12.0, 20.0)])
+def test_a_silence_longer_than_stated_ends_the_tune_with_everything_put_back(
+    tmp_path: Any, patience: float, silence: float
+) -> None:
+    harbour = Hushed(tmp_path, "step with present gains", 10.0, silence)
+    with pytest.raises(LinkLost):
+        harbour.tune(dry_run=True, patience=patience)
+    assert not any(text.startswith("going on:") for text in harbour.said)
+    harbour.assert_as_found()
