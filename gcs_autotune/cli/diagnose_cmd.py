@@ -90,7 +90,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.out is not None or not args.json:
         directory = args.out or fresh(Path(f"diagnose-{args.runs[0].resolve().stem}"))
         replaced = on_replacing(directory)
-        page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"))
+        page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"), runs)
     if args.json:
         sys.stdout.write(told.to_json() + "\n")
         return 0

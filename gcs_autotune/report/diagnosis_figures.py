@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.result import Gain, Portrait
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
+from gcs_autotune.report.craft_figures import draw_inputs
 from gcs_autotune.report.diagnosis_names import signal_words
 from gcs_autotune.report.diagnosis_views import View, bin_means
 from gcs_autotune.report.numbers import pretty_unit, to_people
 from gcs_autotune.report.series import finite, thin
 from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,9 +46,14 @@ def scaled(values: Array, unit: str) -> tuple[Array, str]:
     return factor * values, pretty_unit(shown) or "1"
 
 
-def draw_flight(before: Trace, after: Trace | None = None) -> Figure:
-    """Measured motion with the simulation, and with the extended one if given; below, what each leaves over."""
-    figure, (top, bottom) = new_axes((1.7, 0.9))
+def draw_flight(
+    before: Trace, after: Trace | None = None, run: Trial | None = None, inputs: Sequence[str] = ()
+) -> Figure:
+    """Measured motion with the simulation, and with the extended one if given; below, what each leaves over, and the
+    *inputs* of the *run* meanwhile.
+    """
+    driven = run is not None and len(inputs) > 0 and len(before.t) > 1
+    figure, (top, bottom, *drive) = new_axes((1.7, 0.9, 0.7) if driven else (1.7, 0.9))
     start = float(before.t[0]) if len(before.t) else 0.0
     measured, unit = scaled(before.measured, before.unit)
     dots = finite(before.t - start, measured)
@@ -61,7 +68,11 @@ def draw_flight(before: Trace, after: Trace | None = None) -> Figure:
     bottom.axhline(0.0, color=FAINT, lw=0.7)
     top.set_ylabel(f"{signal_words(before.signal)} [{unit}]")
     bottom.set_ylabel(f"residual [{unit}]")
-    bottom.set_xlabel("time [s]")
+    for axes in drive:
+        assert run is not None
+        draw_inputs(axes, run, inputs, start, float(before.t[-1]))
+    (*_, last) = (top, bottom, *drive)
+    last.set_xlabel("time [s]")
     legend(top)
     return figure
 

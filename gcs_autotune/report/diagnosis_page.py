@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from gcs_autotune.effects.book import BOOK
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
 from gcs_autotune.report.canvas import pens, to_svg
+from gcs_autotune.report.craft_figures import draw_track, inputs_of
 from gcs_autotune.report.diagnosis_curves import draw_curve
 from gcs_autotune.report.diagnosis_figures import draw_flight, draw_gains, draw_left, draw_view
 from gcs_autotune.report.diagnosis_names import effect_words, signal_words
@@ -24,6 +25,7 @@ from gcs_autotune.report.numbers import format_error, format_moment, format_shar
 from gcs_autotune.report.page import render_page
 from gcs_autotune.report.tables import Table
 from gcs_autotune.report.wording import doubt_sentence
+from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,11 +68,13 @@ class StepStory:
     rest: Table | None
 
 
-def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = "") -> str:
+def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = "", runs: Sequence[Trial] = ()) -> str:
     """Return the whole page; the same diagnosis gives the same bytes.
 
-    *when* is an ISO 8601 moment; *directory* is where the files of the diagnosis are, for commands to copy.
+    *when* is an ISO 8601 moment; *directory* is where the files of the diagnosis are, for commands to copy; *runs* are
+    those it looked at: their inputs are drawn below what they moved, and where the craft went.
     """
+    flown = {run.name: run for run in runs}
     headline = diagnosis_wording.verdict_headline(told)
     model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
     return render_page(
@@ -83,14 +87,15 @@ def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = ""
             "tiles": _tiles(told),
             "doubts": tuple(doubt_sentence(d) for d in told.doubts),
             "base": told.base_model.base.form.title,
-            "before": tuple(_before(told)),
+            "before": tuple(_before(told, flown)),
+            "track": next(_picture("track", "Track over ground, north up.", lambda: draw_track(flown)), None),
             "numbers_title": "" if told.numbers is None else diagnosis_wording.numbers_title(told.numbers),
             "numbers": _numbers(told.numbers),
             "numbers_gains": _numbers_gains(told.numbers),
             "signs": told.gave_away.findings if told.verdict != "no-effect" else (),
             "views": tuple(_views(told)),
             "causes": tuple(_causes(told)),
-            "after": tuple(_after(told)),
+            "after": tuple(_after(told, flown)),
             "gains": diagnosis_tables.gains_table(told.gains) if told.gains and told.causes else None,
             "held_out": gain.held_out if (gain := first_gain(told)) is not None else "",
             "left": told.left.findings,
@@ -172,7 +177,12 @@ def _ordered(told: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait
     return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
 
 
-def _before(told: Diagnosis) -> Iterator[Picture]:
+def _drawn(told: Diagnosis, flown: Mapping[str, Trial], before: Trace, after: Trace | None = None) -> Figure:
+    run = flown.get(before.run)
+    return draw_flight(before, after, run, inputs_of(told.base_model, run))
+
+
+def _before(told: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
     for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
         caption = (
             f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
@@ -180,10 +190,10 @@ def _before(told: Diagnosis) -> Iterator[Picture]:
         )
         if told.after and i > 1:
             return
-        yield from _picture(f"before-{i}", caption, lambda trace=trace: draw_flight(trace))  # type: ignore[misc]
+        yield from _picture(f"before-{i}", caption, lambda trace=trace: _drawn(told, flown, trace))  # type: ignore[misc]
 
 
-def _after(told: Diagnosis) -> Iterator[Picture]:
+def _after(told: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
     if not told.after:
         return
     gains = told.gains if told.causes or told.numbers is None else told.numbers.gains
@@ -199,7 +209,7 @@ def _after(told: Diagnosis) -> Iterator[Picture]:
             continue
         old, new = (format_error(_misfit(t), t.unit, 3) for t in (trace, other))
         caption = f"'{trace.run}', {signal_words(trace.signal)}: {old} RMS before, {new} RMS after."
-        yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: draw_flight(a, b))  # type: ignore[misc]
+        yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: _drawn(told, flown, a, b))  # type: ignore[misc]
 
 
 def _views(told: Diagnosis) -> Iterator[Picture]:

@@ -82,12 +82,15 @@ def run_diagnosis(
     )
 
 
-def write_diagnosis(told: Diagnosis, directory: Path, when: str) -> Path:
-    """Write ``report.html``, ``diagnosis.json`` and ``model.json`` (the extended model); return the page's path."""
+def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[Trial] = ()) -> Path:
+    """Write ``report.html``, ``diagnosis.json`` and ``model.json`` (the extended model); return the page's path.
+
+    *runs*: what was looked at, for the page to draw their inputs and tracks.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "report.html"
     title = f"What does the simulation get wrong? {', '.join(dict.fromkeys(told.used))}"
-    page.write_text(render_diagnosis(told, title, when, str(directory)), encoding="utf-8")
+    page.write_text(render_diagnosis(told, title, when, str(directory), runs), encoding="utf-8")
     (directory / "diagnosis.json").write_text(told.to_json() + "\n", encoding="utf-8")
     model = json.dumps(told.extended_model.to_dict(), indent=1)
     (directory / MODEL_FILE).write_text(model + "\n", encoding="utf-8")

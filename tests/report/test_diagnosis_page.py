@@ -23,6 +23,7 @@ from gcs_autotune.report.diagnosis_views import bin_means, telling_view, views_o
 from gcs_autotune.report.diagnosis_wording import verdict_headline
 from gcs_autotune.report.numbers import format_parameter
 from gcs_autotune.report.terminal import render_text
+from gcs_autotune.trial import Channel, Trial
 
 TITLE = "Diagnosis of 'boat' <b>"
 
@@ -236,3 +237,18 @@ def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
         flat.append(replace(portrait, against=against, cross={}, spectrum=None))
     assert "This speaks for:" in render_diagnosis(told, "t", WHEN)
     assert "This speaks for:" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)
+
+
+def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside():
+    told = dead_zone()
+    trace = told.before[0].traces[0]
+    channel = next(iter(told.base_model.base.form.inputs))
+    t = np.linspace(trace.t[0], trace.t[-1], 50)
+    places = {n: Channel(n, "m", t, 40.0 * f(t / 9.0)) for n, f in (("x", np.sin), ("y", np.cos))}
+    run = Trial(trace.run, {channel: Channel(channel, "N m", t, np.sign(np.sin(t))), **places})
+    bare, full = (render_diagnosis(told, "t", WHEN, runs=runs) for runs in ((), (run,)))
+    label = f">{channel} [N m]<"
+    assert label in full
+    assert label not in bare
+    assert "Track over ground" in full
+    assert "Track over ground" not in bare
