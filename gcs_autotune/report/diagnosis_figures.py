@@ -71,8 +71,7 @@ def draw_flight(
     for axes in drive:
         assert run is not None
         draw_inputs(axes, run, inputs, start, float(before.t[-1]))
-    (*_, last) = (top, bottom, *drive)
-    last.set_xlabel("time [s]")
+    (drive[0] if drive else bottom).set_xlabel("time [s]")
     legend(top)
     return figure
 
