@@ -14,7 +14,7 @@ from gcs_autotune.workflow.preflight import ANNOUNCED
 from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
 from gcs_autotune.workflow.voyage import Voyage
 
-__all__ = ["announce", "battery", "how_long", "room"]
+__all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]
 
 ROV_ROOM, BELOW = 2.0, 1.5
 """Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
@@ -43,6 +43,7 @@ def announce(voyage: Voyage) -> None:
             room(voyage.axis.dof, voyage.speed, voyage.settings, now),
             how_long(itinerary),
             battery(now, voyage.settings.envelope, itinerary.seconds),
+            *after_a_silence(voyage.settings, now),
             "write no parameter (dry run)"
             if voyage.settings.dry_run
             else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
@@ -94,6 +95,14 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
     if not known:
         return f"draw on the battery, {draws}; the vehicle tells nothing of it, so it is not guarded"
     return f"draw on the battery ({', '.join(known)}), {draws}"
+
+
+def after_a_silence(settings: TuneSettings, now: Observation) -> tuple[str, ...]:
+    """Return what is done when the vehicle was not heard for a while; nothing where the first silence ends the run."""
+    if settings.patience <= 0.0:
+        return ()
+    again = "" if now.armed else ", and arm again, after asking, what was disarmed meanwhile"
+    return (f"go on after a silence of up to {settings.patience:g} s (--patience){again}",)
 
 
 def _minutes(seconds: float) -> str:

@@ -19,7 +19,7 @@ from gcs_autotune.report import render_study
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
-from gcs_autotune.workflow.announcement import battery, how_long, room
+from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long, room
 from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.experiments import dive_for, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.helm import Helm
@@ -81,7 +81,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
                 make_ready(craft, watcher)
                 craft.arm()
                 say_link_times(craft, watcher)
-                helm, trials = _fly(settings, dof, craft, watcher, record, desk)
+                helm, trials = _fly(settings, dof, craft, operator, watcher, record, desk)
                 delay = delay_of(settings)
                 surge = dof == "surge" and craft.firmware.kind == "boat"
                 if surge:
@@ -120,7 +120,13 @@ def _with_curve(
 
 
 def _fly(
-    settings: TuneSettings, dof: str, craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, desk: Desk
+    settings: TuneSettings,
+    dof: str,
+    craft: MavlinkCraft,
+    operator: Operator,
+    watcher: Watcher,
+    record: RunDirectory,
+    desk: Desk,
 ) -> tuple[Helm, list[Trial]]:
     cruise, kind = _cruise(settings, dof, craft), craft.firmware.kind
     settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
@@ -130,6 +136,7 @@ def _fly(
         watcher,
         lambda trial: beside(craft, partial(record.keep, trial)),
         settings.patience,
+        partial(agreed, craft, operator, watcher),
     )
     if dof == "surge" and kind == "boat":
         return helm, [_swing(helm, cruise, n) for n in range(2)]
@@ -225,6 +232,7 @@ def _announce(
         room(EXPERIMENTS[settings.axis], _cruise(settings, EXPERIMENTS[settings.axis], craft).speed, settings, now),
         how_long(itinerary),
         battery(now, settings.envelope, itinerary.seconds),
+        *after_a_silence(settings, now),
         "write no parameter",
     ):
         watcher.say(f"will {text}")

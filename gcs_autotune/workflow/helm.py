@@ -22,7 +22,7 @@ class Helm:
     """Flies manoeuvres aboard *craft* inside *envelope*; ``keep`` gets every record, as the sequencer's does.
 
     What a silence of up to *patience* [s] interrupts is flown again from its beginning, after a dive again where the
-    craft has come up.
+    craft has come up; *ask* whether a vehicle that was disarmed meanwhile may be armed again (never, by default).
     """
 
     def __init__(
@@ -32,11 +32,12 @@ class Helm:
         watcher: Watcher,
         keep: Callable[[Trial], None],
         patience: float = 0.0,
+        ask: Callable[[str], bool] = lambda question: False,
     ) -> None:
         self._kind = craft.firmware.kind
         self._craft = craft
         self._watcher = watcher
-        self._patience = Patience(craft, patience, watcher.say)
+        self._patience = Patience(craft, patience, watcher.say, ask)
         self._dive: Dive | None = None
         self._envelope = envelope
         self._sequencer = Sequencer(craft, envelope, watcher, keep)

@@ -1,7 +1,8 @@
 """A vehicle that falls silent for some seconds: it is waited for, made neutral, and what was under way is begun again.
 
-Its failsafes may have disarmed it and changed its mode meanwhile. What we had armed, as announced, is armed again; what
-was found armed is not. A vehicle that has restarted is another story: its estimator and message rates are gone.
+Its failsafes may have disarmed it and changed its mode meanwhile; so may somebody beside it, which nobody heard. What
+we had armed, as announced, is armed again after asking; what was found armed is not. A vehicle that has restarted is
+another story: its estimator and message rates are gone.
 """
 
 from __future__ import annotations
@@ -29,13 +30,15 @@ class Patience:
     Parameters
     ----------
     seconds : longest silence that is waited out; 0 for none.
-    say : where it is told.
+    say : where it is told. ask : whether it may be armed again.
     """
 
-    def __init__(self, craft: MavlinkCraft, seconds: float, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, craft: MavlinkCraft, seconds: float, say: Callable[[str], None], ask: Callable[[str], bool]
+    ) -> None:
         self._craft = craft
         self._seconds = seconds
-        self._say = say
+        self._say, self._ask = say, ask
         self._found_armed = craft.armed
         self._borne = 0
 
@@ -86,7 +89,11 @@ class Patience:
         if not craft.armed:
             if self._found_armed:
                 return False
-            self._say("the vehicle has disarmed itself meanwhile: arming it again, as announced")
+            if not self._ask(
+                "It was disarmed during the silence, by a failsafe or by somebody. Arm it again and go on?"
+            ):
+                return False
+            self._say("arming it again, as announced")
             craft.arm()
         craft.neutral()
         return True

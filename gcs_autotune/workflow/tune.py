@@ -52,7 +52,7 @@ from gcs_autotune.workflow.resuming import Earlier, note_setting_out, way_on
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tale import Tale
 from gcs_autotune.workflow.voyage import Voyage
-from gcs_autotune.workflow.waiting import beside
+from gcs_autotune.workflow.waiting import agreed, beside
 from gcs_autotune.workflow.warming import warmed, warming
 
 __all__ = ["tune"]
@@ -130,7 +130,8 @@ def _set_out(
     throttle, speed = speed_for(settings, axis, present)
     see_throttle_is_free(craft, axis.dof, throttle)
     see_depth_is_told(craft, axis.dof)
-    helm = Helm(craft, replace(settings.envelope, cruise=speed), tale, _keeper(craft, record, tale), settings.patience)
+    envelope, keep = replace(settings.envelope, cruise=speed), _keeper(craft, record, tale)
+    helm = Helm(craft, envelope, tale, keep, settings.patience, partial(agreed, craft, operator, tale))
     tale.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
         names = ", ".join(earlier.names) or "nothing was flown to its end there"

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.errors import LinkLost, OperatorStopped
+from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow.tale import Tale
@@ -33,14 +33,16 @@ class Hushed(Harbour):
 class Enough:
     """An operator who has seen enough as soon as *words* have been said."""
 
-    def __init__(self, harbour: Harbour, words: str) -> None:
-        self.harbour, self.words = harbour, words
+    def __init__(self, harbour: Harbour, words: str, declined: str = "nothing") -> None:
+        self.harbour, self.words, self.declined = harbour, words, declined
+        self.asked: list[str] = []
 
     def stop_requested(self) -> bool:
         return any(text.startswith(self.words) for text in self.harbour.said)
 
     def ask(self, question: str, while_waiting: Any) -> bool:
-        return True
+        self.asked.append(question)
+        return self.declined not in question
 
 
 def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flown_again(tmp_path: Any) -> None:
@@ -55,13 +57,26 @@ def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flow
     harbour.assert_as_found()
 
 
-def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced(tmp_path: Any) -> None:
+def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_after_asking(tmp_path: Any) -> None:
     harbour = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
+    operator = Enough(harbour, "step-before: completed")
     with pytest.raises(OperatorStopped):
-        harbour.tune(Enough(harbour, "step-before: completed"), axis="depth")
+        harbour.tune(operator, axis="depth", simulated=False)
     said = "\n".join(harbour.said)
     assert "going on: step with present gains is flown again" in said
+    assert "arm again, after asking, what was disarmed meanwhile" in said
+    assert [q for q in operator.asked if "Arm it again" in q]
     assert "arming it again, as announced" in said
+    harbour.assert_as_found()
+
+
+def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no(tmp_path: Any) -> None:
+    harbour = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
+    operator = Enough(harbour, "step-before: completed", declined="Arm it again")
+    with pytest.raises(AutotuneError):
+        harbour.tune(operator, axis="depth", simulated=False)
+    assert [q for q in operator.asked if "Arm it again" in q]
+    assert not any("arming it again" in text for text in harbour.said)
     harbour.assert_as_found()
 
 
