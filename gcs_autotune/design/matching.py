@@ -56,6 +56,8 @@ RESERVE = 1.05
 """Margins are held this much above the wish, because least squares trades and the gains are rounded."""
 HARDEST = 2
 """How many samples of the 95 % region, the hardest at the start, hold their margins during the descent."""
+DESCENTS = 3
+"""Descents to a wish that the user gave, at most."""
 MARGIN_WEIGHT = 0.5
 DIFFERENCE = 1e-3
 """Finite difference, as a fraction of a gain's range."""
@@ -160,27 +162,35 @@ def output_noise(problem: Problem, settings: Settings) -> float:
 def match(problem: Problem, wanted: ModelFunction, start: Settings | None = None) -> dict[str, float]:
     """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
 
-    The first algebraic start anchors the light pull; the descent begins at the best of the algebraic starts,
-    the present gains and *start* (gains found for a neighbouring wish).
+    Descents begin at the best of the algebraic starts, the present gains and *start* (gains found for a neighbouring
+    wish), each pulled lightly to where it began: of a wish that the user gave at several of them, for no other wish is
+    tried beside it, else at the very best.
     """
     residuals = _Residuals(problem, wanted)
     algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.speed)
     anchors = [problem.as_fractions(g) for g in [*algebra, *([start] if start else []), problem.settings]]
-    costs = [float(np.sum(residuals(a, a) ** 2)) for a in anchors]
-    best = anchors[int(np.argmin(costs))]
-    residuals.watch(problem.with_gains(best))
+    anchors.sort(key=lambda a: float(np.sum(residuals(a, a) ** 2)))
+    residuals.watch(problem.with_gains(anchors[0]))
+    descents = 1 if problem.spec.is_automatic else DESCENTS
+    ends = [_descended(residuals, anchor) for anchor in anchors[:descents]]
+    values = problem.with_gains(min(ends, key=lambda x: float(np.sum(residuals(x, x) ** 2))))
+    return {g.parameter: round_gain(values[g.parameter], g) for g in problem.gains}
+
+
+def _descended(residuals: _Residuals, anchor: Array) -> Array:
+    """Return where a descent from *anchor* (n,) ends."""
     found = least_squares(
         residuals,
-        np.clip(best, 1e-6, 1.0 - 1e-6),
+        np.clip(anchor, 1e-6, 1.0 - 1e-6),
         jac=residuals.jacobian,
         bounds=(0.0, 1.0),
-        args=(best,),
+        args=(anchor,),
         max_nfev=30,
         ftol=1e-5,
         xtol=1e-5,
     )
-    values = problem.with_gains(found.x)
-    return {g.parameter: round_gain(values[g.parameter], g) for g in problem.gains}
+    end: Array = found.x
+    return end
 
 
 def round_gain(value: float, gain: Gain) -> float:

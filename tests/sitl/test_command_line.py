@@ -28,8 +28,8 @@ def test_the_vehicles_are_listed(capsys):
     [
         (["chrlie"], "no vehicle called 'chrlie'; did you mean charlie?"),
         ([], "which vehicle? there are charlie"),
-        (["charlie", "--speedup", "0"], "give a number above 0"),
-        (["charlie", "--speedup", "nan"], "give a number above 0"),
+        (["charlie", "--speedup", "0"], "give 0.01 to 1000 simulated seconds per second"),
+        (["charlie", "--speedup", "nan"], "give 0.01 to 1000 simulated seconds per second"),
         (["charlie", "--param", "WP_SPEED"], "give NAME=VALUE with a number"),
         (["charlie", "--param", "WP_SPEED=fast"], "give NAME=VALUE with a number"),
         (["charlie", "--param", "NO_SUCH=1"], "the firmware of charlie has no parameter 'NO_SUCH'"),
