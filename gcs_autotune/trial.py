@@ -39,6 +39,10 @@ _FLOWN_FOR: Mapping[str, Purpose] = {
 """Manoeuvres of records that do not say their purpose yet; all others were flown to identify."""
 
 
+HALF_A_STAMP = 0.5e-6
+"""Stamps are written to a microsecond [s]: one read back may lie so much before the one that was meant."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
     """One signal in SI units.
@@ -133,7 +137,7 @@ class Trial:
     def proper(self) -> Trial:
         """The manoeuvre proper, without its lead-in: from ``meta["from_t"]`` on (all of it when there is none)."""
         start = self.meta.get("from_t")
-        return self.between(start, self.end) if isinstance(start, float) and start > self.start else self
+        return self.between(start - HALF_A_STAMP, self.end) if isinstance(start, float) and start > self.start else self
 
     def between(self, start: float, end: float) -> Trial:
         """Return the part of the trial with ``start <= t <= end``."""

@@ -107,17 +107,17 @@ def test_a_straight_actuator_needs_no_third_size():
 
 
 def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does(monkeypatch: pytest.MonkeyPatch):
-    def at_once(craft: object, desk: object, work: Callable[..., object], *args: object) -> object:
+    def at_once(craft: object, desk: object, bear: object, work: Callable[..., object], *args: object) -> object:
         return work(*args)
 
     monkeypatch.setattr(workflow_experiment, "think", at_once)
     runs, said = two(0.8), []
-    plain, watcher = fit_axis(runs, dof="yaw"), SimpleNamespace(say=said.append)
+    plain, watcher, helm = fit_axis(runs, dof="yaw"), SimpleNamespace(say=said.append), SimpleNamespace(bear=None)
     free, asked = SimpleNamespace(structure=None), SimpleNamespace(structure="affine")
-    found = workflow_experiment._with_curve(free, runs, plain, None, watcher, None)  # type: ignore[arg-type]
+    found = workflow_experiment._with_curve(free, runs, plain, None, watcher, None, helm)  # type: ignore[arg-type]
     assert [e.slug for e in found.effects] == ["quadratic-actuator"]
     assert found.fit_percent > plain.fit_percent + 5.0
     assert found.covariance.shape == (len(found.parameters),) * 2 == (6, 6)
     assert found.correlation[0, 5] != 0.0
     assert any("weak for small commands" in text for text in said)
-    assert workflow_experiment._with_curve(asked, runs, plain, None, watcher, None) is plain  # type: ignore[arg-type]
+    assert workflow_experiment._with_curve(asked, runs, plain, None, watcher, None, helm) is plain  # type: ignore[arg-type]
