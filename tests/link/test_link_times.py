@@ -169,6 +169,7 @@ def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: 
             boat.send(mavlink.MAVLink_raw_imu_message(0, *range(1, 10)))
 
     boat._step = with_chatter  # type: ignore[method-assign]
+    # Known weakness: at 1300 and 1400 bytes/s three messages are crowded out altogether and taken for not being aboard.
     craft = board(Narrow(boat, rate=1200.0))
     assert craft.rates.measured["ATTITUDE"] >= 4.5
     assert any("RAW_IMU off" in note for note in craft.session.notes)
