@@ -71,7 +71,7 @@ def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:
 
 def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
     if not changed:
-        yield "the present gains are already as good as any this design can offer: nothing to change"
+        yield "no gains found inside the documented ranges do better than the present ones: nothing to change"
     elif not before.worst_margins.stable:
         yield "with the present gains the loop is, or may be, unstable on the identified craft"
     elif not is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot).better:

@@ -27,7 +27,10 @@ def decide(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler
     if proposal.changes:
         tale.say(_promise(proposal))
     if not proposal.changes:
-        tale.end("unchanged", "the present gains are already as good as any this tool can offer")
+        tale.end(
+            "unchanged",
+            "no gains found inside the documented ranges do better than the present ones; nothing was written",
+        )
     elif _is_hopeless(proposal, before):
         tale.end(
             "unchanged",
