@@ -1,4 +1,4 @@
-"""Seed 001, table 3, again: percent errors of the coefficients of CyberShip II by filter, least squares, output error.
+"""ZhaoUSV, table 3, again: percent errors of the coefficients of CyberShip II by filter, least squares, output error.
 
     python benchmarks/ekf_vs_ls.py [--seeds 3] [--noise 0.001] [--motions circle zigzag]
 
@@ -26,7 +26,7 @@ from gcs_autotune.identify import METHODS, fit
 from gcs_autotune.trial import Trial
 
 SEED_AVERAGES = {"EKF1": 4.13, "EKF2": 3.83, "LS1": 7.92, "LS2": 7.99}
-"""Seed 001, table 3, last row [%]."""
+"""ZhaoUSV, table 3, last row [%]."""
 
 COUNTED = tuple(n for n, v in TRUTH.items() if v != 0.0)
 
@@ -39,7 +39,7 @@ STARTS = {
 
 
 def least_squares(run: Trial) -> dict[str, float]:
-    """Seed 001 (19)-(26): row by row on measured velocities and accelerations, without the added masses' coupling."""
+    """ZhaoUSV (19)-(26): row by row on measured velocities and accelerations, without the added masses' coupling."""
     u, v, r, du, dv, dr = (run[n].values for n in ("u", "v", "r", "du", "dv", "dr"))
     T_1, T_2 = run["T_1"].values, run["T_2"].values
     m, I_z, x_G = KNOWN["m"], KNOWN["I_z"], KNOWN["x_G"]
@@ -63,7 +63,7 @@ def least_squares(run: Trial) -> dict[str, float]:
 
 
 def coupled_least_squares(run: Trial) -> dict[str, float]:
-    """The same with the added masses' Coriolis forces of seed 001 (1) in all three rows, solved together."""
+    """The same with the added masses' Coriolis forces of ZhaoUSV (1) in all three rows, solved together."""
     u, v, r, du, dv, dr = (run[n].values for n in ("u", "v", "r", "du", "dv", "dr"))
     T_1, T_2 = run["T_1"].values, run["T_2"].values
     m, I_z, x_G, o = KNOWN["m"], KNOWN["I_z"], KNOWN["x_G"], np.zeros_like(u)
@@ -127,7 +127,7 @@ def main() -> None:
         for i, name in enumerate(COUNTED):
             print(f"{name:9s}" + "".join(f"{column[i]:18.2f}" for column in found.values()))
         print(f"{'average':9s}" + "".join(f"{column.mean():18.2f}" for column in found.values()))
-        print("seed 001: " + ", ".join(f"{n} {v} %" for n, v in SEED_AVERAGES.items()))
+        print("ZhaoUSV: " + ", ".join(f"{n} {v} %" for n, v in SEED_AVERAGES.items()))
         weak = [n for n, b in zip(COUNTED, found["bound"], strict=True) if b > 10.0]
         print(f"bound above 10 % (this motion cannot tell them): {', '.join(weak) or 'none'}")
         print(f"{time.perf_counter() - begun:.0f} s")

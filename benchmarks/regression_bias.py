@@ -1,4 +1,4 @@
-"""Least squares and its kin over noise seeds: bias, scatter and coverage on the VideoRay's S-manoeuvres (seed 000).
+"""Least squares and its kin over noise seeds: bias, scatter and coverage on the VideoRay's S-manoeuvres (Miskovic2007).
 
 Run from the repository root: ``python -m benchmarks.regression_bias [seeds] [noise]``. The runs are flown in the tests'
 own water (tests/identify/regression/regression_water.py), which shares nothing with the code under test.

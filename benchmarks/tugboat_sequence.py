@@ -1,4 +1,5 @@
-"""The sequence of experiments of seed 004 on its tugboat (table 1, errata mended): percent error of all 23 parameters.
+"""The sequence of experiments of Erunsal2017 on its tugboat (table 1, errata mended): percent error of all 23
+parameters.
 
     python -m benchmarks.tugboat_sequence [--seeds 3]
 

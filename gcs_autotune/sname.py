@@ -6,7 +6,7 @@ Signs
 * ``psi`` is measured from north over east; a positive yaw moment ``N`` turns the bow to starboard and
   makes ``r = dpsi/dt`` positive. ``z`` is depth (down positive); a positive ``Z`` pushes down.
   A positive ``X`` pushes ahead.
-* One degree of freedom, thesis (6.33): ``alpha * nu_dot + (beta + beta_nn * |nu|) * nu = tau + Delta``.
+* One degree of freedom, Miskovic2010, eq. (6.33): ``alpha * nu_dot + (beta + beta_nn * |nu|) * nu = tau + Delta``.
   ``alpha`` is inertia including added mass; drag coefficients are positive when they damp; ``Delta`` is the
   constant force of tether, trim, wind or net weight, on the side of ``tau``. Seen from a steering input of
   reversed sign (a rudder whose positive angle turns to port) ``alpha`` and the drags come out negative.
@@ -120,7 +120,7 @@ class Dof:
     def parameter_units(self, force_unit: str) -> tuple[str, str, str, str]:
         """Return the units of :meth:`parameter_names`, given that of the input (``N``, ``N m``, ``rad``, ``1``).
 
-        Radians are written out, as the thesis does, because normalised inputs leave no other trace of them.
+        Radians are written out, as Miskovic2010 does, because normalised inputs leave no other trace of them.
         """
         length = self.position_unit
         base = "" if force_unit == "1" else force_unit + " "

@@ -54,7 +54,7 @@ def _pulse(share: float, span: float) -> int:
 class YawSchedule:
     """Yaw inertia and drag over the squared propeller voltage: rows (n2 [V^2], alpha, beta), n2 rising.
 
-    The moment is the rudder angle itself [rad], as in the thesis (2.38): alpha and beta carry the rest. Below
+    The moment is the rudder angle itself [rad], as in Miskovic2010 (2.38): alpha and beta carry the rest. Below
     the first row they grow as 1/n2, which is the same as a rudder whose moment fades with n2.
     """
 

@@ -1,7 +1,7 @@
 """A bare hull in the water, and how it is stepped: Heun's rule, second order.
 
 The hull is uncoupled, ``alpha nudot + (beta + beta2 |nu|) nu = force`` per degree of freedom (SNAME, z down), with the
-kinematics of the horizontal plane (Fossen 2011, equations 2.40 and 6.112); effects couple it.
+kinematics of the horizontal plane (Fossen2011, equations 2.40 and 6.112); effects couple it.
 """
 
 from __future__ import annotations

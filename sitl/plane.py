@@ -1,4 +1,4 @@
-"""A hull that sways: surge, sway and yaw coupled (Fossen 2011, section 6.5), for models brought from outside."""
+"""A hull that sways: surge, sway and yaw coupled (Fossen2011, section 6.5), for models brought from outside."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ KINDS = ("single", "clean", "double", "foreign", *GIVEN)
 
 
 def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the exact (Clopper and Pearson 1934) confidence bounds of a rate."""
+    """Return the exact (Clopper1934) confidence bounds of a rate."""
     tail = 0.5 * (1.0 - level)
     low = 0.0 if hits == 0 else float(beta.ppf(tail, hits, of - hits + 1))
     high = 1.0 if hits == of else float(beta.ppf(1.0 - tail, hits + 1, of - hits))

@@ -1,4 +1,4 @@
-"""Thesis table 7.12: Charlie's yaw by least squares; every row made the truth of simulated self-oscillations."""
+"""Miskovic2010, table 7.12: Charlie's yaw by least squares; every row made the truth of simulated self-oscillations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs_autotune.identify import fit_axis
 __all__ = ["charlie"]
 
 GOAL = 2.0
-"""[%]. Two runs of 0.5 s sampling with 0.5 deg of compass noise; the thesis states neither length nor noise."""
+"""[%]. Two runs of 0.5 s sampling with 0.5 deg of compass noise; Miskovic2010 states neither length nor noise."""
 
 
 def charlie(tables: Mapping[str, Any]) -> list[Section]:

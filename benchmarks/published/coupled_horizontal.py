@@ -1,4 +1,4 @@
-"""Seed 000: the VideoRay's horizontal model, tables I and II, from S-manoeuvres seen by a camera."""
+"""Miskovic2007: the VideoRay's horizontal model, tables I and II, from S-manoeuvres seen by a camera."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def videoray_horizontal(tables: Mapping[str, Any]) -> list[Section]:
         "gamma3": p["Y_ur"],
     }
     return [
-        Section("Seed 000: final matrices, least squares", "simulated here, camera only", tuple(final), GOAL),
+        Section("Miskovic2007: final matrices, least squares", "simulated here, camera only", tuple(final), GOAL),
         _table(table, "II", ours, GOAL, "simulated here, couplings free; the truth flown is table II's"),
         _table(table, "I", ours, float("inf"), "the same estimates beside table I, whose couplings are unphysical"),
     ]
@@ -54,4 +54,4 @@ def _table(
     for motion in ("yaw", "surge", "sway"):
         printed = table[f"{motion}_table_{number}"]
         rows += [Row(f"{motion} {n}", v, ours[n]) for n, v in printed.items() if n in ours]
-    return Section(f"Seed 000: table {number}, couplings free", basis, tuple(rows), goal)
+    return Section(f"Miskovic2007: table {number}, couplings free", basis, tuple(rows), goal)

@@ -1,4 +1,4 @@
-"""Thesis examples 6.2, 6.3 and 7.1 to 7.3: relays flown here, identified and decided by our functions."""
+"""Miskovic2010, examples 6.2, 6.3 and 7.1 to 7.3: relays flown here, identified and decided by our functions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gcs_autotune.trial import Trial
 __all__ = ["delay_and_sampling", "falcon", "nonlinear_yaw"]
 
 GOAL = 6.0
-"""[%]. The printed cycles are read off the thesis' own simulation with a step it does not state."""
+"""[%]. The printed cycles are read off Miskovic2010's own simulation with a step it does not state."""
 
 PROCESS: Plant = (0.3 / 50.0, 1.0 / 50.0, 0.0, 0.0)
 """50 / (s (0.3 s + 1)) of examples 6.2 and 6.3."""
@@ -99,7 +99,7 @@ def falcon(tables: Mapping[str, Any]) -> list[Section]:
     sections = []
     for dof, title in (("yaw", "Example 7.1: FALCON yaw"), ("heave", "Example 7.2: FALCON heave")):
         rows, runs = _flown(FALCON[dof], tables["falcon_seed_002"][f"{dof}_iso"], dof)
-        basis = f"relay simulated here; decided: {_verdict(runs, dof)} (thesis: linear)"
+        basis = f"relay simulated here; decided: {_verdict(runs, dof)} (Miskovic2010: linear)"
         sections += [Section(title, basis, tuple(rows), GOAL), _refined(FALCON[dof], runs, dof, "affine")]
     return sections
 
@@ -107,6 +107,6 @@ def falcon(tables: Mapping[str, Any]) -> list[Section]:
 def nonlinear_yaw(tables: Mapping[str, Any]) -> list[Section]:
     """Example 7.3, tables 7.5 and 7.6."""
     rows, runs = _flown(NONLINEAR, tables["nonlinear_yaw_tables_7_5_7_6"]["iso"], "yaw")
-    basis = f"relay simulated here; decided: {_verdict(runs, 'yaw')} (thesis: nonlinear)"
+    basis = f"relay simulated here; decided: {_verdict(runs, 'yaw')} (Miskovic2010: nonlinear)"
     title = "Example 7.3: nonlinear yaw, tables 7.5 and 7.6"
     return [Section(title, basis, tuple(rows), GOAL), _refined(NONLINEAR, runs, "yaw", "nonlinear")]

@@ -1,4 +1,4 @@
-"""Seed 001, table 3: the seed's filter and least squares beside ours on a model of the same kind, at stated noise."""
+"""ZhaoUSV, table 3: the paper's filter and least squares beside ours on a model of the same kind, at stated noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SEEDS, NOISE = 1, 0.001
 
 
 def ekf_vs_least_squares(tables: Mapping[str, Any]) -> list[Section]:
-    """Average error over the coefficients; ours must not exceed the seed's filter (the better of its two starts)."""
+    """Average error over the coefficients; ours must not exceed the paper's filter (the better of its two starts)."""
     printed = tables["ekf_vs_ls_seed_001_table_3_percent"]
     average = {name: float(printed[name][-1]) for name in ("EKF1", "EKF2", "LS1", "LS2")}
     filters, squares = min(average["EKF1"], average["EKF2"]), min(average["LS1"], average["LS2"])
@@ -28,7 +28,7 @@ def ekf_vs_least_squares(tables: Mapping[str, Any]) -> list[Section]:
             for title, errors in found.items()
         ]
         basis = f"simulated here: {motion}, {SEEDS} seed, noise {NOISE:g} m/s and rad/s; mean error [%]"
-        sections.append(Section(f"Seed 001, table 3: {motion}", basis, tuple(rows), below=True))
+        sections.append(Section(f"ZhaoUSV, table 3: {motion}", basis, tuple(rows), below=True))
     return sections
 
 

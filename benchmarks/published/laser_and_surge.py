@@ -1,4 +1,4 @@
-"""Thesis table 3.1 (laser calibration) and section 7.6 (VideoRay's surge by distance to a wall)."""
+"""Miskovic2010, table 3.1 (laser calibration) and section 7.6 (VideoRay's surge by distance to a wall)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gcs_autotune.identify.relay.laser import LaserCurve, calibrate
 __all__ = ["laser", "surge"]
 
 TAPE = np.arange(10.0, 100.1, 5.0)
-"""The calibration's distances [cm], thesis 3.4."""
+"""The calibration's distances [cm], Miskovic2010, 3.4."""
 
 
 def laser(tables: Mapping[str, Any]) -> list[Section]:
@@ -35,7 +35,7 @@ def laser(tables: Mapping[str, Any]) -> list[Section]:
 def surge(tables: Mapping[str, Any]) -> list[Section]:
     """Fly the craft that IS-O reads off the printed oscillation: it must oscillate as printed.
 
-    The thesis prints neither C nor the parameters, so they are per unit of C.
+    Miskovic2010 prints neither C nor the parameters, so they are per unit of C.
     """
     table = tables["surge_iso_videoray_7_6"]
     x_s, X_m, omega = table["x_a_star_cm"], table["X_m_cm"], table["omega_rad_s"]

@@ -1,4 +1,4 @@
-"""Thesis tables 7.9 and 7.11 from their printed readings, and the decisions (7.1)-(7.2) over all pairs of them."""
+"""Miskovic2010, tables 7.9 and 7.11 from their readings, and the decisions (7.1)-(7.2) over all pairs of them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ GOAL = 0.8
 """[%], the goal stated for both tables."""
 
 DECISIONS = {"none": (74, 9, 0), "sigma": (63, 4, 16), "sigma+5": (49, 0, 34), "sigma+10": (30, 0, 53)}
-"""Thesis figure 7.3: pairs decided correctly, falsely, not at all, by margin."""
+"""Miskovic2010, figure 7.3: pairs decided correctly, falsely, not at all, by margin."""
 
 RIGHT_WITHOUT_MARGIN = 63.0
-"""[%], thesis 7.4.2 on figure 7.11: "about 63 %" of the AutoMarine pairs."""
+"""[%], Miskovic2010, 7.4.2 on figure 7.11: "about 63 %" of the AutoMarine pairs."""
 
 _NAMES = ("alpha_r", "beta_r", "beta_rr")
 

@@ -1,4 +1,4 @@
-"""Thesis table 7.10: AutoMarine's step responses, from the printed steady rates and velocity errors."""
+"""Miskovic2010, table 7.10: AutoMarine's step responses, from the printed steady rates and velocity errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seed 004, table 1: the tugboat's sequence of experiments, all parameters found again."""
+"""Erunsal2017, table 1: the tugboat's sequence of experiments, all parameters found again."""
 
 from __future__ import annotations
 
@@ -26,4 +26,4 @@ def tugboat(tables: Mapping[str, Any]) -> list[Section]:
     as_printed = sum(n in printed and printed[n] == truth for n, truth in TUG.items())
     noise = ", ".join(f"{n} {s:g}" for n, s in NOISE.items())
     basis = f"simulated here, 1 seed, noise {noise}; {as_printed} of {len(TUG)} values are as printed, the rest mended"
-    return [Section("Seed 004, table 1: tugboat, sequence of experiments", basis, rows, GOAL)]
+    return [Section("Erunsal2017, table 1: tugboat, sequence of experiments", basis, rows, GOAL)]

@@ -13,7 +13,7 @@ __all__ = ["lines_of", "tables_of"]
 
 
 def tables_of(published: Mapping[str, Any]) -> list[ParameterTable]:
-    """Return tables 7.9, 7.10 and 7.11 of seed 002; inputs in 1e-2 N m, inertia and drag in the units printed."""
+    """Return tables 7.9, 7.10 and 7.11 of Miskovic2010; inputs in 1e-2 N m, inertia and drag in the units printed."""
     found = []
     for name, key, rate in (
         ("VideoRay, IS-O", "videoray_iso_table_7_9", ("X_m_deg", "omega_rad_s")),

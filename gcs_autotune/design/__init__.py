@@ -2,7 +2,7 @@
 
 What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` of a model with effects;
 :func:`step_metrics` and :func:`is_better` judge the flown steps by the same ruler; :func:`design_ipd` and
-:func:`stability_bound` are the thesis' own controller.
+:func:`stability_bound` are the controller of Miskovic2010.
 """
 
 from __future__ import annotations

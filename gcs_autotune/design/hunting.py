@@ -1,6 +1,7 @@
 """Does the loop come to rest? What dead zone and play leave behind, read off a long simulation.
 
-A describing function would foretell it from the first harmonic alone (thesis chapter 6 uses it the other way round);
+A describing function would foretell it from the first harmonic alone (Miskovic2010, chapter 6 uses it the other way
+round);
 here every limit of the autopilot is in the loop, so the simulation is asked.
 """
 

@@ -1,6 +1,6 @@
-"""The thesis' own controller: I-PD by model function, and how far the model may be wrong.
+"""The controller of Miskovic2010: I-PD by model function, and how far the model may be wrong.
 
-Miskovic (2010), section 8.1: control law (8.2), gains (8.5)-(8.7), stability bounds (8.22)-(8.27).
+Miskovic2010, section 8.1: control law (8.2), gains (8.5)-(8.7), stability bounds (8.22)-(8.27).
 ArduPilot's loops are cascades, not I-PD; but where their algebra reaches a model function exactly, they
 have its characteristic polynomial, so the bounds say how much identification error that polynomial stands.
 """
@@ -25,7 +25,7 @@ LEAST_UNCERTAINTY = 0.01
 """Chosen: no identification is believed better than 1 %, whatever its residuals say."""
 
 MOST_UNCERTAINTY = 0.95
-"""The ratios live in (-1, 1), thesis (8.19)-(8.20)."""
+"""The ratios live in (-1, 1), Miskovic2010, eq. (8.19)-(8.20)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Uncertainty:
 
 
 def design_ipd(model: SingleDof, wanted: ModelFunction) -> IpdGains:
-    """Return the I-PD gains that give *model* the closed loop *wanted*; thesis (8.5).
+    """Return the I-PD gains that give *model* the closed loop *wanted*; Miskovic2010, eq. (8.5).
 
     The constant drag goes into ``KD``; the quadratic one is compensated while moving.
     """

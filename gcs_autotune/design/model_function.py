@@ -1,7 +1,7 @@
 """Model functions: the closed loop one wishes for, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
 
-Thesis (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The Bessel
-polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; the thesis prints ``2 s^2/15``, an erratum.
+Miskovic2010, eq. (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The Bessel
+polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Matching follows model functions no faster than a share of the actuator, so that nothing saturates, and stops there.
 A loop that does saturate may still be the better one. Here gains are judged as the step on the water will be:
 simulated with every limit in place, both ways, over the same window, blind to errors the sensor cannot show. Bounded
-Nelder-Mead (Nelder and Mead 1965), because what saturates and what is counted as no error has kinks.
+Nelder-Mead (Nelder1965), because what saturates and what is counted as no error has kinks.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ def _best(problem: Problem, before: Candidate, matched: Candidate, span: float) 
 def _bound(
     law: Law, model: SingleDof, wanted: ModelFunction, covariance: NDArray[np.float64], velocity: float
 ) -> tuple[float, float]:
-    """Return the thesis' stability bound, which is about loops on a position; NaN for the others."""
+    """Return Miskovic2010's stability bound, which is about loops on a position; NaN for the others."""
     if law.controls_velocity:
         return math.nan, math.nan
     return stability_bound(model, wanted, uncertainty_of(model, covariance), velocity)

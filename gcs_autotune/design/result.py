@@ -21,7 +21,7 @@ __all__ = ["Change", "Margins", "ModelFunction", "Prediction", "Proposal", "Step
 
 @dataclass(frozen=True, slots=True)
 class ModelFunction:
-    """The wanted closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, thesis (8.4). ``kind`` names its family."""
+    """The wanted closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` names its family."""
 
     kind: str
     omega_0: float
@@ -93,7 +93,8 @@ class Proposal:
     """New gains for one axis, not yet written anywhere.
 
     ``margins`` at the identified parameters, ``worst_margins`` over the 95 % region of the parameters;
-    ``bound`` is thesis (8.22)-(8.27) evaluated: (left side, right side), stable when left < right. Of a model with
+    ``bound`` is Miskovic2010 (8.22)-(8.27) evaluated: (left side, right side), stable when left < right. Of a model
+    with
     effects: ``remarks`` on each, ``left`` what goes on after a small step with the old gains and with the new.
     ``loops``: with the old gains and with the new, opened at the actuator, one for each state of the craft that
     ``margins`` are the least of; ``actuator`` what the model designed from has between output and force.

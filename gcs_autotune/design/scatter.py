@@ -1,6 +1,6 @@
 """Points spread evenly over a cube: the start of Sobol's sequence, unscrambled.
 
-Direction numbers after Joe and Kuo (2008), for as many dimensions as a loop has gains. The same numbers as
+Direction numbers after Joe2008, for as many dimensions as a loop has gains. The same numbers as
 ``scipy.stats.qmc.Sobol`` to the last bit, without a second of importing ``scipy.stats``.
 """
 

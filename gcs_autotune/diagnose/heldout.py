@@ -186,7 +186,7 @@ def p_value(
 ) -> float:
     """Return the chance that *after* only seems better on unseen data, times how many were *tried* (at most 1).
 
-    The split likelihood ratio (Wasserman, Ramdas and Balakrishnan 2020, "Universal inference"): the likelihood of data
+    The split likelihood ratio (Wasserman2020): the likelihood of data
     left out under a model fitted to the rest, with the noise *levels* found there, over the largest likelihood of the
     model before, is an e-value; over folds their mean is one, and its inverse is a p value whatever the sample size.
     The largest likelihood of the model before is that of its held-out error, with the *numbers* it would gain by being

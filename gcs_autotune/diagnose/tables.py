@@ -33,7 +33,7 @@ SURE = 0.01
 """Chance of calling something off that is not, over all levels (or rows) of one question."""
 
 POOLED = 0.25
-"""Chance above which levels count as differing by no more than their rows do (Bancroft 1964, sometimes-pooling)."""
+"""Chance above which levels count as differing by no more than their rows do (Bancroft1964, sometimes-pooling)."""
 
 MATTERS = 0.1
 """Share below which a difference that could still be there would not matter: then the answer is "no"."""

@@ -1,7 +1,7 @@
 """Is anything left? Tests of residuals that have no particular cause in mind.
 
-Pooled per signal: Ljung and Box (1978) over short and long lags; the variance of block means (slow drifts); the
-largest line of the periodogram (Fisher 1929); a wave against ringing (:mod:`.ringing`); score tests for forces no base
+Pooled per signal: Ljung1978 over short and long lags; the variance of block means (slow drifts); the
+largest line of the periodogram (Fisher1929); a wave against ringing (:mod:`.ringing`); score tests for forces no base
 model has (cubes, moduli, sines of twice the heading, the past of a command ...), each read off the sensitivity of the
 motion to it. Bonferroni over all.
 """
@@ -38,7 +38,7 @@ SHORT, LONG = 8, 40
 
 LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
 """What makes a sensor late; how long the response of a low-pass (Butterworth, second order) lasts, in units of its
-delay; lags left out of tests on that account, at most. The others are judged by Bartlett's (1946) variance."""
+delay; lags left out of tests on that account, at most. The others are judged by the variance of Bartlett1946."""
 
 FEWEST_FOR_TAILS = 50
 
@@ -146,7 +146,7 @@ def _normal(fitted: Fitted, name: str) -> list[Array]:
 
 
 def _tails(series: list[Array], name: str) -> Test:
-    """Return the test of kurtosis (D'Agostino 1970), one-sided: tails heavier than noise has."""
+    """Return the test of kurtosis (DAgostino1970), one-sided: tails heavier than noise has."""
     joined = np.concatenate(series)
     if len(joined) < FEWEST_FOR_TAILS or scipy_stats().kurtosis(joined) <= 0.0:
         return Test("heavy tails", name, 1.0)

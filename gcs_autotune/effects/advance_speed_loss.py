@@ -26,7 +26,7 @@ PER_SPEED = "s/m or s/rad"
 class AdvanceSpeedLoss(Actuator):
     """The force of a thruster is lowered by ``loss |force| nu``: the bilinear thruster.
 
-    The thesis (Miskovic 2010), (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; Zhao et al., (4). ``nu`` is the velocity
+    Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity
     through the water along the thruster's axis, which must drive one degree of freedom only. It is a term ``X_|X|u`` of
     the equations of motion and sees what acts, whatever other effects made of the command. Where the input's gain is
     fitted, the force meant is that of the base model's gain.

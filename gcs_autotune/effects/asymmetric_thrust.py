@@ -17,7 +17,7 @@ BOTH = 0.02
 
 
 class AsymmetricThrust(Characteristic):
-    """Negative commands act times ``ratio``. The thesis (Miskovic 2010), (2.8), with ``a_b / a_f = b_b / b_f``."""
+    """Negative commands act times ``ratio``. Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``."""
 
     slug: ClassVar[str] = "asymmetric-thrust"
     title: ClassVar[str] = "Thrust ahead and astern"

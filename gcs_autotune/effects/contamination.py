@@ -1,6 +1,6 @@
 """Errors of which a share is far larger than the rest: a mixture of two normal laws, found by expectation-maximisation.
 
-The contaminated normal law is Tukey's (1960); the algorithm that of Dempster, Laird and Rubin (1977).
+The contaminated normal law: Tukey1960; the algorithm: Dempster1977.
 """
 
 from __future__ import annotations

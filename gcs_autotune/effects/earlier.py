@@ -1,8 +1,8 @@
 """What a sampled motion was a moment ago: interpolation that does not ring at the kinks commands leave.
 
 A velocity has a kink wherever its command jumps, mostly at a stamp. In each interval the three cubics through four
-neighbouring samples are mixed by how smooth they are, as weighted essentially non-oscillatory schemes do (Liu, Osher
-and Chan 1994): away from kinks the error is of fourth order, and next to one the cubic that does not cross it counts.
+neighbouring samples are mixed by how smooth they are, as weighted essentially non-oscillatory schemes do (Liu1994):
+away from kinks the error is of fourth order, and next to one the cubic that does not cross it counts.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """A narrow-band force on a craft, in white noise: a damped oscillator, the craft's own lag, and a Kalman filter.
 
-The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen 2011, (8.118)), the velocity
+The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen2011, (8.118)), the velocity
 answers it with the craft's time constant, the position is its integral. With ``x`` the oscillator's position and ``z``
 what a lag makes of it, ``T z' = x - z``, a measured position shows ``z`` and a velocity ``x - z``, each with white
 noise; all sampled exactly. The prediction errors of the filter are white when the law is right, and the determinant of
-the whole is the product of their variances (Harvey 1989, 3.4).
+the whole is the product of their variances (Harvey1989, section 3.4).
 """
 
 from __future__ import annotations

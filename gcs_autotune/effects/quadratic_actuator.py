@@ -16,7 +16,7 @@ __all__ = ["QuadraticActuator"]
 class QuadraticActuator(Characteristic):
     """``(1 - share) u + share u|u|/u_ref``: from proportional (share 0) to thrust as ``n|n|`` (share 1).
 
-    ``u_ref`` is the largest command of the runs. The affine thruster ``a |n| n + b n`` of the thesis (Miskovic 2010),
+    ``u_ref`` is the largest command of the runs. The affine thruster ``a |n| n + b n`` of Miskovic2010,
     (2.7), with the gain at full command kept at 1.
     """
 

@@ -11,7 +11,7 @@ __all__ = ["QuadraticDrag"]
 
 
 class QuadraticDrag(Drag):
-    """``- coefficient |nu| nu``: pressure drag of the water shed at higher speed (thesis (6.33), ``beta_nn``)."""
+    """``- coefficient |nu| nu``: pressure drag of the water shed at higher speed (Miskovic2010 (6.33), ``beta_nn``)."""
 
     slug: ClassVar[str] = "quadratic-drag"
     power: ClassVar[int] = 2

@@ -17,7 +17,7 @@ from gcs_autotune.effects.grid import TOLERANCE, grid_step
 __all__ = ["Quantisation"]
 
 MATTERS = 0.15
-"""Chosen: rounding counts from this share of the residual's mean square on; it is ``step^2 / 12`` (Widrow 1961)."""
+"""Chosen: rounding counts from this share of the residual's mean square on; it is ``step^2 / 12`` (Widrow1961)."""
 FINEST = 0.02
 """Noise before rounding, in steps, below which it is not resolved."""
 FEWEST = 20
@@ -83,7 +83,7 @@ class Quantisation(Effect):
         return stretch * noise, columns / stretch, penalty
 
     def normal(self, own: Applied, left: Leftover) -> Array:
-        """Return noise drawn from within each reading's interval, on the scale of a standard normal (Dunn, Smyth 1996).
+        """Return noise drawn from within each reading's interval, on the scale of a standard normal (Dunn1996).
 
         What is expected there is mostly nothing, sometimes much: heavy tails by construction. A draw has none.
         """

@@ -16,7 +16,7 @@ __all__ = ["RudderStall"]
 class RudderStall(Characteristic):
     """``u`` up to ``angle``, beyond it ``sign(u) max(angle - drop (|u| - angle), 0)``: the flow has left the blade.
 
-    The thesis (Miskovic 2010), (2.9), has the same shape with sines; near the stall angle the two differ little.
+    Miskovic2010, (2.9), has the same shape with sines; near the stall angle the two differ little.
     """
 
     slug: ClassVar[str] = "rudder-stall"

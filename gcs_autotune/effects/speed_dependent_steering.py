@@ -32,7 +32,7 @@ class SpeedDependentSteering(Actuator):
 
     ``U`` is the surge speed through the water: the simulated one where surge is simulated, as noise in a measured one
     would come out as a weaker effect; else the measured ``u`` (or speed over ground), smoothed as its noise asks.
-    ``U_ref`` is the root mean square of the recorded one over the runs. The thesis (Miskovic 2010), (2.37):
+    ``U_ref`` is the root mean square of the recorded one over the runs. Miskovic2010, (2.37):
     ``k_r1 U^2 delta`` from the boat's way, and a rest, from the propeller's race, that does not depend on it. Where the
     input's gain is fitted and surge simulated, ``share`` is one of the base model's gain.
     """
@@ -139,7 +139,7 @@ def _gains(place: str, scene: Scene) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def _smooth(speed: Channel) -> tuple[Array, Array]:
-    """Return stamps and smoothed speeds (n,) of the samples there are, by moving parabolas (Savitzky and Golay 1964).
+    """Return stamps and smoothed speeds (n,) of the samples there are, by moving parabolas (Savitzky1964).
 
     The window is that which foretells samples left out of it best: the noise would come out as speed that varies.
     """

@@ -25,7 +25,7 @@ _NAMES: Mapping[str, Mapping[str, str]] = {
 
 
 class SteadyCurrent(Effect):
-    """Irrotational and steady: the equations of motion hold for the velocity through the water (Fossen 2011, 8.3).
+    """Irrotational and steady: the equations of motion hold for the velocity through the water (Fossen2011, 8.3).
 
     Speeds over ground then show the current turned into the body; speeds through the water do not, and only positions
     drift. Files with positions and heading but no speeds are the same under either reading; they get the first.

@@ -78,7 +78,7 @@ def autocorrelation(errors: Array, lags: int) -> Array:
 
 
 def whiteness(errors: Array) -> float:
-    """Return the probability that white residuals look at least this coloured (Ljung and Box 1978)."""
+    """Return the probability that white residuals look at least this coloured (Ljung1978)."""
     n, lags = len(errors), min(LAGS, len(errors) // 4)
     rho = autocorrelation(errors, lags)
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
@@ -105,7 +105,7 @@ def correlation_time(scores: Sequence[Array]) -> float:
 def scores_covariance(scores: Sequence[Array]) -> Array:
     """Return the covariance (p, p) of the sum of *scores*, (n, p) per series, correlated within each.
 
-    Autocovariances up to ``2*sqrt(n)`` samples with Bartlett weights (Newey and West 1987).
+    Autocovariances up to ``2*sqrt(n)`` samples with Bartlett weights (Newey1987).
     """
     p = scores[0].shape[1]
     S = np.zeros((p, p))

@@ -53,7 +53,7 @@ def descend(
     A parameter on its bound whose gradient points outwards is held for that step. *local* gives None where the
     cost has no value. *trials* at most, to a relative decrease of *tolerance*.
 
-    The damping follows how well the last decrease was foretold (Nielsen 1999, report IMM-REP-1999-05).
+    The damping follows how well the last decrease was foretold (Nielsen1999).
     """
     x = np.clip(start, low, high)
     here = local(x)

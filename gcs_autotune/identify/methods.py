@@ -85,10 +85,10 @@ METHODS: Mapping[str, Method] = {
             options=by_recursion.OPTIONS,
         ),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
-        Method("step", "settled responses to steps of the input (thesis table 4.1)", axis=fit_by_steps),
+        Method("step", "settled responses to steps of the input (Miskovic2010, table 4.1)", axis=fit_by_steps),
         Method(
             "zig-zag",
-            "K and T by integration over half periods (thesis 4.4)",
+            "K and T by integration over half periods (Miskovic2010, 4.4)",
             axis=fit_by_zigzag,
             options=(("length", "ship length [m], for K' and T'"), ("speed", "approach speed [m/s], for K' and T'")),
         ),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["as_headings", "draw_trace", "fit_picture"]
 
 MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
-"""Okabe and Ito's colour-blind-safe set (2008)."""
+"""The colour-blind-safe set of Okabe2008."""
 
 MOST_POINTS = 900
 """Samples drawn of one trace; more cannot be told apart."""

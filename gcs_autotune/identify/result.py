@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 Structure = Literal["linear", "nonlinear", "affine"]
-"""Thesis words: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (|nu| nu), ``affine`` = both."""
+"""Miskovic2010 says: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (|nu| nu), ``affine`` = both."""
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
@@ -70,14 +70,14 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """Self-oscillation read off one relay experiment (thesis 6.6-6.7).
+    """Self-oscillation read off one relay experiment (Miskovic2010, 6.6-6.7).
 
     ``C`` relay output [input unit], ``x_a`` set and ``x_a_star`` real switching value, ``X_m`` amplitude,
     ``x_0`` bias [rad or m], ``omega`` [rad/s], ``T_H``/``T_L`` [s] times in high and low position,
     ``periods`` used, ``scatter`` largest relative spread of maxima and minima (the 10 % rule),
     ``valid`` condition (7.12). ``C`` is negative when the high position (of ``T_H``, the one that drives the
     position up) has the lower input; ``offset`` is the input midway between the two positions; ``nu_0`` the mean
-    velocity it rides on, when the relay works on an integrated velocity (surge, thesis (6.48)), else 0.
+    velocity it rides on, when the relay works on an integrated velocity (surge, Miskovic2010, eq. (6.48)), else 0.
     """
 
     C: float

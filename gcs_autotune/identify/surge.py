@@ -1,7 +1,7 @@
 """Surge of a boat under way: inertia, drag and the thrust curve together.
 
 Thrust is rarely proportional to throttle: a propeller's goes with the square of its speed. The input is bent by
-``(1 - q) X + q X|X|`` (the affine thruster of the thesis, (2.7), gain 1 at full throttle), and the exact axis fit is
+``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle), and the exact axis fit is
 made at several shares ``q``; the misfit along them is the profile of ``q``, its curvature gives the standard error,
 and the slope of the other numbers along it carries that error into theirs.
 """

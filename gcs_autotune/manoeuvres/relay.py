@@ -1,6 +1,6 @@
 """The self-oscillation experiment: relay with hysteresis on heading, depth or (integrated) speed.
 
-Thesis 6.6: the relay's input is the position of one degree of freedom (heading, depth, or the integral of
+Miskovic2010, 6.6: the relay's input is the position of one degree of freedom (heading, depth, or the integral of
 surge speed, 6.6.2), its output the actuator. It starts small and grows until the oscillation is proper
 (condition (7.12)); it ends when five consecutive periods agree within 10 % (6.7).
 """

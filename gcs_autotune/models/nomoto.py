@@ -1,7 +1,7 @@
 """Nomoto's steering models: what control people mean by K and T.
 
-First order: ``T r_dot + r = K delta(t - delay)``, thesis (4.50); second order:
-``T_1 T_2 r_ddot + (T_1 + T_2) r_dot + r = K (delta + T_3 delta_dot)`` (Nomoto 1957; the thesis stays with the first),
+First order: ``T r_dot + r = K delta(t - delay)``, Miskovic2010, eq. (4.50); second order:
+``T_1 T_2 r_ddot + (T_1 + T_2) r_dot + r = K (delta + T_3 delta_dot)`` (Nomoto1957; Miskovic2010 stays with the first),
 which sway makes out of the first. Any velocity and input may stand for ``r`` and ``delta``.
 """
 
@@ -37,7 +37,8 @@ class Nomoto1:
     def from_single_dof(cls, model: SingleDof, amplitude: float = 0.0) -> Nomoto1:
         """Return ``K = 1/beta`` and ``T = alpha/beta`` of *model*.
 
-        amplitude : of the velocity [rad/s or m/s] at which quadratic drag is linearised, thesis (6.43). Drag that is
+        amplitude : of the velocity [rad/s or m/s] at which quadratic drag is linearised, Miskovic2010 (6.43). Drag
+        that is
         zero there gives an infinite K and T.
         """
         beta = model.equivalent_drag(amplitude)
@@ -81,7 +82,7 @@ class Nomoto2:
     delay: float = 0.0
 
     def first_order(self) -> Nomoto1:
-        """Return the first-order model that agrees at low frequency, ``T = T_1 + T_2 - T_3`` (Nomoto 1957)."""
+        """Return the first-order model that agrees at low frequency, ``T = T_1 + T_2 - T_3`` (Nomoto1957)."""
         return Nomoto1(self.K, self.T_1 + self.T_2 - self.T_3, self.delay)
 
     def transfer_function(self) -> TransferFunction:

@@ -7,7 +7,7 @@ ends exactly at an input jump, an output stamp, or where the velocity changes si
 rounding (below 1e-11 relative), whatever the sampling.
 
 Parameters here are those of the explicit form ``nu_dot = b*tau(t - delay) - a*nu - c*|nu|*nu + d``, i.e.
-``alpha = 1/b, beta = a/b, beta_quadratic = c/b, delta = d/b`` of thesis (6.33)-(6.34).
+``alpha = 1/b, beta = a/b, beta_quadratic = c/b, delta = d/b`` of Miskovic2010, eq. (6.33)-(6.34).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One degree of freedom: the model the whole first flight rests on.
 
 ``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu``
-(thesis (6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
+(Miskovic2010, eq. (6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class SingleDof:
         return DOFS[self.dof]
 
     def steady_velocity(self, tau: float) -> float:
-        """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta``; thesis (7.4), (7.6)."""
+        """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta``; Miskovic2010, eq. (7.4), (7.6)."""
         sign = math.copysign(1.0, self.alpha)
         force, b, c = sign * (tau + self.delta), sign * self.beta, sign * self.beta_quadratic
         if c == 0.0:

@@ -17,7 +17,7 @@ __all__ = ["TransferFunction"]
 
 @dataclass(frozen=True, slots=True)
 class TransferFunction:
-    """``numerator`` b_0..b_m, ``denominator`` a_0..a_n (rising powers, thesis (6.7)), *integrators*, *delay* [s]."""
+    """``numerator`` b_0..b_m, ``denominator`` a_0..a_n (rising, Miskovic2010 (6.7)), *integrators*, *delay* [s]."""
 
     numerator: tuple[float, ...]
     denominator: tuple[float, ...]

@@ -36,7 +36,7 @@ WANTED = "#009e73"
 INK = "#222222"
 FAINT = "#8a8a8a"
 BAND = "#9ecae1"
-"""Okabe and Ito's colour-blind-safe set (2008)."""
+"""The colour-blind-safe set of Okabe2008."""
 GRID = "#e6e6e6"
 PAPER = "#ffffff"
 

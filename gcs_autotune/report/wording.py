@@ -83,7 +83,7 @@ _STRUCTURES: Mapping[str, str] = {
     "nonlinear": "quadratic damping",
     "affine": "linear and quadratic damping",
 }
-"""Structure -> what the field calls it (thesis: linear and nonlinear model)."""
+"""Structure -> what the field calls it (Miskovic2010: linear and nonlinear model)."""
 
 _DAMPING: Mapping[str, str] = {
     "linear": "Linear damping: the water's resistance grows in proportion to the speed.",
@@ -237,14 +237,16 @@ def decision_sentence(decision: Decision) -> str:
 
 
 def bound_sentence(bound: tuple[float, float]) -> str:
-    """Return the stability bound of thesis (8.22)-(8.27), evaluated."""
+    """Return the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
     left, right = bound
     if math.isnan(left) or math.isnan(right):
-        return "The closed-form stability bound (thesis 8.22-8.27) is about loops on a position, not on a velocity."
+        return (
+            "The closed-form stability bound (Miskovic2010, 8.22-8.27) is about loops on a position, not on a velocity."
+        )
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="
     return (
-        "Closed-form stability bound (thesis 8.22-8.27): "
+        "Closed-form stability bound (Miskovic2010, 8.22-8.27): "
         f"{format_number(left, 3)} {sign} {format_number(right, 3)}, {verdict}."
     )
 

@@ -125,7 +125,7 @@ def turn_for(kind: str, throttle: float) -> TurnAbout | None:
 
 
 def second_output(first: Trial, room: float = 0.9) -> float:
-    """Return the relay output of the second experiment: as different as there is *room* for (thesis 7.1).
+    """Return the relay output of the second experiment: as different as there is *room* for (Miskovic2010, 7.1).
 
     Smaller than that of the *first* where there is no room above it, or where a larger one would swing the craft
     faster than the relay can follow tick by tick.

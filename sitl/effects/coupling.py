@@ -1,4 +1,4 @@
-"""Degrees of freedom that move each other: Fossen (2011), chapters 3 and 6. Only a hull that can sway has them."""
+"""Degrees of freedom that move each other: Fossen2011, chapters 3 and 6. Only a hull that can sway has them."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class InputBias(Effect):
 class SteadyCurrent(Effect):
     """The water moves, and the craft with it; drag goes with speed through the water.
 
-    Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen 2011, section
+    Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen2011, section
     8.1). Place: what the file's (or the receiver's) ``u v`` mean, ``over ground`` (default) or ``through water``.
     """
 
@@ -80,7 +80,7 @@ class WindMoment(Effect):
 class WaveDisturbance(Effect):
     """A narrow-band force: second-order shaped noise, or one sinusoid when ``bandwidth`` is 0.
 
-    Fossen (2011), equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
+    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
     bandwidth; here in exact steps, begun in its stationary spread, with ``amplitude`` its standard deviation.
     """
 

@@ -15,7 +15,7 @@ from sitl.vehicle import Vehicle
 __all__ = ["HOME", "MESSAGES", "METRES_PER_DEGREE", "available_messages", "make_heartbeat"]
 
 HOME = 44.4250, 8.7640
-"""Chosen: Genoa Pra harbour, latitude and longitude [deg], where the thesis' boat was tried."""
+"""Chosen: Genoa Pra harbour, latitude and longitude [deg], where Miskovic2010's boat was tried."""
 METRES_PER_DEGREE = 111319.5
 _SURFACE_HPA = 1013.25
 _HPA_PER_METRE = 98.0665

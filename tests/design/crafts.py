@@ -93,7 +93,8 @@ CRAFTS: Mapping[str, tuple[SingleDof, Axis, Spec]] = {
     "videoray heave": (VIDEORAY_HEAVE, SUB_DEPTH, Spec(noise_std=0.005)),
     "bluerov heave": (heave(0.25, 0.1, 0.8, 0.0, 0.05), SUB_DEPTH, Spec()),
 }
-"""Name -> (model, axis, spec). FALCON, VideoRay, AutoMarine, Charlie: thesis tables 7.1, 7.3, 7.9, 7.11, 7.12 over
+"""Name -> (model, axis, spec). FALCON, VideoRay, AutoMarine, Charlie: Miskovic2010, tables 7.1, 7.3, 7.9, 7.11, 7.12
+over
 their full output; the others are like craft people own."""
 
 

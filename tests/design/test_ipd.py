@@ -1,4 +1,4 @@
-"""Thesis examples 8.1-8.3: bounds as published, and the closed loops simulated."""
+"""Miskovic2010, examples 8.1-8.3: bounds as published, and the closed loops simulated."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gcs_autotune.design import (
 from gcs_autotune.design.model_function import wanted_step
 from gcs_autotune.models import SingleDof
 
-THESIS = Uncertainty(p_alpha=0.1, p_beta=0.2)
+PUBLISHED = Uncertainty(p_alpha=0.1, p_beta=0.2)
 
 FALCON_YAW = SingleDof("yaw", "N m", 80.0, 300.0, 10.0)
 FALCON_YAW_FOUND = SingleDof("yaw", "N m", 78.97, 298.48)
@@ -46,19 +46,19 @@ def fly(
 
 
 def test_example_8_1_falcon_yaw_bound() -> None:
-    left, right = stability_bound(FALCON_YAW_FOUND, model_function("bessel", 1.5), THESIS, 0.0)
+    left, right = stability_bound(FALCON_YAW_FOUND, model_function("bessel", 1.5), PUBLISHED, 0.0)
     assert left == pytest.approx(3.78, abs=0.005)
     assert right == pytest.approx(17.84, abs=0.005)
 
 
 def test_example_8_2_falcon_heave_bound() -> None:
-    left, right = stability_bound(FALCON_HEAVE_FOUND, model_function("bessel", 0.8), THESIS, 0.0)
+    left, right = stability_bound(FALCON_HEAVE_FOUND, model_function("bessel", 0.8), PUBLISHED, 0.0)
     assert left == pytest.approx(1.61, abs=0.005)
     assert right == pytest.approx(9.5153, abs=0.0005)
 
 
 def test_example_8_3_yaw_rate_limit() -> None:
-    left, right = stability_bound(NONLINEAR_YAW_FOUND, model_function("bessel", 1.5), THESIS, 1.2)
+    left, right = stability_bound(NONLINEAR_YAW_FOUND, model_function("bessel", 1.5), PUBLISHED, 1.2)
     assert left == 1.2
     assert right == pytest.approx(13.4, abs=0.05)
 
@@ -77,7 +77,7 @@ def test_the_examples_follow_their_model_function(true: SingleDof, found: Single
     t = np.linspace(0.0, 15.0 / omega, 300)
     position, velocity = fly(true, design_ipd(found, wanted), step, found.delta, t)
     assert position / step == pytest.approx(wanted_step(wanted, t).position, abs=0.03)
-    left, right = stability_bound(found, wanted, THESIS, float(np.max(np.abs(velocity))))
+    left, right = stability_bound(found, wanted, PUBLISHED, float(np.max(np.abs(velocity))))
     assert left < right
 
 

@@ -1,4 +1,4 @@
-"""Numbers printed in Miskovic's thesis (2010), recomputed or simulated anew."""
+"""Numbers printed in Miskovic2010, recomputed or simulated anew."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The method step: thesis table 4.1, its published numbers, and simulated craft whose truth is known."""
+"""The method step: Miskovic2010, table 4.1, its published numbers, and simulated craft whose truth is known."""
 
 from __future__ import annotations
 

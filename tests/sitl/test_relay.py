@@ -1,4 +1,4 @@
-"""The experiment the simulator is there for: a relay on the heading must swing it as the thesis' boat swung."""
+"""The experiment the simulator is there for: a relay on the heading must swing it as Miskovic2010's boat swung."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _relay_on_the_hull(amplitude: float, hysteresis: float, seconds: float) -> l
 
 
 def test_charlies_relay_takes_the_time_the_thesis_reports():
-    """Thesis 8.1.5: C = 25 degrees, x_a = 10 degrees, five oscillations took about 80 s."""
+    """Miskovic2010, 8.1.5: C = 25 degrees, x_a = 10 degrees, five oscillations took about 80 s."""
     switchings = _relay_on_the_hull(math.radians(25), math.radians(10), 100.0)
     period = switchings[-1] - switchings[-2]
     assert 65.0 < 5 * period < 85.0

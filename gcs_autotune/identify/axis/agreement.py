@@ -8,7 +8,7 @@ the corrections ``x`` of the position's fit, which costs as much as the covarian
 
 one Gauss-Newton step of the joint fit of both channels. Input changes that may have come a loop of the autopilot
 earlier or later (:mod:`gcs_autotune.identify.axis.redating`) are among ``x``. The standard errors are those of the
-difference between the two channels: Hausman's 1978 comparison of two estimates, asked along the directions in which
+difference between the two channels: the comparison (Hausman1978) of two estimates, asked along the directions in which
 velocities go wrong.
 """
 

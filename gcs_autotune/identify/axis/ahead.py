@@ -1,4 +1,4 @@
-"""Surge read off the distance to a flat surface ahead, thesis 6.6.2 (second approach) and 7.6."""
+"""Surge read off the distance to a flat surface ahead, Miskovic2010, 6.6.2 (second approach) and 7.6."""
 
 from __future__ import annotations
 
@@ -41,5 +41,5 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
         "not-facing",
         f"the heading of run '{trial.name}' swings by {np.degrees(swing):.0f} deg while surge is read off the distance "
         "to a surface: the distance changes by cos(angle) only",
-        "hold the heading square to the surface (the angle controller first, thesis Algorithm 8.5)",
+        "hold the heading square to the surface (the angle controller first, Miskovic2010, Algorithm 8.5)",
     )

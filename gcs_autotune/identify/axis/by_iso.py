@@ -1,4 +1,4 @@
-"""The method ``iso``: first harmonic only, as in the thesis; quick, and honest about its limits."""
+"""The method ``iso``: first harmonic only, as in Miskovic2010; quick, and honest about its limits."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["fit_by_iso"]
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.05
-"""Relative error of a first-harmonic balance. Chosen: the largest of thesis Examples 7.1-7.3 and of Table 6.2."""
+"""Relative error of a first-harmonic balance. Chosen: largest of Miskovic2010, Examples 7.1-7.3 and of Table 6.2."""
 
 SYSTEMATIC_QUADRATIC = 0.12
 """That of quadratic drag, which flattens the velocity. Chosen: 9 to 19 % in simulation, most for a narrow relay."""

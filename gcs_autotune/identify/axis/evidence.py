@@ -2,7 +2,7 @@
 
 Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
 ``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
-extra parameter look certain. Thresholds follow the scale of Kass and Raftery (1995): below 2 nothing is decided, 6
+extra parameter look certain. Thresholds follow the scale of Kass1995: below 2 nothing is decided, 6
 is strong, 10 very strong.
 
 Both drags together ("affine") hold each drag alone as a special case. Where the second drag is not decided by the
@@ -12,8 +12,8 @@ raised, unless the second drag is less than one standard error above zero, to
 
     ``std**2 = sum_k w_k (std_k**2 + (theta_k - theta)**2)``,  ``w_k ~ exp(-AIC_k/2)``
 
-over both structures: Buckland, Burnham and Augustin (1997), their weights, with the squared form of Burnham and
-Anderson (2002, section 4.3). The weights are Akaike's, not those of the criterion that chooses: that one asks whether a
+over both structures: the weights of Buckland1997, with the squared form of Burnham2002,
+section 4.3. The weights are Akaike's, not those of the criterion that chooses: that one asks whether a
 term is worth having, this whether leaving it out may hurt. Chosen affine, nothing is raised: its estimates are
 unbiased whether or not one drag is really zero.
 """

@@ -4,8 +4,8 @@ A sensor that rounds to multiples of ``q`` reports ``y`` when truth plus noise f
 
     P(y | x) = Phi((y + q/2 - x)/sigma) - Phi((y - q/2 - x)/sigma)
 
-(grouped data: Heitjan 1989, "Inference from grouped continuous data: a review", Statistical Science 4; in system
-identification: Wang, Zhang and Yin 2003, IEEE Trans. Automatic Control 48). A limit cycle repeats, so do its rounding
+(grouped data: Heitjan1989; in system
+identification: Wang2003). A limit cycle repeats, so do its rounding
 errors: they are neither white nor of mean zero, and calling them noise of variance ``q**2/12`` biases the fit. A
 sensor that truncates instead of rounding shifts every cell by half a step, which the free initial position takes up.
 

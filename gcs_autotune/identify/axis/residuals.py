@@ -77,7 +77,7 @@ def quanta_of(records: Sequence[Record], names: Sequence[str]) -> dict[str, floa
 
     Coarse means a step above the signal's own roughness, ``sqrt(sigma**2 + q**2/12)``, that is ``q > 1.04 sigma``;
     below it mean and variance of the rounding error are those of independent noise to 1e-7, whatever the truth
-    (Widrow and Kollar 2008, the quantisation theorems). All stretches must share one grid.
+    (Widrow2008, the quantisation theorems). All stretches must share one grid.
     """
     quanta = {}
     for name, level in first_levels(records, names).items():

@@ -223,7 +223,7 @@ def _scanned_fit(fitter: _Fitter, base: Structure) -> Solution | None:
 
 
 def _translated(theta: Array, structure: Structure, speed: float) -> Array:
-    """Return *theta* in another structure, with the drag that loses the same first harmonic, thesis (6.43)."""
+    """Return *theta* in another structure, with the drag that loses the same first harmonic, Miskovic2010 (6.43)."""
     b, a, c, d, delay = (float(v) for v in theta)
     share = 8.0 / (3.0 * math.pi) * speed
     if structure == "linear":

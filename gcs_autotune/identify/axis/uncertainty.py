@@ -2,7 +2,7 @@
 
 Standard errors come from the Fisher information with the estimated noise. When the residuals are not white
 the information is overstated: each standard error is then raised to that of the sandwich estimator
-``C (sum_k w_k Gamma_k) C`` (Newey and West 1987), whose ``Gamma_k`` are the autocovariances of the scores up to
+``C (sum_k w_k Gamma_k) C`` (Newey1987), whose ``Gamma_k`` are the autocovariances of the scores up to
 ``2*sqrt(n)`` samples with Bartlett weights. Correlations between parameters stay those of the Fisher information.
 "Residual" here is the standardised score: for Gaussian noise error over noise; for a rounding sensor the errors
 themselves repeat with the limit cycle, their scores are white when the model is right.

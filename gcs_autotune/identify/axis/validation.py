@@ -25,7 +25,7 @@ __all__ = ["ResidualStatistics", "free_run", "free_runs", "residual_statistics",
 
 @dataclass(frozen=True, slots=True)
 class ResidualStatistics:
-    """Of measured minus simulated: count, mean, rms, mean absolute value (thesis (7.3)), largest magnitude,
+    """Of measured minus simulated: count, mean, rms, mean absolute value (Miskovic2010, eq. (7.3)), largest magnitude,
     ``fit_percent`` as in :class:`Fit`, lag-1 autocorrelation, and the probability that white noise looks so.
     """
 

@@ -1,6 +1,6 @@
-"""Two global optimisers of different kind on the same cost, the better kept (Erunsal et al., seed 004, section 3.4).
+"""Two global optimisers of different kind on the same cost, the better kept (Erunsal2017, section 3.4).
 
-One breeds a population (differential evolution, Storn and Price 1997), the other samples the box evenly and descends
+One breeds a population (differential evolution, Storn1997), the other samples the box evenly and descends
 from the best of its samples with exact derivatives. Both look at whole free runs, begun at the smoothed first states;
 the cost is the concentrated Gaussian log-likelihood, so that neither units nor noise levels need be known.
 """

@@ -1,6 +1,6 @@
 """The equations of motion as a linear regression on smoothed motion: rough values to start a search from.
 
-The equations (Miskovic, Vukic and Barisic, seed 000, (4)) are linear in the parameters, so ``F - C nu - M nu_dot`` at
+The equations (Miskovic2007, (4)) are linear in the parameters, so ``F - C nu - M nu_dot`` at
 one unit value after the other gives the regressors of every form without writing any of them out.
 """
 

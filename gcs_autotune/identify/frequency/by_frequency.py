@@ -112,7 +112,7 @@ def _runs_away(first: NomotoFit) -> Doubt:
 
 
 def _settled(case: Case) -> bool:
-    """Return whether the runs are relay experiments that settled, by the rule of thesis 6.7."""
+    """Return whether the runs are relay experiments that settled, by the rule of Miskovic2010, 6.7."""
     settled = [c for c in case.cycles if c.periods >= PERIODS and c.scatter <= SCATTER]
     return len(settled) >= len(case.trials) and len(settled) == len(case.cycles)
 

@@ -31,7 +31,7 @@ LEAST, MOST = 1e-4, 3.0
 """Range of the error granted to a model, as a fraction of the motion: at its end the model says nothing any more."""
 
 EVIDENCE = 10.0
-"""Fall of the Bayesian criterion that makes a further parameter believed (Kass and Raftery 1995: very strong)."""
+"""Fall of the Bayesian criterion that makes a further parameter believed (Kass1995: very strong)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,13 @@
 """The empirical response of any run by cross spectra.
 
 ``G = S_yu / S_uu`` and coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data), averaged over sine
-tapers (Riedel and Sidorenko 1995) and over runs. The tapers see the whole run, so slow motion is resolved as well as
+tapers (Riedel1995) and over runs. The tapers see the whole run, so slow motion is resolved as well as
 its length allows and a sweep needs no cutting into pieces; their number grows with frequency, where fine resolution
 is of no use.
 
 A run of some tens of seconds resolves a craft's corner badly: within one bandwidth the response bends, and the motion
 the run began and ended with leaks. So a first-order model is fitted to what is seen, its free run taken off the motion,
-and its response added to that of the rest (prewhitening, Blackman and Tukey 1958): whatever the model is, the answer is
+and its response added to that of the rest (prewhitening, Blackman1958): whatever the model is, the answer is
 that of the record, and only the little that is left over suffers from the resolution.
 """
 

@@ -7,7 +7,7 @@ transition        compiled: from stamp to stamp with inputs that jump, outputs
 sigma             compiled: the same by sigma points
 sweep             compiled: the filter forwards, its adjoint backwards
 task              a question with its options read
-ekf               ``ekf``, ``ukf``: parameters in the state (seed 001), passes until they settle
+ekf               ``ekf``, ``ukf``: parameters in the state (ZhaoUSV), passes until they settle
 smoother          ``smoother``: all states and parameters at once, iterated
 prediction_error  ``prediction-error``: innovations' likelihood over parameters and both noises
 report, doubts    the ``Fit`` of any of them

@@ -1,4 +1,4 @@
-"""Extended and sigma-point Kalman filters with the parameters in the state: seed 001, (8)-(18).
+"""Extended and sigma-point Kalman filters with the parameters in the state: ZhaoUSV, (8)-(18).
 
 The filter runs over the records, the noise levels are fitted to what it leaves, and it runs again from its own answer,
 until the parameters settle. A repeated pass starts three standard errors wide around the last answer, which is a fixed

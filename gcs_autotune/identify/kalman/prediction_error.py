@@ -5,7 +5,7 @@ The likelihood is that of the innovations of a filter with known parameters,
 and the innovation variances' own dependence on every parameter is in them; steps and covariance come from
 ``sum(de de'/S + dS dS'/(2 S^2))``, the information. The start is the iterated smoother's.
 
-Ljung 1999, *System Identification*, chapter 7.
+Ljung1999, chapter 7.
 """
 
 from __future__ import annotations

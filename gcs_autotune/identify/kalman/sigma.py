@@ -1,6 +1,6 @@
 """Time update by sigma points: central differences at sqrt(3) standard deviations.
 
-Norgaard, Poulsen and Ravn 2000, "New developments in state estimation for nonlinear systems", Automatica 36: its
+Norgaard2000: its
 covariance is a sum of squares, so that twenty parameters do not make it negative as the weights of the plain unscented
 transform would.
 """

@@ -5,7 +5,7 @@ filter's half-informed estimate), runs forwards and backwards, and fits the nois
 trajectories tied to the samples from the first round on, a bad start cannot send the motion astray, and velocities come
 out of positions alone.
 
-Bell 1994, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Optimization 4.
+Bell1994.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The smoother is this room's own, with velocities that walk at random: it takes positions only as well as velocities, at
 whatever stamps, and its walk is fitted by maximum likelihood. The equations of motion are linear in the derivatives
-(seed 000 (10)-(12), seed 001 (25)), so least squares gives the parameters to begin with.
+(Miskovic2007 (10)-(12), ZhaoUSV (25)), so least squares gives the parameters to begin with.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The compiled filter, forwards, and its adjoint, backwards.
 
-Forwards: state and free parameters as one augmented vector (seed 001, (8)-(12)), time update (14)-(15) over the true
+Forwards: state and free parameters as one augmented vector (ZhaoUSV, (8)-(12)), time update (14)-(15) over the true
 interval between stamps, measurement update (16)-(18) one sample after the other, in Joseph's form, so that any subset
 of the signals may be present at a stamp. Backwards: the adjoint recursion of Bryson and Frazier, which smooths without
 inverting a covariance, and gives the exact derivatives of the likelihood by every noise level.
@@ -59,7 +59,7 @@ def new_tape(s: int, m: int, n: int, N: int, *, full: bool) -> Tape:
 
 @njit(cache=True)
 def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, h: float) -> None:
-    """Carry *cov* (N, N) over an interval of *h* seconds: seed 001 (15), noise by Simpson's rule."""
+    """Carry *cov* (N, N) over an interval of *h* seconds: ZhaoUSV (15), noise by Simpson's rule."""
     n, N = F.shape
     T = np.dot(F, cov)
     top = np.dot(T, np.ascontiguousarray(F.T))

@@ -11,7 +11,7 @@ helm              the form's inputs as thrust and steering, within what the runs
 manoeuvres        the table of manoeuvres that can be proposed
 next_manoeuvre    the manoeuvres ranked by what they would add
 structure_choice  coupled forms weighed by information criteria and errors on data left out
-axis_choice       the same for the drag of one degree of freedom, beside thesis (7.1)-(7.2)
+axis_choice       the same for the drag of one degree of freedom, beside Miskovic2010, eq. (7.1)-(7.2)
 words, pictures   the same in sentences and in figures
 ================  ===================================================================================
 """

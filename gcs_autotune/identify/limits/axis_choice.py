@@ -1,6 +1,7 @@
-"""Which drag does one degree of freedom have? Three witnesses side by side: thesis, criterion, data left out.
+"""Which drag does one degree of freedom have? Three witnesses side by side: Miskovic2010, criterion, data left out.
 
-The fit brings the two-experiment decision (thesis (7.1)-(7.2)) and the Bayesian criterion of its candidates; this adds
+The fit brings the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates;
+this adds
 the free-run error on runs (or blocks of one run) that were left out.
 """
 
@@ -58,7 +59,7 @@ class AxisChoice:
         verdict = None if self.decision is None else self.decision.verdict
         return {
             "chosen": self.chosen,
-            "thesis": verdict,
+            "two_experiments": verdict,
             "signal": self.signal,
             "table": rows,
             "reasons": list(self.reasons),
@@ -101,7 +102,7 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
         d = fit.decision
         verdict = "undecided" if d.verdict == "undecided" else f"speak for {WORDS[d.verdict]}"
         said.append(
-            f"two experiments (thesis, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
+            f"two experiments (Miskovic2010, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
             f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {verdict}"
         )
     best = min(table, key=lambda row: row.left_out)

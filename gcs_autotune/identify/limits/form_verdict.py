@@ -15,7 +15,7 @@ from gcs_autotune.sname import SIGNALS
 __all__ = ["CLEAR", "FormChoice", "ScoredForm", "best", "compared", "needed", "said"]
 
 CLEAR = 2.0
-"""Difference of the Bayesian criterion below which nothing is decided (Kass and Raftery 1995)."""
+"""Difference of the Bayesian criterion below which nothing is decided (Kass1995)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

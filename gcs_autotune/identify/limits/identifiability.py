@@ -3,7 +3,7 @@
 The root of the information, its columns scaled to length one, is decomposed into singular values and vectors. A value
 of zero is a joint change the measured signals do not answer to at all (*exact*: a matter of the model, the inputs or
 the signals, whatever the noise). A value below ``1/TOGETHER`` is a group whose members could stand in for one another
-("collinearity index" above 10: Brun, Reichert and Kuensch 2001, Water Resources Research 37, (11)); it is reported when
+("collinearity index" above 10: Brun2001, (11)); it is reported when
 the change the noise leaves open matters. A parameter whose standard error exceeds its value is *hardly seen*.
 """
 

@@ -3,7 +3,7 @@
 At every value all other parameters and all initial states are fitted anew; the rise of minus twice the log-likelihood
 over its minimum is chi-squared with one degree of freedom (Wilks), so the values below 3.84 make the 95 % interval. It
 need not be symmetric, and it need not close: a side along which the fit never gets bad enough is reported as open
-(Raue et al. 2009, Bioinformatics 25, "practically non-identifiable"). Where residuals are coloured the deviance is
+(Raue2009, "practically non-identifiable"). Where residuals are coloured the deviance is
 divided by the square of what the fit's standard error was raised by.
 """
 

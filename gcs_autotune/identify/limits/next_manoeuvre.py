@@ -3,7 +3,7 @@
 Every candidate is flown by the identified model within the inputs the runs have used; its information is added to that
 of the runs, and the standard errors expected from both together follow. Ranked by the worst of them relative to the
 parameters' sizes (``worst``, close to E-optimality) or by the volume of the confidence region (``volume``,
-D-optimality); Goodwin and Payne 1977, chapter 6. The expectation holds at the present estimates and noise: it is a
+D-optimality); Goodwin1977, chapter 6. The expectation holds at the present estimates and noise: it is a
 design for the craft as far as it is known, and best repeated after each run.
 """
 

@@ -18,7 +18,7 @@ SURE = 3.0
 def complaints_about(fit: Fit) -> tuple[str, ...]:
     """Return what in *fit* no craft can have: inertia that is not positive, drag that drives.
 
-    Inertia must be symmetric positive definite (Fossen 2011, (3.54)); a craft's own drag may only damp. Yaw may be
+    Inertia must be symmetric positive definite (Fossen2011, (3.54)); a craft's own drag may only damp. Yaw may be
     driven by sway, so no more is asked of the damping than its diagonal.
     """
     model = fit.model

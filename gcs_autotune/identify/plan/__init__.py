@@ -1,4 +1,4 @@
-"""Sequenced experiments (seed 004): a plan says which manoeuvre identifies what, and the fits run in that order.
+"""Sequenced experiments (Erunsal2017): a plan says which manoeuvre identifies what, and the fits run in that order.
 
 ``plan`` reads it, ``run`` does it, ``combine`` weighs the steps' estimates of shared parameters by their information,
 ``joint`` fits all runs at once, ``result`` is what comes out.

@@ -1,6 +1,7 @@
 """Estimates of shared parameters from several steps, combined and compared.
 
-Seed 004 takes the plain mean of a shared parameter's estimates (its 3.4). Here each estimate counts by its information:
+Erunsal2017 takes the plain mean of a shared parameter's estimates (its 3.4). Here each estimate counts by its
+information:
 with covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``, which no other weighting beats and
 which also passes on what correlated estimates know of each other. What a step says badly no longer spoils the mean.
 """
@@ -35,7 +36,8 @@ class Estimate:
 class Agreement:
     """How the steps agree on one shared parameter.
 
-    ``values`` and ``stds`` by step; ``combined`` their information-weighted mean; ``mean`` the plain one of seed 004;
+    ``values`` and ``stds`` by step; ``combined`` their information-weighted mean; ``mean`` the plain one of
+    Erunsal2017;
     ``probability`` that estimates as far apart come from one value (chi-square).
     """
 

@@ -1,4 +1,4 @@
-"""A plan: which manoeuvre identifies which parameters, in which order (seed 004, section 3 and figure 3).
+"""A plan: which manoeuvre identifies which parameters, in which order (Erunsal2017, section 3 and figure 3).
 
 A plan is a TOML file::
 

@@ -10,7 +10,7 @@ by_least_squares  the method ``least-squares``; its kin: by_instruments, by_recu
 spread            standard errors: the noise of the signals followed to the estimate
 noise_bias        how far noise has shifted least squares; collinearity: which terms move together
 physical          M symmetric positive, C skew, D positive; barrier: the same as constraints
-correlation       which terms a model needs (seed 000, III)
+correlation       which terms a model needs (Miskovic2007, III)
 start             start values for other methods
 outcome           all that as a ``Fit``
 ================  ==============================================================================================

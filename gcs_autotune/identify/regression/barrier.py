@@ -1,10 +1,10 @@
 """Positive definite M and D(nu) as constraints of the least squares: a logarithmic barrier, and a point inside it.
 
 M and D are linear in the parameters, so the sets where they are positive definite are convex and ``-log det`` is their
-self-concordant barrier (Nesterov and Nemirovskii 1994). With its weight lowered step by step the minimum goes to that
+self-concordant barrier (Nesterov1994). With its weight lowered step by step the minimum goes to that
 of the constrained problem; see docs/decisions/0005. By itself ``-log det`` rewards growth without end where the runs
-say nothing; with the trace against the step before it is the divergence ``tr(A_0^-1 A) - log det A`` (James and Stein
-1961), convex too and smallest at ``A = A_0``.
+say nothing; with the trace against the step before it is the divergence ``tr(A_0^-1 A) - log det A`` (James1961),
+convex too and smallest at ``A = A_0``.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Least squares is biased because its regressors hold the noise of the equations' errors. Instruments are what the
 regressors would be without noise: those of the motion simulated with the last estimate (refined instrumental
-variables, Young 2011), found anew until nothing changes. What smoothing and sampling do to the equations they do to the
+variables, Young2011), found anew until nothing changes. What smoothing and sampling do to the equations they do to the
 simulated ones too, so that their share is taken off the errors.
 """
 

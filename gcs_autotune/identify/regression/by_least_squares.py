@@ -24,7 +24,7 @@ OPTIONS = (*RECIPE_OPTIONS, ("physical", "True: M and D(nu) held positive defini
 
 
 def fit_by_least_squares(case: CoupledCase) -> Fit:
-    """Fit *case* by least squares; thesis (4.10)-(4.22), seed 000 (5)-(11), seed 001 (19)-(26).
+    """Fit *case* by least squares; Miskovic2010, eq. (4.10)-(4.22), Miskovic2007 (5)-(11), ZhaoUSV (19)-(26).
 
     Raises
     ------

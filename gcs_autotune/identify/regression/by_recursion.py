@@ -1,6 +1,6 @@
 """The method ``recursive-least-squares``: the estimate as it develops along the run, with forgetting on request.
 
-Each row of the equations moves the estimate by ``P J' (R + J P J')^-1`` times its acceleration error (Ljung 1999,
+Each row of the equations moves the estimate by ``P J' (R + J P J')^-1`` times its acceleration error (Ljung1999,
 ch. 11, for rows whose Jacobian follows the estimate). With ``equation=integral`` a row is complete half a window after
 its time; with ``derivative`` the smoothed acceleration has seen the whole run, so only the estimate is recursive.
 """

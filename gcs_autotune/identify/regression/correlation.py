@@ -1,4 +1,4 @@
-"""Which terms a model needs, by correlation (seed 000, III).
+"""Which terms a model needs, by correlation (Miskovic2007, III).
 
 The correlation coefficient at zero lag between the velocity observed in a degree of freedom and every other factor of
 its equation. The factors are the form's own regressors: with ``x_G`` free, yaw's are ``v_dot + ur`` and so on, as the

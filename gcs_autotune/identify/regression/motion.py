@@ -132,7 +132,7 @@ def _turning(
     nu: Array,
     nu_dot: Array,
 ) -> None:
-    """Fill p, q, r: as measured, else from the angles (Fossen 2011, (2.26), inverted)."""
+    """Fill p, q, r: as measured, else from the angles (Fossen2011, (2.26), inverted)."""
     rates = np.zeros((len(t), 3))
     for j, name in enumerate(ETA[3:]):
         if name in smooth:
@@ -208,7 +208,7 @@ def _positions_needed(form: Form, dof: str) -> tuple[str, ...]:
 
 
 def _rotation(eta: Array) -> Array:
-    """Return R (n, 3, 3) from body to NED; Fossen 2011, (2.18)."""
+    """Return R (n, 3, 3) from body to NED; Fossen2011, (2.18)."""
     c, s = np.cos(eta[:, 3:]), np.sin(eta[:, 3:])
     (cp, ct, cy), (sp, st, sy) = c.T, s.T
     rows = [

@@ -2,7 +2,7 @@
 
 The regressors hold noise, and smoothing rounds off the kinks that input jumps leave, so least squares is biased. The
 model found is made the truth of simulated runs with noise as large as that measured; what least squares makes of them
-differs from that truth by about what it differs from the real one (parametric bootstrap, Efron and Tibshirani 1993).
+differs from that truth by about what it differs from the real one (parametric bootstrap, Efron1993).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Does a model obey physics: M symmetric and positive, C without power, D positive over the velocities visited.
 
-Seed 000 (9)-(11).
+Miskovic2007 (9)-(11).
 """
 
 from __future__ import annotations

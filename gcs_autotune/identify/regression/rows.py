@@ -1,11 +1,11 @@
 """The equations of motion as rows that are linear in the parameters, for any form.
 
 ``M nu_dot + C(nu) nu - F(nu, eta, inputs) = sum_p theta_p E_p + E_0``: the regression matrices (4.17)-(4.22) of the
-thesis, (8) of seed 000 and (25) of seed 001 are special cases. Two ways to use them:
+Miskovic2010, eq. (8) of Miskovic2007 and (25) of ZhaoUSV are special cases. Two ways to use them:
 
 * ``derivative``: as they stand, with the smoothed accelerations;
 * ``integral``: multiplied by a bump function and integrated over short windows. By parts the derivative moves from the
-  measured velocity to the known bump (Shinbrot 1957; modulating functions), so noise is averaged, not amplified, and
+  measured velocity to the known bump (Shinbrot1957; modulating functions), so noise is averaged, not amplified, and
   the kinks that input jumps leave in the velocity do no harm.
 """
 
@@ -109,7 +109,7 @@ def _factor(code: int, nu: Array, eta: Array) -> Array:
 
 
 def _add_coriolis(program: Program, nu: Array, E: Array) -> None:
-    """Add ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu`` (Fossen 2011, (3.46))."""
+    """Add ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu`` (Fossen2011, (3.46))."""
     for (row, column, par), coefficient in zip(program.inertia, program.inertia_coefs, strict=True):
         momentum = np.zeros((len(nu), 3))
         momentum[:, row % 3] = coefficient * nu[:, column]

@@ -2,10 +2,11 @@
 
 Two ways, both with their degree of smoothing chosen by the data:
 
-* ``savitzky-golay``: a polynomial through the nearest samples (the filter of seed 000, II-C, for uneven stamps), the
+* ``savitzky-golay``: a polynomial through the nearest samples (the filter of Miskovic2007, II-C, for uneven stamps),
+the
   number of samples chosen by leave-one-out prediction;
-* ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers and Marx 1996), the penalty chosen
-  by generalised cross-validation (Craven and Wahba 1979), or by the rounding error of a coarse sensor where that is
+* ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers1996), the penalty chosen
+  by generalised cross-validation (Craven1979), or by the rounding error of a coarse sensor where that is
   larger than the scatter cross-validation believes in.
 """
 
@@ -41,7 +42,7 @@ EXACT = 120
 """Number of splines up to which the degrees of freedom of the smoother are counted exactly."""
 
 PROBES = 32
-"""Random probes that count them beyond (Hutchinson 1990); the relative error is about ``1/sqrt(PROBES * splines)``."""
+"""Random probes that count them beyond (Hutchinson1990); the relative error is about ``1/sqrt(PROBES * splines)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,6 +1,7 @@
 """Least squares of the accelerations: the estimator behind every method of this room.
 
-The papers put the acceleration on the left, ``nu_dot = Phi theta`` (seed 000 (5)-(8), thesis (4.17)-(4.22)), so that
+The papers put the acceleration on the left, ``nu_dot = Phi theta`` (Miskovic2007 (5)-(8), Miskovic2010
+(4.17)-(4.22)), so that
 its noise, by far the largest, is the error of the equation and does no harm. For a form the same reads: minimise
 ``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that is (4.15) exactly, by a change of variables; with a full M
 it is its generalisation. Gauss-Newton solves it; degrees of freedom are weighed by the variance they leave.
@@ -248,7 +249,7 @@ def row_starts(equations: Equations) -> list[Array]:
     """Return starts (p,): the equations of motion as they stand, and with the inertia taken from the inputs' gain.
 
     The first, least squares of the forces, finds too little inertia when accelerations are noisy; the second regresses
-    each row's acceleration on everything else, as seed 000 (8), which noise on the acceleration cannot bias.
+    each row's acceleration on everything else, as Miskovic2007 (8), which noise on the acceleration cannot bias.
     """
     form, f = equations.form, len(equations.free)
     theta = np.array([{**form.start, **form.known}.get(n, 0.0) for n in form.parameters])

@@ -1,4 +1,5 @@
-"""Self-oscillation: the limit cycle of a relay experiment and what its first harmonic tells (IS-O, thesis ch. 5-7).
+"""Self-oscillation: the limit cycle of a relay experiment and what its first harmonic tells (IS-O, Miskovic2010, ch.
+5-7).
 
 ==================  ===========================================================================
 limit_cycle         the cycle of a relay experiment, and a monitor that says when to stop it

@@ -1,4 +1,4 @@
-"""Reading limit cycles off a recorded relay experiment (thesis 6.5-6.7)."""
+"""Reading limit cycles off a recorded relay experiment (Miskovic2010, 6.5-6.7)."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
     """Return stamps, position, and the mean velocity taken out of it.
 
     Without a position, and in surge and sway whose ``x`` and ``y`` need not be ahead and starboard, it is the
-    velocity integrated about its mean, thesis (6.48). The mean is taken over whole periods, later ones only:
+    velocity integrated about its mean, Miskovic2010, eq. (6.48). The mean is taken over whole periods, later ones only:
     over anything else the integral would drift.
     """
     ashore = record.dof.name in ("surge", "sway") and record.velocity is not None

@@ -1,4 +1,4 @@
-"""Linear or quadratic damping? The decision from two experiments, thesis (7.1)-(7.2).
+"""Linear or quadratic damping? The decision from two experiments, Miskovic2010, eq. (7.1)-(7.2).
 
 The structure whose coefficient scatters less between two different limit cycles describes the craft better;
 the scatter of ``alpha``, which is the same in both structures, measures how sure one can be.
@@ -21,7 +21,7 @@ MARGINS: Mapping[str, Callable[[float], float]] = {
     "sigma+5": lambda sigma_alpha: sigma_alpha + 5.0,
     "sigma+10": lambda sigma_alpha: sigma_alpha + 10.0,
 }
-"""Name -> margin lambda [%] as a function of sigma_alpha [%]; thesis 7.1, criteria 1 to 4."""
+"""Name -> margin lambda [%] as a function of sigma_alpha [%]; Miskovic2010, 7.1, criteria 1 to 4."""
 
 
 def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decision:
@@ -48,9 +48,9 @@ def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decis
 def most_different_pair(estimates: tuple[IsoEstimate, ...]) -> tuple[IsoEstimate, IsoEstimate] | None:
     """Return the two valid estimates whose velocity amplitudes differ most, or None.
 
-    The experiments should be as different as possible (thesis 7.3); below 10 % of difference in velocity
+    The experiments should be as different as possible (Miskovic2010, 7.3); below 10 % of difference in velocity
     amplitude the two structures predict the same drag and nothing can be decided (chosen: that is where
-    the spread they disagree about falls under 5 %, the repeatability seen in thesis Table 7.9).
+    the spread they disagree about falls under 5 %, the repeatability seen in Miskovic2010, Table 7.9).
     """
     usable = [e for e in estimates if e.cycle.valid]
     pairs = sorted(combinations(usable, 2), key=lambda pair: _spread(_speed(pair[0]), _speed(pair[1])))
@@ -64,6 +64,6 @@ def _speed(estimate: IsoEstimate) -> float:
 
 
 def _spread(one: float, other: float) -> float:
-    """Thesis (7.1): relative deviation of two values from their mean [%]."""
+    """Miskovic2010, eq. (7.1): relative deviation of two values from their mean [%]."""
     total = one + other
     return 100.0 * abs((one - other) / total) if total else 100.0

@@ -1,7 +1,8 @@
-"""The closed heading loop from two relay experiments, and its simplification (thesis 6.6.4 and Algorithm 8.7).
+"""The closed heading loop from two relay experiments, and its simplification (Miskovic2010, 6.6.4 and Algorithm 8.7).
 
 The relay stands outside the autopilot and commands the heading: ``psi_ref = psi_ref* +/- C``. What is identified is
-``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``, thesis (6.49): every autopilot of thesis Table 8.1 but
+``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``, Miskovic2010 (6.49): every autopilot of Miskovic2010,
+Table 8.1 but
 the classical PID is of that form on a steering equation of first order.
 """
 
@@ -26,7 +27,7 @@ REFERENCE = "psi_ref"
 
 
 def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle) -> TransferFunction:
-    """Return the closed heading loop of two (or more) limit cycles, thesis (6.52); the gain at rest is 1.
+    """Return the closed heading loop of two (or more) limit cycles, Miskovic2010, eq. (6.52); the gain at rest is 1.
 
     Raises
     ------
@@ -67,7 +68,7 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
 
 
 def simplify(loop: TransferFunction) -> TransferFunction:
-    """Return the loop with two poles and one zero, thesis Algorithm 8.7 and (8.51).
+    """Return the loop with two poles and one zero, Miskovic2010, Algorithm 8.7 and (8.51).
 
     The real pole *p* is taken out and its lag ``-1/p`` taken off the zero's lead. Of three real poles, where the
     Algorithm's cube roots turn complex, the fastest goes: that changes the response least.

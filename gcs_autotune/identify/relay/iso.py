@@ -1,4 +1,4 @@
-"""IS-O: identification by use of self-oscillations, from one limit cycle (thesis Table 6.3).
+"""IS-O: identification by use of self-oscillations, from one limit cycle (Miskovic2010, Table 6.3).
 
 Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay
 (6.31), real switching value (6.5). The answer is approximate, because only the first harmonic is balanced;
@@ -16,7 +16,7 @@ __all__ = ["constant_force", "estimate"]
 def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
     """Return inertia, both drags and the constant force of *cycle*.
 
-    Thesis Table 6.3, with two mends: printed (6.43) lacks a power of omega (the velocity's amplitude is
+    Miskovic2010, Table 6.3, with two mends: printed (6.43) lacks a power of omega (the velocity's amplitude is
     ``omega * X_m``), and ``delta`` here stands on the side of the input, so it is *minus* the input's mean
     (6.47). A negative ``C`` (an input that turns the other way) gives negative parameters.
 
@@ -38,7 +38,7 @@ def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
 
 
 def constant_force(cycle: LimitCycle, beta: float, beta_quadratic: float) -> float:
-    """Return what balances drag and input in the mean over *cycle*, on the side of the input; thesis (6.47).
+    """Return what balances drag and input in the mean over *cycle*, on the side of the input; Miskovic2010, eq. (6.47).
 
     With no mean velocity it is minus the input's mean, whatever the drag.
     """

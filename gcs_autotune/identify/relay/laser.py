@@ -1,4 +1,4 @@
-"""Distance to a flat surface from two laser dots in a camera picture, thesis 3.4.
+"""Distance to a flat surface from two laser dots in a camera picture, Miskovic2010, 3.4.
 
 Each dot's distance from the picture's centre tells how far its beam went: ``L = a exp(b x) + c exp(d x)`` (3.9). The
 two together give the craft's distance (3.8) and its angle to the surface.
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LaserCurve:
-    """``a``, ``c`` in the unit of the distance, ``b``, ``d`` per pixel (thesis Table 3.1 prints them as per cm)."""
+    """``a``, ``c`` in the unit of the distance, ``b``, ``d`` per pixel (Miskovic2010, Table 3.1: per cm)."""
 
     a: float
     b: float
@@ -31,7 +31,7 @@ class LaserCurve:
     d: float
 
     def length(self, pixels: ArrayLike) -> Array:
-        """Return the beam's length, thesis (3.9), at *pixels* from the picture's centre, any shape."""
+        """Return the beam's length, Miskovic2010, eq. (3.9), at *pixels* from the picture's centre, any shape."""
         x = np.asarray(pixels, dtype=np.float64)
         value: Array = self.a * np.exp(self.b * x) + self.c * np.exp(self.d * x)
         return value
@@ -93,14 +93,14 @@ def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
 
 
 def distance_to_surface(left: float, right: float) -> float:
-    """Return the distance of the craft from the beams' lengths, thesis (3.8)."""
+    """Return the distance of the craft from the beams' lengths, Miskovic2010, eq. (3.8)."""
     return 0.5 * (left + right)
 
 
 def angle_to_surface(left: float, right: float, apart: float) -> float:
     """Return the angle [rad] between heading and the surface's normal, 0 when square to it.
 
-    Thesis (3.7) prints the complement, 90 deg when square to it; the controller and (2.43) take 0 for that.
+    Miskovic2010, eq. (3.7) prints the complement, 90 deg when square to it; the controller and (2.43) take 0 for that.
 
     Parameters
     ----------

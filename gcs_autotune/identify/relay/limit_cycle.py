@@ -1,6 +1,6 @@
 """Limit cycles: the mean cycle of a relay experiment, and a monitor that tells when to stop one.
 
-Thesis 6.6-6.7: extremes and durations of every half period, the real switching value (6.5), condition (7.12)
+Miskovic2010, 6.6-6.7: extremes and durations of every half period, the real switching value (6.5), condition (7.12)
 for every period, and the stop rule: five consecutive periods whose maxima and minima scatter within 10 %.
 """
 
@@ -18,10 +18,10 @@ from gcs_autotune.identify.result import LimitCycle
 __all__ = ["PERIODS", "SCATTER", "HalfPeriod", "LimitCycleMonitor", "MonitorState", "cycle_from"]
 
 PERIODS = 5
-"""Consecutive periods the stop rule asks for, thesis 6.7."""
+"""Consecutive periods the stop rule asks for, Miskovic2010, 6.7."""
 
 SCATTER = 0.10
-"""Largest standard deviation of maxima and of minima, as a fraction of the amplitude, thesis 6.7."""
+"""Largest standard deviation of maxima and of minima, as a fraction of the amplitude, Miskovic2010, 6.7."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _mean(halves: Sequence[HalfPeriod], name: str) -> float:
 
 
 def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
-    """Thesis (7.12) for one period."""
+    """Miskovic2010, eq. (7.12) for one period."""
     low, high = min(h.low for h in pair), max(h.high for h in pair)
     x_a = 0.5 * abs(pair[0].at_switch - pair[1].at_switch)
     return is_valid(0.5 * (high - low), x_a, 0.5 * (high + low) - middle)

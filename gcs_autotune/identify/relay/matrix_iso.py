@@ -1,4 +1,4 @@
-"""IS-O for any linear process with n poles and m zeros, from several limit cycles: thesis (6.16)-(6.19).
+"""IS-O for any linear process with n poles and m zeros, from several limit cycles: Miskovic2010, eq. (6.16)-(6.19).
 
 ``G(s) = sum b_i s^i / sum a_i s^i * exp(-s T_d) / s^k`` with ``a_0 = 1``. Each experiment balances one complex
 equation, ``sum a_i (j omega)^i + (P* + j Q*) sum b_i (j omega)^i = 0``; its real and imaginary parts are two rows.
@@ -28,7 +28,7 @@ ROUNDS = 12
 
 
 def experiments_needed(n: int, m: int, *, gain_known: bool = False) -> int:
-    """Return how many limit cycles determine *n* poles and *m* zeros, thesis (6.11); one unknown less with b_0."""
+    """Return how many limit cycles determine *n* poles and *m* zeros, Miskovic2010 (6.11); one less with b_0."""
     return math.ceil((n + m + (0 if gain_known else 1)) / 2)
 
 
@@ -49,7 +49,7 @@ def identify_process(
     Parameters
     ----------
     n, m : poles (integrators not counted) and zeros, n > m unless there are integrators.
-    gain : b_0 where it is known, such as 1 for a closed loop with integral action, thesis (6.51).
+    gain : b_0 where it is known, such as 1 for a closed loop with integral action, Miskovic2010, eq. (6.51).
 
     Raises
     ------
@@ -103,7 +103,7 @@ def _solve(
     """Solve (6.16) by least squares (6.19).
 
     With more equations than the least the rows are weighed so that *relative* errors of the response count: each is
-    divided by the denominator found before it (Sanathanan and Koerner 1963).
+    divided by the denominator found before it (Sanathanan1963).
     """
     unknown = n + m + (1 if gain is None else 0)
     needed = experiments_needed(n, m, gain_known=gain is not None)
@@ -140,7 +140,7 @@ def _least_squares(rows: NDArray[np.complex128], known: NDArray[np.complex128]) 
 
 
 def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay: float) -> NDArray[np.complex128]:
-    """Return the row of ``a_1..a_n, b_0..b_m``, thesis (6.17)-(6.18) in complex form."""
+    """Return the row of ``a_1..a_n, b_0..b_m``, Miskovic2010, eq. (6.17)-(6.18) in complex form."""
     P, Q = from_integrators(balance.real, balance.imag, omega, integrators)
     P, Q = from_delay(P, Q, omega, delay)
     s = 1j * omega

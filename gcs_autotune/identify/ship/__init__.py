@@ -3,7 +3,7 @@
 =================  ============================================================================================
 readings           numbers with standard errors, read off noisy samples by local polynomials
 log, holds, track  a run as a ship's log; where its input stands still; its path and the current
-step_table         thesis table 4.1, and the integrals along a response it is a special case of
+step_table         Miskovic2010, table 4.1, and the integrals along a response it is a special case of
 steps              readings of every step; ``step_model`` one model from all, ``step_evidence``: is it one story?
 by_steps           the method ``step``
 executes, zigzag   helm orders, and the figures of a zig-zag made of them

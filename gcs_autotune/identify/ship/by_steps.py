@@ -1,4 +1,4 @@
-"""The method ``step``: open-loop step responses through thesis table 4.1, all steps of all runs together."""
+"""The method ``step``: open-loop step responses through Miskovic2010, table 4.1, all steps of all runs together."""
 
 from __future__ import annotations
 

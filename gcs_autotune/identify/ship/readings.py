@@ -1,7 +1,7 @@
 """Numbers read off a record, each with the standard error its noise gives it.
 
 A reading is a local least-squares polynomial evaluated where the definition asks for it: value, slope, curvature.
-Its covariance carries the factor of correlated residuals (Newey and West 1987, Bartlett weights), and never falls
+Its covariance carries the factor of correlated residuals (Newey1987, Bartlett weights), and never falls
 below what the sensor's own step allows.
 """
 

@@ -1,4 +1,4 @@
-"""Each step by itself through thesis table 4.1, and whether the steps tell one story.
+"""Each step by itself through Miskovic2010, table 4.1, and whether the steps tell one story.
 
 A model of constant parameters gives the same numbers whatever the size and sign of the input. Where they differ, the
 tests below say how: by sign, by size, or in their scatter. Each is made at 5 %: a hint where to look, no proof.
@@ -45,7 +45,7 @@ class StepRow:
 
 
 def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
-    """Return the row of a step from rest whose velocity error is ``eps_v = eta_0 - lag``; thesis table 4.1.
+    """Return the row of a step from rest whose velocity error is ``eps_v = eta_0 - lag``; Miskovic2010, table 4.1.
 
     lag : of the sign of the motion, as eta_0 - eps_v comes out.
     """

@@ -2,7 +2,7 @@
 
 Two residuals a step, each zero when the model is right: the balance at the steady velocity,
 ``tau + Delta - (beta + beta_nn*|k_ss|)*k_ss``, and the lag ``(eta_0 - eps_v) - lag(model)`` (or the time to the knee).
-With one step, one drag and no Delta this is thesis table 4.1 exactly.
+With one step, one drag and no Delta this is Miskovic2010, table 4.1 exactly.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class StepModel:
 def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepModel:
     """Fit one model to all readings.
 
-    ``Delta`` is fitted when the steady readings suffice for it; with a single level it is taken as 0, as the thesis
+    ``Delta`` is fitted when the steady readings suffice for it; with a single level it is taken as 0, as Miskovic2010
     does.
 
     Raises

@@ -1,4 +1,4 @@
-"""Thesis table 4.1: a model of one degree of freedom from two numbers read off a step response.
+"""Miskovic2010, table 4.1: a model of one degree of freedom from two numbers read off a step response.
 
 ``tau`` is the input after the step, ``Delta`` included; all signs as recorded. ``k_ss`` is the steady velocity
 ((4.28), (4.39)), ``eps_v`` the velocity error (4.40): what the settled position line shows at the instant of the

@@ -1,4 +1,4 @@
-"""Steps of the input and what each response shows: steady velocity, velocity error, time constant (thesis 4.3).
+"""Steps of the input and what each response shows: steady velocity, velocity error, time constant (Miskovic2010, 4.3).
 
 Every number comes from a line or a local polynomial fitted to the samples where its definition holds, so each has a
 standard error: the settled part for ``k_ss`` and ``eps_v``, the stretch before the step for where it started from.

@@ -1,6 +1,6 @@
 """Zig-zags of any angle: recognised in a run, and what ship people read off them.
 
-The manoeuvre is Algorithm 4.1 of the thesis (Kempf): the rudder is put over, reversed when the heading has changed by
+The manoeuvre is Algorithm 4.1 of Miskovic2010 (Kempf): the rudder is put over, reversed when the heading has changed by
 a set angle, reversed again when it has changed as far to the other side, and so on. Rudder and heading angle need
 not be equal (``Z_<rudder>_<heading>``), nor the same on both sides. Angles and times are defined as in IMO
 MSC.137(76), 4.2 and ITTC 7.5-04-02-01, 2.2.2.

@@ -1,14 +1,14 @@
-"""K and T of a zig-zag by integration, thesis (4.51)-(4.53).
+"""K and T of a zig-zag by integration, Miskovic2010, eq. (4.51)-(4.53).
 
 Between any two instants the model of yaw integrates to
 ``alpha*(r_2 - r_1) + beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``; without the
 last terms that is (4.51). Between two extreme headings the yaw rates vanish and (4.52) gives the drag; between two
 crossings of one heading the headings cancel and (4.53) gives the inertia. Each of those is the sum of neighbouring
 rows here, which go from extreme to crossing to extreme: solved together they give also ``Delta`` (rudder bias, wind)
-and the nonlinear drag, which the thesis (4.4) names as what the plain procedure cannot do.
+and the nonlinear drag, which the Miskovic2010, eq. (4.4) names as what the plain procedure cannot do.
 
 The rows are weighted by the noise of what is read at their ends (neighbours share an end). What they disagree by
-beyond that is put into every row as an error of the model (Paule and Mandel 1982).
+beyond that is put into every row as an error of the model (Paule1982).
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Thruster mapping: the characteristic of thesis (2.8) fitted to a pull test, its dead zone found, its shape decided.
+"""Thruster mapping: the characteristic of Miskovic2010 (2.8) fitted to a pull test, its dead zone found, its shape
+decided.
 
 Each candidate structure is fitted by least squares with a map that rises; the Bayesian information criterion decides.
 """

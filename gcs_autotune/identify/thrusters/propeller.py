@@ -1,6 +1,6 @@
-"""Propellers in moving water: K_T(J) and K_Q(J) of seed 003, (10)-(17), and the bilinear thrust of seed 001, (4)-(5).
+"""Propellers in moving water: K_T(J) and K_Q(J) of Gomes2003, (10)-(17), and the bilinear thrust of ZhaoUSV, (4)-(5).
 
-Seed 003 prints ``K_T`` in (11); its (13) and (17) have the ``K_Q`` that belongs there.
+Gomes2003 prints ``K_T`` in (11); its (13) and (17) have the ``K_Q`` that belongs there.
 
 The seeds regress ratios ``T/(rho D^4 |n| n)`` on ``J``; that weighs a slow turn, whose ratio is mostly noise, like a
 fast one. Here the forces themselves are fitted: with ``J = V_A/(n D)``, (16) times out to
@@ -141,7 +141,7 @@ def fit_open_water(test: OpenWaterTest, D: float, *, rho: float = 1000.0, degree
 
 
 def fit_bilinear(test: OpenWaterTest) -> PropellerFit:
-    """Fit seed 001 (4), ``T = C_n n|n| - C_v V_A |n|``, or (5), ``T = C_T n|n|``, whichever the runs speak for.
+    """Fit ZhaoUSV (4), ``T = C_n n|n| - C_v V_A |n|``, or (5), ``T = C_T n|n|``, whichever the runs speak for.
 
     ``n`` in rad/s, so ``C_n`` and ``C_T`` in N s^2/rad^2, ``C_v`` in N s^2/(m rad). Bollard pulls alone (``V_A = 0``)
     leave (5).

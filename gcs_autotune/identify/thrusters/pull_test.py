@@ -1,4 +1,4 @@
-"""Pull tests: command against force, read off a dynamometer (thesis 4.1)."""
+"""Pull tests: command against force, read off a dynamometer (Miskovic2010, 4.1)."""
 
 from __future__ import annotations
 

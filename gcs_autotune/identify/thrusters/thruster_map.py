@@ -19,7 +19,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class ThrusterMap:
-    """Thesis (2.8) behind a dead zone, per direction.
+    """Miskovic2010, eq. (2.8) behind a dead zone, per direction.
 
     With ``x = direction * n`` and ``s`` the distance from the edge of the dead zone,
     ``T = a_f s^2 + b_f s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, 0 between.
@@ -64,7 +64,7 @@ class ThrusterMap:
         return result
 
     def inverse(self, force: ArrayLike) -> Array:
-        """Return the command that gives *force* [N] (any shape): the compensation of thesis 3.1.
+        """Return the command that gives *force* [N] (any shape): the compensation of Miskovic2010, 3.1.
 
         No force gives ``neutral``, the smallest force the edge of the dead zone, a force out of reach the nearest end.
         """

@@ -1,4 +1,4 @@
-"""Two equal thrusters side by side: surge force and yaw moment to commands and back (seed 001, (6)-(7))."""
+"""Two equal thrusters side by side: surge force and yaw moment to commands and back (ZhaoUSV, (6)-(7))."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class TwinCommand:
 class TwinThrusters:
     """``X = T_1 + T_2``, ``N = B (T_1 - T_2)/2``; 1 is port, so that more port thrust turns to starboard (N > 0).
 
-    Seed 001 prints (7) as ``T_2 + T_2``. ``B`` [m] is the distance between the thrusters.
+    ZhaoUSV prints (7) as ``T_2 + T_2``. ``B`` [m] is the distance between the thrusters.
     """
 
     port: ThrusterMap

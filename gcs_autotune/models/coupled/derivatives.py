@@ -19,7 +19,7 @@ name          meaning                                                     term
 ``Y_delta``   input derivative; ``N_uudelta``: with ``|u| u``             ``Y_delta * delta``
 ============  ==========================================================  ==========================
 
-Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen 2011, (3.44)). Not a force:
+Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen2011, (3.44)). Not a force:
 ``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
 ``drift_x``, ``drift_y`` a current that measured velocities do not show because they are through the water, ``A_psi``,
 ``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``bottom`` [m] a depth and ``reach`` [m] how

@@ -2,7 +2,7 @@
 
 ``M nu_dot + C(nu) nu = F(nu, eta, inputs)``, ``eta_dot = J(eta) nu + current``, with ``F`` a sum of products
 ``theta_p * theta_s * c * f_1 * f_2 * f_3`` (``theta_s``: a second parameter, which few terms have). ``M`` is linear in
-the parameters; ``C`` follows from it (Fossen 2011, (3.46) for the symmetric ``M``), so that
+the parameters; ``C`` follows from it (Fossen2011, (3.46) for the symmetric ``M``), so that
 ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu``.
 
 The sweep is classical Runge-Kutta of order four, with steps that end at every input jump and output stamp and are

@@ -163,7 +163,7 @@ def _inertia_entries(form: Form) -> list[tuple[int, int, int, float]]:
         entries += [(3, 5, names.index("I_xz"), -1.0), (5, 3, names.index("I_xz"), -1.0)]
     if "m" in names:
         entries += [(i, i, names.index("m"), 1.0) for i in range(3)]
-        # -m S(r_G) above, m S(r_G) below the diagonal; Fossen 2011, (3.44).
+        # -m S(r_G) above, m S(r_G) below the diagonal; Fossen2011, (3.44).
         for name, places in (
             ("x_G", ((1, 5, 1.0), (2, 4, -1.0))),
             ("y_G", ((0, 5, -1.0), (2, 3, 1.0))),

@@ -2,8 +2,8 @@
 
 Coefficients: Skjetne, Smogeli and Fossen 2004, "A nonlinear ship manoeuvering model: identification and adaptive
 control with experiments for a model ship", Modeling, Identification and Control 25(1), tables 1, 2 and 4, of which
-those of the form of seed 001, (1)-(7), are used: three inertias, five linear and five quadratic drags; ``Y_rdot`` and
-``N_vdot`` are zero, which is why seed 001 has no percentages for them. Two equal thrusters 0.4 m apart (our choice).
+those of the form of ZhaoUSV, (1)-(7), are used: three inertias, five linear and five quadratic drags; ``Y_rdot`` and
+``N_vdot`` are zero, which is why ZhaoUSV has no percentages for them. Two equal thrusters 0.4 m apart (our choice).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ BEAM = 0.4
 
 FORM = Form(
     name="cybership-2",
-    title="CyberShip II with twin thrusters, seed 001 (1)-(7)",
+    title="CyberShip II with twin thrusters, ZhaoUSV (1)-(7)",
     dofs=("surge", "sway", "yaw"),
     free=tuple(TRUTH),
     known=KNOWN,

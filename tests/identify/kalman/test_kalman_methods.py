@@ -45,7 +45,7 @@ def test_starting_all_coefficients_at_plus_or_minus_20_leads_to_the_same_place(z
 
 
 def test_on_the_seeds_circle_the_average_error_is_below_the_seeds_best():
-    """Seed 001, table 3: 3.83 %; noise 1 mm/s and 1 mrad/s, circle entered from rest and left by coasting."""
+    """ZhaoUSV, table 3: 3.83 %; noise 1 mm/s and 1 mrad/s, circle entered from rest and left by coasting."""
     found = fit(sail("circle", 0, noise=0.001), FORM, "ekf", start=dict.fromkeys(TRUTH, -20.0))
     errors = [100.0 * abs(found.parameters[n].value / v - 1.0) for n, v in TRUTH.items() if v]
     assert np.mean(errors) < 3.83

@@ -1,4 +1,4 @@
-"""The whole sequence of seed 004 on its tugboat, in water of our own, shortened; the benchmark has more."""
+"""The whole sequence of Erunsal2017 on its tugboat, in water of our own, shortened; the benchmark has more."""
 
 from __future__ import annotations
 

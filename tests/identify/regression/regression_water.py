@@ -14,7 +14,7 @@ Array = np.ndarray
 
 M = (8.2372, 8.2372, 0.0372)
 D = (4.4283, 14.9571, 0.0997)
-"""VideoRay in the horizontal plane: the final matrices of seed 000, errata mended."""
+"""VideoRay in the horizontal plane: the final matrices of Miskovic2007, errata mended."""
 
 HORIZONTAL_INPUTS = {"X": (("X", 1.0),), "N": (("N", 1.0),)}
 DOFS = ("surge", "sway", "yaw")
@@ -31,7 +31,7 @@ def rk4(rates: Callable[[Array, Array], Array], s: Array, tau: Array, h: float) 
 
 
 def videoray(s: Array, tau: Array) -> Array:
-    """Rates of (x, y, psi, u, v, r): seed 000, final model."""
+    """Rates of (x, y, psi, u, v, r): Miskovic2007, final model."""
     _, _, psi, u, v, r = s
     c, n = np.cos(psi), np.sin(psi)
     u_dot = (tau[0] - D[0] * u + M[1] * v * r) / M[0]

@@ -1,7 +1,7 @@
-"""Thesis table 7.12: Charlie's yaw by least squares, linear and nonlinear, on simulated self-oscillations.
+"""Miskovic2010, table 7.12: Charlie's yaw by least squares, linear and nonlinear, on simulated self-oscillations.
 
 Every row of the table is made the truth of a run at the boat's own sampling of 0.5 s with the compass noise assumed
-here (0.5 deg); its rudder is N as the thesis has it, angle times n^2 over n^2, so amplitudes are rudder angles.
+here (0.5 deg); its rudder is N as Miskovic2010 has it, angle times n^2 over n^2, so amplitudes are rudder angles.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ DEG = np.pi / 180.0
 
 
 def charlie(alpha: float, beta: float, quadratic: float, n2: float, seed: int) -> list:
-    """Runs at C = 15 and 25 deg with x_a = 10 deg (thesis 7.5)."""
+    """Runs at C = 15 and 25 deg with x_a = 10 deg (Miskovic2010, 7.5)."""
     return [
         yaw_run((alpha, beta, quadratic), (C * DEG * n2 / 20.0, 10.0 * DEG), step=0.5, noise=0.5 * DEG, seed=seed + i)
         for i, C in enumerate((15.0, 25.0))

@@ -1,4 +1,4 @@
-"""The closed heading loop: thesis (6.52), Algorithm 8.7, relays of Table 7.13."""
+"""The closed heading loop: Miskovic2010, eq. (6.52), Algorithm 8.7, relays of Table 7.13."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.models import TransferFunction
 
 DEG = math.pi / 180.0
 K, T = 0.3, 1.5
-"""Steering (8.30): psi/delta = K/(s (T s + 1)); its autopilots below are rows of thesis Table 8.1."""
+"""Steering (8.30): psi/delta = K/(s (T s + 1)); its autopilots below are rows of Miskovic2010, Table 8.1."""
 
 
 def pi_d(K_P: float, K_I: float, K_D: float) -> TransferFunction:

@@ -1,4 +1,4 @@
-"""The laser distance module: thesis (3.7)-(3.9) and Table 3.1."""
+"""The laser distance module: Miskovic2010, eq. (3.7)-(3.9) and Table 3.1."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.relay.laser import LaserCurve, angle_to_surface, calibrate, distance_to_surface
 
 TAPE = np.arange(10.0, 100.1, 5.0)
-"""Distances of the calibration [cm], thesis 3.4."""
+"""Distances of the calibration [cm], Miskovic2010, 3.4."""
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_table_3_1_comes_back_from_its_own_calibration_points(side: str, published: dict[str, Any]) -> None:
-    """The thesis prints the coefficients only; its 19 distances and whole pixels are enough to find them again."""
+    """Miskovic2010 prints the coefficients only; its 19 distances and whole pixels are enough to find them again."""
     printed = LaserCurve(*published["laser_calibration_table_3_1"][side])
     pixels = np.array([printed.pixels(v) for v in TAPE])
     assert printed.length(pixels) == pytest.approx(TAPE)

@@ -77,7 +77,7 @@ def test_a_biased_input_shifts_the_cycle_and_the_relays_mean_follows() -> None:
     (cycle,) = find_cycles(run, "yaw")
     mean = cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)
     assert mean == pytest.approx(-0.2, rel=0.01)
-    # Thesis (5.11) from the bias of the motion, which the relay sees reversed, has the sign and hardly the size:
+    # Miskovic2010 (5.11) from the bias of the motion, which the relay sees reversed, has the sign and hardly the size:
     # the higher harmonics decide when a biased relay switches. The times (6.47) are exact, so they are what is used.
     by_bias = -relay_bias(cycle.C, cycle.X_m, cycle.x_a_star, cycle.x_0)
     assert 0.4 < by_bias / mean < 0.8

@@ -1,4 +1,4 @@
-"""Surge by integrated speed and by distance, heave with net buoyancy: thesis 6.6.2, 6.6.3, 7.6."""
+"""Surge by integrated speed and by distance, heave with net buoyancy: Miskovic2010, 6.6.2, 6.6.3, 7.6."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Record = Callable[..., Trial]
 
 
 class SpeedRelay(Relay):
-    """Relay on the integral of u_ref - u, thesis Figure 6.5; the input rides on an offset."""
+    """Relay on the integral of u_ref - u, Miskovic2010, Figure 6.5; the input rides on an offset."""
 
     def __init__(self, C: float, x_a: float, u_ref: float, offset: float) -> None:
         super().__init__(C, x_a)
@@ -82,9 +82,9 @@ def test_surge_by_distance_to_a_wall_by_every_method() -> None:
 
 
 def test_the_videoray_surge_experiment_of_section_7_6_oscillates_as_printed(published: dict[str, Any]) -> None:
-    """The thesis prints x_a*, X_m and omega but neither C nor the parameters: per unit of C these follow.
+    """Miskovic2010 prints x_a*, X_m and omega but neither C nor the parameters: per unit of C these follow.
 
-    A craft with the parameters found, under the relay set to 10 cm and sampled once a second as the thesis says,
+    A craft with the parameters found, under the relay set to 10 cm and sampled once a second as Miskovic2010 says,
     must come back to the printed oscillation, and to a switching value near the printed one.
     """
     table = published["surge_iso_videoray_7_6"]
@@ -104,7 +104,7 @@ def test_the_videoray_surge_experiment_of_section_7_6_oscillates_as_printed(publ
 
 @pytest.mark.parametrize("C", [200.0, 100.0])
 def test_asymmetric_heave_cycles_give_the_net_buoyancy_of_falcon(C: float, record: Record) -> None:
-    """Thesis Table 7.3: alpha 130, beta 200, quadratic 20, tau_ZE 10."""
+    """Miskovic2010, Table 7.3: alpha 130, beta 200, quadratic 20, tau_ZE 10."""
     run = record((130.0, 200.0, 20.0, 10.0), Relay(C, 0.5), 60.0, dt=0.01, h=0.01, dof="heave")
     (cycle,) = find_cycles(run, "heave")
     assert cycle.T_L > cycle.T_H

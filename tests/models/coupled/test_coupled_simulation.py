@@ -57,7 +57,7 @@ START = np.array([1.0, -2.0, 0.4, 0.6, -0.1, 0.15])
 
 
 def test_underwater_vehicle_with_centre_of_gravity_aside() -> None:
-    """Miskovic, Vukic and Barisic (seed 000), equations (3) and (4), with linear drag."""
+    """Miskovic2007, equations (3) and (4), with linear drag."""
     m, I_z, x_G, y_G = 8.0, 0.30, 0.10, -0.06
     X_udot, Y_vdot, N_rdot, X_u, Y_v, N_r = -1.3, -2.1, -0.15, -4.4, -12.0, -0.9
     M = np.array([[m - X_udot, 0.0, -m * y_G], [0.0, m - Y_vdot, m * x_G], [-m * y_G, m * x_G, I_z - N_rdot]])
@@ -78,7 +78,7 @@ def test_underwater_vehicle_with_centre_of_gravity_aside() -> None:
 
 
 def surface_vessel(t: float, s: np.ndarray, delay: float = 0.0, V: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """Zhao, Yan, Jin and Gao (seed 001), equations (1)-(3), with numbers of a two-metre boat."""
+    """ZhaoUSV, equations (1)-(3), with numbers of a two-metre boat."""
     _, _, psi, u, v, r = s
     m_11, m_22, m_23, m_33 = 25.8, 33.8, 6.2, 4.8
     d_11 = 0.72 + 1.33 * abs(u)

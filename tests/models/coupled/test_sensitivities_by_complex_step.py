@@ -1,8 +1,8 @@
 """The kernels' sensitivities against a second derivation of the same motion, by the complex step.
 
 The equations of motion are written here once more, in plain Python on complex numbers, from the derivatives' names
-alone (Fossen 2011, (2.18), (2.39), (3.44), (3.46)). A parameter raised by ``i h`` gives its sensitivity as the
-imaginary part over ``h``, without the cancellation of difference quotients (Squire and Trapp 1998), so that a wrong
+alone (Fossen2011, (2.18), (2.39), (3.44), (3.46)). A parameter raised by ``i h`` gives its sensitivity as the
+imaginary part over ``h``, without the cancellation of difference quotients (Squire1998), so that a wrong
 derivative of 1e-6 of its column shows. Jumps of the input move in (complex) time with the delay.
 """
 

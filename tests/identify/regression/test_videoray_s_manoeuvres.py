@@ -1,4 +1,4 @@
-"""Seed 000: S-manoeuvres of the VideoRay seen by a camera; structure by correlation, Tables I and II, validation."""
+"""Miskovic2007: S-manoeuvres of the VideoRay seen by a camera; structure found, Tables I and II, validation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CANDIDATES = Form(
 """The general model (4) of the paper, with its drag linear."""
 
 UNTIED = Form(
-    "seed 000", "", DOFS, ("X_udot", "N_rdot", "X_u", "Y_v", "N_r", "X_vr", "Y_ur", "N_uv"), {"Y_vdot": -1.0},
+    "Miskovic2007", "", DOFS, ("X_udot", "N_rdot", "X_u", "Y_v", "N_r", "X_vr", "Y_ur", "N_uv"), {"Y_vdot": -1.0},
     HORIZONTAL_INPUTS, coriolis=False,
 )  # fmt: skip
 """(5)-(7), couplings free of one another. Sway has no input, so its inertia is set to 1: gamma_1 and gamma_3 remain."""
