@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "limit
 
 from limits_water import BOAT, circle, recorded
 
+from gcs_autotune.experiments import plan_next
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.limits.next_manoeuvre import plan_next
 from gcs_autotune.models.coupled import FORMS
 
 FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")

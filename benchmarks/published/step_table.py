@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.published.section import Row, Section, rows_of
-from gcs_autotune.identify.ship.step_evidence import row_from_table, unevenness_doubts
+from gcs_autotune.identify.open_loop.step_table import row_from_table, unevenness_doubts
 
 __all__ = ["automarine_steps"]
 

@@ -33,9 +33,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from gcs_autotune.identify.ship import Particulars, ship_figures
     from gcs_autotune.logs import load_runs
     from gcs_autotune.report import sheets_summary
+    from gcs_autotune.seatrials import Particulars, ship_figures
 
     ship = Particulars(_known(args.length), _known(args.speed), args.scale)
     trials = [trial for path in args.runs for trial in load_runs(path)]

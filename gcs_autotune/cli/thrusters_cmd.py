@@ -30,7 +30,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from gcs_autotune.identify.thrusters import (
+    from gcs_autotune.report.thrusters import propeller_summary, thruster_summary
+    from gcs_autotune.thrusters import (
         fit_bilinear,
         fit_open_water,
         fit_thruster,
@@ -38,7 +39,6 @@ def _run(args: argparse.Namespace) -> int:
         read_open_water,
         read_pull_test,
     )
-    from gcs_autotune.report.thrusters import propeller_summary, thruster_summary
 
     if args.diameter is not None or (args.column is None and "V_A" in read_columns(args.file)):
         test = read_open_water(args.file)

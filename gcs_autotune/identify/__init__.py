@@ -6,13 +6,12 @@
 axis         one degree of freedom, exactly: records, likelihood, structure decision, doubts
 relay        self-oscillation: limit cycles and what their first harmonic tells (IS-O)
 frequency    the empirical frequency response with coherence, and Nomoto's models
-ship         open-loop steps, zig-zags, turning circles, spirals, pull-outs: methods and IMO figures
+open_loop    the methods step and zig-zag
 coupled      several degrees of freedom: one record and one case for every method that fits a ``CoupledModel``
 regression   least squares and instrumental variables on any form, physical constraints, structure by correlation
 kalman       EKF, UKF, iterated smoother, and prediction error by the innovations' likelihood
-thrusters    maps from pull tests and back to commands; K_T(J), K_Q(J), C_T of propellers
 plan         sequenced experiments: which manoeuvre identifies what, in which order; joint fit of all
-limits       what runs can and cannot tell, the next best manoeuvre, structure decided
+information  Fisher information of any fit on its runs, and its Cramer-Rao bounds
 result       what comes out: ``Fit``, its parameters, traces and doubts
 intake       runs as handed in: split at clock jumps, units checked, useless ones left out by name
 cleaning     one channel; ``rails`` clipped sensors, ``input_holes``; ``consistency`` are the runs of one craft?

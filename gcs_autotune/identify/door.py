@@ -17,8 +17,8 @@ from gcs_autotune.identify.coupled.one_axis import axis_form
 from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.extended.by_output_error import ExtendedCase, fit_with_effects
 from gcs_autotune.identify.extended.wish import wish_of
+from gcs_autotune.identify.information import with_bounds
 from gcs_autotune.identify.intake import prepared_runs, take_in
-from gcs_autotune.identify.limits.information import with_bounds
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.cycle_reading import find_cycles

@@ -12,9 +12,9 @@ from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.frequency import by_frequency
 from gcs_autotune.identify.kalman import ekf, prediction_error, smoother
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.open_loop.by_steps import fit_by_steps
+from gcs_autotune.identify.open_loop.by_zigzag import fit_by_zigzag
 from gcs_autotune.identify.regression import by_instruments, by_least_squares, by_recursion
-from gcs_autotune.identify.ship.by_steps import fit_by_steps
-from gcs_autotune.identify.ship.by_zigzag import fit_by_zigzag
 
 __all__ = ["METHODS"]
 

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.identify.ship.imo import Figure
-from gcs_autotune.identify.ship.sheet import Sheet
 from gcs_autotune.report.numbers import UNKNOWN, format_number, format_value, pretty_unit, to_people
 from gcs_autotune.report.tables import Table
 from gcs_autotune.report.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.wording import doubt_sentence
+from gcs_autotune.seatrials import Figure, Sheet
 
 __all__ = ["sheet_table", "sheets_summary"]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.identify.thrusters import PropellerFit, ThrusterFit
 from gcs_autotune.report.numbers import format_number, format_value, pretty_unit
 from gcs_autotune.report.tables import Table
 from gcs_autotune.report.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.wording import doubt_sentence
+from gcs_autotune.thrusters import PropellerFit, ThrusterFit
 
 __all__ = ["propeller_summary", "thruster_summary"]
 

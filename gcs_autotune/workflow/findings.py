@@ -10,15 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs_autotune.errors import AutotuneError, UsageError
+from gcs_autotune.experiments import FormChoice, eliminate, identifiability, plan_next, proposal_picture, weigh_drags
 from gcs_autotune.identify import METHODS, AxisFit, Fit
 from gcs_autotune.identify.frequency.pictures import frequency_picture
 from gcs_autotune.identify.frequency.response import FrequencyResponse
-from gcs_autotune.identify.limits.axis_choice import weigh_drags
-from gcs_autotune.identify.limits.form_verdict import FormChoice
-from gcs_autotune.identify.limits.identifiability import identifiability
-from gcs_autotune.identify.limits.next_manoeuvre import plan_next
-from gcs_autotune.identify.limits.pictures import proposal_picture
-from gcs_autotune.identify.limits.structure_choice import eliminate
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.nomoto import Nomoto1
 from gcs_autotune.trial import Trial

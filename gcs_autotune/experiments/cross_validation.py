@@ -1,0 +1,134 @@
+"""What a free run says for a structure: likelihood, information criteria, errors on data left out.
+
+Runs are split by run where there are several, else by time. The criteria are computed from free-run residuals,
+whichever method made the fit, one noise level per signal at its most likely value. Coloured residuals would make every
+extra parameter look certain; the likelihood is therefore tempered by their correlation time, common to all rivals, as
+on single axes (:mod:`gcs_autotune.identify.axis.evidence`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.identify.colour import correlation_time
+from gcs_autotune.identify.result import Fit, Trace
+from gcs_autotune.identify.validate import validate
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = [
+    "BLOCKS",
+    "MOST_FOLDS",
+    "Fold",
+    "correlation_of",
+    "cross_validated",
+    "folds_of",
+    "log_likelihood_of",
+    "rms_per_signal",
+    "swings_of",
+]
+
+BLOCKS = 4
+"""Blocks one single run is cut into. Chosen: three quarters are left to learn from each time."""
+
+MOST_FOLDS = 6
+"""Folds at most; with more runs than that several are left out together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """``held`` is predicted by what was fitted to ``train``."""
+
+    train: tuple[Trial, ...]
+    held: tuple[Trial, ...]
+
+
+def folds_of(trials: Sequence[Trial], inputs: Sequence[str]) -> tuple[Fold, ...]:
+    """Return the folds of *trials*; *inputs* are held over cuts in time."""
+    if len(trials) == 1:
+        return _in_time(trials[0], frozenset(inputs))
+    groups = np.array_split(np.arange(len(trials)), min(len(trials), MOST_FOLDS))
+    return tuple(
+        Fold(tuple(t for i, t in enumerate(trials) if i not in g), tuple(trials[i] for i in g)) for g in groups
+    )
+
+
+def _in_time(trial: Trial, inputs: frozenset[str]) -> tuple[Fold, ...]:
+    edges = np.linspace(trial.start, trial.end, BLOCKS + 1)
+    edges[-1] = np.nextafter(edges[-1], np.inf)
+    parts = [_part(trial, float(a), float(b), k, inputs) for k, (a, b) in enumerate(itertools.pairwise(edges))]
+    return tuple(Fold(tuple(p for p in parts if p is not held), (held,)) for held in parts)
+
+
+def _part(trial: Trial, start: float, end: float, k: int, inputs: frozenset[str]) -> Trial:
+    """Return the part with ``start <= t < end``, its inputs in force from the start on."""
+    channels = {}
+    for name, channel in trial.channels.items():
+        keep = (channel.t >= start) & (channel.t < end)
+        t, values = channel.t[keep], channel.values[keep]
+        if name in inputs and len(channel) and not (len(t) and t[0] == start):
+            t, values = np.concatenate([[start], t]), np.concatenate([[channel.held_at(start)], values])
+        channels[name] = Channel(name, channel.unit, t, values)
+    return replace(trial, name=f"{trial.name}/{k + 1}", channels=channels, marks=(), meta={})
+
+
+Fitter = Callable[[Sequence[Trial]], Fit]
+
+
+def log_likelihood_of(traces: Sequence[Trace]) -> float:
+    """Return the log-likelihood of white noise, its level per signal the most likely one."""
+    total = 0.0
+    for errors in _by_signal(traces).values():
+        rms = math.sqrt(float(np.mean(np.square(errors))))
+        total -= len(errors) * (math.log(max(rms, 1e-300)) + 0.5 * math.log(2.0 * math.pi) + 0.5)
+    return total
+
+
+def correlation_of(traces: Sequence[Trace]) -> float:
+    """Return how many samples make one independent one, 1 when no signal is coloured."""
+    errors = [t.measured - t.fitted for t in traces if len(t.t) >= 20]
+    return correlation_time(errors) if errors else 1.0
+
+
+def rms_per_signal(traces: Sequence[Trace]) -> dict[str, float]:
+    """Return the root mean square of measured minus simulated, SI units."""
+    return {n: math.sqrt(float(np.mean(np.square(e)))) for n, e in _by_signal(traces).items()}
+
+
+def swings_of(traces: Sequence[Trace]) -> dict[str, float]:
+    """Return the standard deviation of each measured signal, what an error is compared with."""
+    names = dict.fromkeys(t.signal for t in traces)
+    return {n: float(np.std(np.concatenate([t.measured for t in traces if t.signal == n]))) for n in names}
+
+
+def cross_validated(
+    fitter: Fitter, folds: Sequence[Fold], swings: Mapping[str, float]
+) -> tuple[list[float], dict[str, float]]:
+    """Return the error per fold, in shares of the signals' swings, and the rms per signal over all folds.
+
+    A fold whose training part cannot be fitted, or whose fit runs away on what was left out, counts as infinite: a
+    structure that needs all the data to stand up does not generalise. Folds nothing can be read from are passed over.
+    """
+    errors, traces = [], []
+    for fold in folds:
+        try:
+            found = validate(fitter(fold.train).model, fold.held).traces
+        except (MissingChannel, BadFile):
+            continue
+        except NotInformative:
+            errors.append(math.inf)
+            continue
+        traces += list(found)
+        shares = [rms / max(swings[n], 1e-300) for n, rms in rms_per_signal(found).items() if n in swings]
+        errors.append(float(np.mean(shares)))
+    return errors, rms_per_signal(traces)
+
+
+def _by_signal(traces: Sequence[Trace]) -> dict[str, np.ndarray]:
+    names = dict.fromkeys(t.signal for t in traces)
+    return {n: np.concatenate([t.measured - t.fitted for t in traces if t.signal == n]) for n in names}

@@ -1,0 +1,117 @@
+"""Which drag does one degree of freedom have? Three witnesses side by side: Miskovic2010, criterion, data left out.
+
+The fit brings the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates;
+this adds
+the free-run error on runs (or blocks of one run) that were left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.experiments.cross_validation import cross_validated, folds_of, swings_of
+from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.door import fit_axis
+from gcs_autotune.identify.result import AxisFit, Decision, Structure
+from gcs_autotune.identify.validate import validate
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
+
+ALIKE = 0.02
+"""Relative difference of the errors on data left out below which they are called alike."""
+
+
+WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "both kinds of damping"}
+"""Structure -> what it means."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredDrag:
+    """One drag structure: its criterion (NaN when the method gives none) and its rms error on data left out [SI]."""
+
+    structure: Structure
+    bic: float
+    left_out: float
+    per_fold: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisChoice:
+    """The structure of ``fit`` beside what each witness says; ``signal`` the one the errors are of."""
+
+    chosen: Structure
+    decision: Decision | None
+    table: tuple[ScoredDrag, ...]
+    signal: str
+    reasons: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
+        verdict = None if self.decision is None else self.decision.verdict
+        return {
+            "chosen": self.chosen,
+            "two_experiments": verdict,
+            "signal": self.signal,
+            "table": rows,
+            "reasons": list(self.reasons),
+        }
+
+
+def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
+    """Return what speaks for each drag structure, the fit's own choice beside it.
+
+    Every structure is fitted by output error with the delay of *fit* to all but one run (or a quarter of the only one)
+    and let loose on what was left out.
+
+    Raises
+    ------
+    NotInformative
+        As :func:`gcs_autotune.identify.validate.validate`.
+    """
+    runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
+    traces = validate(fit.model, runs).traces
+    swings = swings_of(traces)
+    signal = traces[0].signal
+    folds = folds_of(runs, (*(d for d in ("delta", fit.model.axis.force)),))
+    bic = {c.structure: c.bic for c in fit.candidates}
+    table = []
+    for structure in FREE:
+
+        def refit(train: Sequence[Trial], structure: Structure = structure) -> AxisFit:
+            return fit_axis(train, dof=fit.dof, structure=structure, delay=fit.model.delay)
+
+        per_fold, rms = cross_validated(refit, folds, swings)
+        broken = any(math.isinf(e) for e in per_fold)
+        left_out = math.inf if broken or not rms else rms[signal]
+        table.append(ScoredDrag(structure, bic.get(structure, math.nan), left_out, tuple(per_fold)))
+    return AxisChoice(fit.structure, fit.decision, tuple(table), signal, _reasons(fit, table, signal))
+
+
+def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[str, ...]:
+    said = []
+    if fit.decision is not None:
+        d = fit.decision
+        verdict = "undecided" if d.verdict == "undecided" else f"speak for {WORDS[d.verdict]}"
+        said.append(
+            f"two experiments (Miskovic2010, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
+            f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {verdict}"
+        )
+    best = min(table, key=lambda row: row.left_out)
+    own = next(row for row in table if row.structure == fit.structure)
+    what = f"data left out ({SIGNALS[signal][1].split(',')[0]})"
+    if best.left_out < (1.0 - ALIKE) * own.left_out:
+        said.append(f"{what}: {WORDS[best.structure]} predicts best, better than {WORDS[own.structure]}")
+    else:
+        said.append(f"{what}: nothing predicts better than {WORDS[own.structure]}")
+    known = [row for row in table if np.isfinite(row.bic)]
+    if known:
+        said.append(f"Bayesian criterion (BIC): lowest with {WORDS[min(known, key=lambda row: row.bic).structure]}")
+    return tuple(said)

@@ -1,0 +1,382 @@
+"""Which terms does a coupled model need? Forms fitted, weighed by criteria and by errors on data left out.
+
+A richer form is preferred to a simpler one only if both speak for it: its Bayesian criterion is lower by more than
+:data:`CLEAR`, and it predicts what was left out no worse. :func:`eliminate` walks from a rich form downwards: it drops
+the term the fit is least sure of (smallest value over standard error, the Wald statistic), fits again, and keeps the
+simpler form unless the loss is justified by that rule. A form that is unphysical stands behind those that are not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.experiments.cross_validation import (
+    Fold,
+    correlation_of,
+    cross_validated,
+    folds_of,
+    log_likelihood_of,
+    rms_per_signal,
+    swings_of,
+)
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.methods import METHODS
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.validate import validate
+from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.models.coupled.derivatives import RIGID_BODY, inertia_of
+from gcs_autotune.registry import lookup
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = [
+    "CLEAR",
+    "FormChoice",
+    "ScoredForm",
+    "best",
+    "choose_form",
+    "compared",
+    "complaints_about",
+    "droppable",
+    "eliminate",
+    "needed",
+    "said",
+]
+
+SURE = 3.0
+"""Standard errors by which a drag must be on the wrong side of zero to be complained about."""
+
+
+def complaints_about(fit: Fit) -> tuple[str, ...]:
+    """Return what in *fit* no craft can have: inertia that is not positive, drag that drives.
+
+    Inertia must be symmetric positive definite (Fossen2011, (3.54)); a craft's own drag may only damp. Yaw may be
+    driven by sway, so no more is asked of the damping than its diagonal.
+    """
+    model = fit.model
+    if not isinstance(model, CoupledModel):
+        return ()
+    found = []
+    M = model.inertia
+    if float(np.linalg.eigvalsh(0.5 * (M + M.T)).min()) <= 0.0:
+        found.append("its inertia is not positive")
+    for name in physical(model.form).high:
+        parameter = fit.parameters.get(name)
+        if inertia_of(name) is None and parameter is not None and parameter.value > SURE * parameter.std:
+            found.append(f"{name} drives instead of damping")
+    return tuple(found)
+
+
+CLEAR = 2.0
+"""Difference of the Bayesian criterion below which nothing is decided (Kass1995)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredForm:
+    """One form and what speaks for and against it.
+
+    ``parameters`` fitted; ``fit_percent`` of the free run on the runs fitted; ``left_out`` error on data left out,
+    in shares of the signals' swings, mean over folds, ``per_fold`` likewise; ``left_out_rms`` per signal [SI];
+    ``complaints`` what is unphysical in it. ``fit`` None: it could not be fitted.
+    """
+
+    form: Form
+    fit: Fit | None
+    parameters: int
+    fit_percent: float
+    log_likelihood: float
+    aic: float
+    bic: float
+    left_out: float
+    per_fold: tuple[float, ...]
+    left_out_rms: Mapping[str, float]
+    rms: Mapping[str, float]
+    complaints: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers as plain data."""
+        return {
+            "form": self.form.name,
+            "free": list(self.form.free),
+            "parameters": self.parameters,
+            "fit_percent": self.fit_percent,
+            "log_likelihood": self.log_likelihood,
+            "aic": self.aic,
+            "bic": self.bic,
+            "left_out": self.left_out,
+            "left_out_rms": dict(self.left_out_rms),
+            "complaints": list(self.complaints),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormChoice:
+    """The verdict over all forms tried: ``chosen``, and ``reasons`` one sentence per rival or term dropped."""
+
+    chosen: ScoredForm
+    table: tuple[ScoredForm, ...]
+    reasons: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return verdict and table as plain data."""
+        rows = [row.to_dict() for row in self.table]
+        return {"chosen": self.chosen.form.name, "reasons": list(self.reasons), "table": rows}
+
+
+def needed(richer: ScoredForm, simpler: ScoredForm) -> bool:
+    """Whether both the criterion and what was left out speak for the richer form."""
+    if simpler.fit is None:
+        return True
+    if len(simpler.complaints) > len(richer.complaints):
+        return True
+    return simpler.bic - richer.bic > CLEAR and not richer.left_out > simpler.left_out
+
+
+def best(table: Sequence[ScoredForm]) -> ScoredForm:
+    """Return the form of least criterion among those that are physical, or a simpler one if it is hardly worse.
+
+    Raises
+    ------
+    NotInformative
+        None could be fitted.
+    """
+    fitted = [row for row in table if row.fit is not None]
+    if not fitted:
+        raise NotInformative(f"no form could be fitted: {table[0].complaints[0]}")
+    sane = [row for row in fitted if not row.complaints] or fitted
+    least = min(sane, key=lambda row: row.bic)
+    for row in sorted(sane, key=lambda row: row.parameters):
+        if row.parameters < least.parameters and not needed(least, row):
+            return row
+    return least
+
+
+def said(term: str, richer: ScoredForm, simpler: ScoredForm, wanted: bool) -> str:
+    """Return why *term*, which *simpler* lacks, is needed or not."""
+    verdict = "is needed" if wanted else "is not needed"
+    return f"{term} {verdict}: {_numbers(richer, simpler)}"
+
+
+def compared(chosen: ScoredForm, other: ScoredForm) -> str:
+    """Return why *chosen* and not *other*."""
+    if other.fit is None:
+        return f"'{other.form.name}' {other.complaints[0]}"
+    richer, simpler = (chosen, other) if chosen.parameters >= other.parameters else (other, chosen)
+    extra = [n for n in richer.form.free if n not in simpler.form.free]
+    told = f"{', '.join(extra)} ({'needed' if richer is chosen else 'not needed'}): " if extra else ""
+    bad = f"; '{other.form.name}': {', '.join(other.complaints)}" if other.complaints else ""
+    return f"'{chosen.form.name}' rather than '{other.form.name}': {told}{_numbers(richer, simpler)}{bad}"
+
+
+def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
+    """Return the comparison in numbers: error on data left out in the worst signal's unit, and the criterion."""
+    if simpler.fit is None:
+        return f"without it the form {simpler.complaints[0]}"
+    both = [n for n in richer.left_out_rms if n in simpler.left_out_rms]
+    said = ""
+    if both:
+        name = max(both, key=lambda n: abs(math.log(max(simpler.left_out_rms[n], 1e-300) / richer.left_out_rms[n])))
+        unit = SIGNALS[name][0]
+        scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
+        one, other = (scale * row.left_out_rms[name] for row in (simpler, richer))
+        said = f"error on data left out {one:.3g} {unit} of {name} without, {other:.3g} with, "
+    return f"{said}BIC {simpler.bic - richer.bic:+.1f} without"
+
+
+PATIENCE = 2
+"""Terms found to be needed after which no better-determined term is tried."""
+
+CERTAIN = 10.0
+"""Standard errors from zero at which a term is needed without trial: the criterion would rise by about the square."""
+
+
+@dataclass(slots=True)
+class _Judge:
+    """Fits and scores forms on the same runs, folds and correlation time."""
+
+    trials: tuple[Trial, ...]
+    method: str
+    delay: float | None
+    options: Mapping[str, Any]
+    folds: tuple[Fold, ...]
+    correlation: float = 0.0
+    swings: dict[str, float] = field(default_factory=dict)
+
+    def fit(self, form: Form, trials: Sequence[Trial]) -> Fit:
+        method = lookup(METHODS, self.method, "identification method")
+        if method.coupled is None:
+            able = ", ".join(n for n, m in METHODS.items() if m.coupled)
+            raise UsageError(f"method '{self.method}' does not fit coupled forms; these do: {able}")
+        records = tuple(r for t in trials for r in prepare_coupled(t, form))
+        names = tuple(t.name for t in trials)
+        return method.coupled(
+            CoupledCase(form, records, self.delay, False, names, tuple(trials), options=dict(self.options))
+        )
+
+    def score(self, form: Form) -> ScoredForm:
+        try:
+            fit = self.fit(form, self.trials)
+            traces = validate(fit.model, self.trials).traces
+        except NotInformative as error:
+            nothing: dict[str, float] = {}
+            bad = (f"could not be fitted: {error}",)
+            return ScoredForm(
+                form, None, len(form.free), math.nan, -math.inf, math.inf, math.inf, math.inf, (), nothing, nothing, bad
+            )
+        if not self.correlation:
+            self.correlation, self.swings = correlation_of(traces), swings_of(traces)
+        spent = sum(p.status in ("fitted", "at_bound") for p in fit.parameters.values())
+        samples = sum(len(t.t) for t in traces)
+        tempered = -2.0 * log_likelihood_of(traces) / self.correlation
+        per_fold, left_out_rms = cross_validated(
+            lambda runs: self.fit(_started(form, fit), runs), self.folds, self.swings
+        )
+        return ScoredForm(
+            form=form,
+            fit=fit,
+            parameters=spent,
+            fit_percent=fit.fit_percent,
+            log_likelihood=-0.5 * tempered * self.correlation,
+            aic=tempered + 2.0 * spent,
+            bic=tempered + spent * math.log(max(samples / self.correlation, 2.0)),
+            left_out=float(np.mean(per_fold)) if per_fold else math.nan,
+            per_fold=tuple(per_fold),
+            left_out_rms=left_out_rms,
+            rms=rms_per_signal(traces),
+            complaints=complaints_about(fit),
+        )
+
+
+def choose_form(
+    trials: Trial | Sequence[Trial],
+    forms: Sequence[Form],
+    method: str = "output-error",
+    *,
+    delay: float | None = 0.0,
+    **options: Any,
+) -> FormChoice:
+    """Fit every form of *forms* and choose.
+
+    Raises
+    ------
+    UsageError
+        No form given, forms with different inputs, a method that fits none.
+    NotInformative
+        None could be fitted.
+    """
+    judge = _judge(trials, forms, method, delay, options)
+    table: list[ScoredForm] = []
+    for form in sorted(forms, key=lambda f: -len(f.free)):
+        table.append(judge.score(_near(form, table)))
+    chosen = best(table)
+    reasons = [compared(chosen, other) for other in table if other is not chosen]
+    return FormChoice(chosen, tuple(table), tuple(reasons))
+
+
+def eliminate(
+    trials: Trial | Sequence[Trial],
+    form: Form,
+    method: str = "output-error",
+    *,
+    delay: float | None = 0.0,
+    **options: Any,
+) -> FormChoice:
+    """Drop the terms of *form* that these runs do not justify, one at a time, the least certain first.
+
+    Raises
+    ------
+    UsageError, NotInformative
+        As :func:`choose_form`.
+    """
+    judge = _judge(trials, [form], method, delay, options)
+    now = judge.score(form)
+    if now.fit is None:
+        raise NotInformative(f"'{form.name}' {now.complaints[0]}")
+    table, reasons, kept = [now], [], set[str]()
+    while True:
+        weakest = _weakest(now, kept)
+        if weakest is None:
+            break
+        assert now.fit is not None
+        sure = _sureness(now.fit, weakest)
+        if sure > CERTAIN:
+            reasons.append(
+                f"{weakest} is needed, and what is left with it: {sure:.0f} standard errors from zero or more"
+            )
+            break
+        name = _shorter(now.form.name, weakest)
+        simpler = judge.score(_started(now.form, now.fit, name).without(weakest))
+        table.append(simpler)
+        wanted = needed(now, simpler)
+        reasons.append(said(weakest, now, simpler, wanted))
+        if wanted:
+            kept.add(weakest)
+            if len(kept) >= PATIENCE:
+                break
+        else:
+            now = simpler
+    return FormChoice(now, tuple(table), tuple(reasons))
+
+
+def droppable(form: Form) -> tuple[str, ...]:
+    """Return the free parameters a form can do without: all but inertias on the diagonal and input gains."""
+    gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
+    kept = set(RIGID_BODY) | gains
+    found = []
+    for name in form.free:
+        inertia = inertia_of(name) if name not in kept and "_" in name else None
+        if name not in kept and not (inertia is not None and inertia.row == inertia.column):
+            found.append(name)
+    return tuple(found)
+
+
+def _judge(
+    trials: Trial | Sequence[Trial], forms: Sequence[Form], method: str, delay: float | None, options: Mapping[str, Any]
+) -> _Judge:
+    runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
+    if not forms or not runs:
+        raise UsageError("a choice of structure needs at least one form and one run")
+    if len({tuple(f.inputs) for f in forms}) > 1:
+        raise UsageError("the forms have different inputs: they do not answer the same question")
+    return _Judge(runs, method, delay, options, folds_of(runs, tuple(forms[0].inputs)))
+
+
+def _started(form: Form, fit: Fit, name: str = "") -> Form:
+    """Return *form* with the search begun where *fit* ended."""
+    model = fit.model
+    assert isinstance(model, CoupledModel)
+    start = {n: model[n] for n in form.free}
+    return replace(form, name=name or form.name, start=start, optional=())
+
+
+def _near(form: Form, table: Sequence[ScoredForm]) -> Form:
+    """Return *form* begun from the smallest richer form fitted before it, as it is when there is none."""
+    for row in reversed(table):
+        alike = row.form.inputs == form.inputs and row.form.known == form.known
+        if row.fit is not None and alike and set(form.free) <= set(row.form.free):
+            return _started(form, row.fit)
+    return form
+
+
+def _shorter(name: str, dropped: str) -> str:
+    return f"{name} {dropped}" if " - " in name else f"{name} - {dropped}"
+
+
+def _weakest(scored: ScoredForm, kept: set[str]) -> str | None:
+    assert scored.fit is not None
+    sure = {name: _sureness(scored.fit, name) for name in droppable(scored.form) if name not in kept}
+    return min(sure, key=lambda n: sure[n]) if sure else None
+
+
+def _sureness(fit: Fit, name: str) -> float:
+    """Return how many standard errors a term is from zero; 0 for what is not determined at all."""
+    parameter = fit.parameters[name]
+    return abs(parameter.value) / parameter.std if parameter.std > 0.0 else 0.0

@@ -1,0 +1,191 @@
+"""Which manoeuvre to fly next: what each would add to the information the runs already gave.
+
+Every candidate is flown by the identified model within the inputs the runs have used; its information is added to that
+of the runs, and the standard errors expected from both together follow. Ranked by the worst of them relative to the
+parameters' sizes (``worst``, close to E-optimality) or by the volume of the confidence region (``volume``,
+D-optimality); Goodwin1977, chapter 6. The expectation holds at the present estimates and noise: it is a
+design for the craft as far as it is known, and best repeated after each run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
+from gcs_autotune.experiments.manoeuvres import CANDIDATES, Candidate
+from gcs_autotune.experiments.preview import Flight, Reach, fly, helm_of
+from gcs_autotune.identify.information import Information, Subject, information_on, subject_of
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Trial
+
+__all__ = ["Criterion", "Plan", "Proposal", "plan_next", "worth_of"]
+
+Array = NDArray[np.float64]
+
+Criterion = Literal["worst", "volume"]
+
+FAR = 1.5
+"""Factor by which a motion must exceed what the runs have seen to be flagged. Chosen: half as much again."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """One candidate manoeuvre and what it is expected to bring.
+
+    ``std`` (p,) standard errors expected from the runs and this manoeuvre together; ``worst`` the largest of them
+    relative to the sizes; ``gain`` the factor by which standard errors fall on (geometric) average, correlations
+    included, infinite where something becomes visible at all; ``flags`` where the motion exceeds what was seen.
+    """
+
+    candidate: Candidate
+    flight: Flight
+    information: Information
+    std: Array
+    worst: float
+    gain: float
+    flags: tuple[str, ...]
+
+    @property
+    def reach(self) -> Reach:
+        """Speeds, turning and room the manoeuvre is expected to take."""
+        return self.flight.reach
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """Manoeuvres ranked, best first, against what the runs ``now`` tell.
+
+    ``hopeless``: parameters no candidate makes visible; they are left out of the ranking.
+    """
+
+    now: Identifiability
+    seconds: float
+    plans: tuple[Plan, ...]
+    hopeless: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The fitted parameters."""
+        return self.now.names
+
+    @property
+    def best(self) -> Plan:
+        """The manoeuvre ranked first."""
+        return self.plans[0]
+
+    def factors(self, plan: Plan) -> Mapping[str, float]:
+        """Return by which factor each standard error falls."""
+        before = self.now.information.std
+        with np.errstate(invalid="ignore"):
+            ratio = np.where(np.isfinite(plan.std), before / plan.std, 1.0)
+        return dict(zip(self.names, ratio.tolist(), strict=True))
+
+    def say(self, plan: Plan) -> str:
+        """Return one sentence: the manoeuvre, the standard errors it improves most, the room it takes."""
+        before, after = self.now.relative, plan.std / self.now.scales.size
+        order = [i for i in np.argsort(-before) if self.names[i] not in self.hopeless][:3]
+        told = [f"{self.names[i]} from {percent(float(before[i]))} to {percent(float(after[i]))}" for i in order]
+        reach = plan.reach
+        room = [f"{math.degrees(reach.turned):.0f} deg of turning"] if reach.turned > 0.0 else []
+        room += [f"{reach.room:.0f} m of room"] if reach.room > 0.0 else []
+        room += [f"{reach.deep:.1f} m of depth"] if reach.deep > 0.0 else []
+        needs = f"; takes {' and '.join(room)}" if room else ""
+        flags = f"; beyond what was flown: {', '.join(plan.flags)}" if plan.flags else ""
+        return f"{plan.candidate.title} for {self.seconds:.0f} s: std of {', '.join(told)}{needs}{flags}"
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The three best, one sentence each, and what no manoeuvre cures."""
+        lines = [self.say(plan) for plan in self.plans[:3]]
+        if self.hopeless:
+            lines.append(f"no manoeuvre here tells {', '.join(self.hopeless)}: fix them or measure something else")
+        return tuple(lines)
+
+
+def plan_next(
+    fit: Fit,
+    trials: Trial | Sequence[Trial],
+    candidates: Sequence[str | Candidate] | None = None,
+    *,
+    seconds: float = 60.0,
+    criterion: Criterion = "worst",
+) -> Proposal:
+    """Rank manoeuvres by what they would add to *trials* about the fitted parameters of *fit*.
+
+    Parameters
+    ----------
+    candidates : names in ``CANDIDATES`` or manoeuvres of one's own; all whose roles the inputs have when None.
+    seconds : length of the next run, its approach included.
+
+    Raises
+    ------
+    UnknownName
+        A candidate that is in no table.
+    UsageError
+        A senseless length, no candidate these inputs can fly; and as :func:`subject_of`.
+    NotInformative
+        The model runs away in every candidate.
+    """
+    if not 5.0 <= seconds <= 3600.0:
+        raise UsageError(f"a run of {seconds} s cannot be planned: give 5 to 3600 s")
+    subject = subject_of(fit, trials)
+    helm = helm_of(subject.form, subject.theta, subject.records)
+    wanted = CANDIDATES.values() if candidates is None else [_candidate(c) for c in candidates]
+    able = [c for c in wanted if c.roles <= set(helm.columns)]
+    if not able:
+        raise UsageError(
+            f"the inputs {', '.join(helm.channels)} give {', '.join(helm.columns)}; no candidate is flown with these"
+        )
+    now = look_into(subject)
+    plans = [p for c in able if (p := worth_of(subject, now, fly(subject, helm, c, seconds), c)) is not None]
+    if not plans:
+        raise NotInformative(
+            f"the model '{subject.form.name}' runs away in every manoeuvre: fit it with physical signs first"
+        )
+    hopeless = ~np.any([np.isfinite(p.std) for p in plans], axis=0)
+    ranked = sorted(plans, key=lambda p: _key(p, now, hopeless, criterion))
+    names = tuple(n for n, h in zip(now.names, hopeless, strict=True) if h)
+    return Proposal(now, seconds, tuple(ranked), names)
+
+
+def worth_of(subject: Subject, now: Identifiability, flight: Flight | None, candidate: Candidate) -> Plan | None:
+    """Return what a flight would bring, None when there is none or its sensitivities run away."""
+    if flight is None:
+        return None
+    try:
+        added = information_on(flight.as_subject(subject))
+    except NotInformative:
+        return None
+    both = now.information.plus(added)
+    std = both.std
+    p = len(std)
+    gained = both.log_determinant - now.information.log_determinant if math.isfinite(both.log_determinant) else 0.0
+    return Plan(
+        candidate=candidate,
+        flight=flight,
+        information=both,
+        std=std,
+        worst=float((std / now.scales.size).max()),
+        gain=math.exp(min(0.5 * gained / p, 700.0)) if math.isfinite(gained) else math.inf,
+        flags=flight.reach.beyond(now.seen, FAR),
+    )
+
+
+def _candidate(given: str | Candidate) -> Candidate:
+    return given if isinstance(given, Candidate) else lookup(CANDIDATES, given, "manoeuvre")
+
+
+def _key(plan: Plan, now: Identifiability, hopeless: NDArray[np.bool_], criterion: Criterion) -> float:
+    if criterion == "worst":
+        return float(np.where(hopeless, 0.0, plan.std / now.scales.size).max())
+    rest = plan.information.root[:, ~hopeless]
+    sign, value = np.linalg.slogdet(np.linalg.qr(rest, mode="r"))
+    return -float(value) if sign != 0.0 else math.inf

@@ -1,0 +1,280 @@
+"""A proposed manoeuvre flown by the model: its inputs, its motion, the room it takes, the record it would leave.
+
+Whatever the input channels are (thrust and moment, a rudder, a pair of thrusters), a manoeuvre asks for shares of full
+force per equation; :class:`Helm` turns them into channel values that never exceed those the runs have used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.experiments.manoeuvres import Candidate, Shares
+from gcs_autotune.identify.axis.record import Signal
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.information import Subject
+from gcs_autotune.models.coupled import Form, Simulator
+from gcs_autotune.models.coupled.derivatives import FORCES
+from gcs_autotune.models.coupled.program import states_of
+from gcs_autotune.sname import DOFS, SIGNALS
+
+__all__ = ["CONTROL_STEP", "ROLES", "Flight", "Helm", "Kind", "Reach", "fly", "helm_of", "reach_of", "reach_of_runs"]
+
+Array = NDArray[np.float64]
+
+Kind = Literal["circle", "straight run", "zig-zag", "run"]
+
+STEADY = 3.0
+"""Mean yaw rate over its standard deviation above which a turn counts as a circle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Extremes of a motion, SI units.
+
+    ``largest`` magnitude per velocity (``u`` .. ``r``); ``turned`` total range of the heading [rad], ``tilt`` largest
+    roll or pitch [rad]; ``room`` longer side of the box around the track [m], ``deep`` range of the depth [m], 0 where
+    the form has none; ``seconds`` of motion; ``kind`` what it looks like.
+    """
+
+    largest: Mapping[str, float]
+    turned: float
+    tilt: float
+    room: float
+    deep: float
+    seconds: float
+    kind: Kind
+
+    def beyond(self, seen: Reach, factor: float) -> tuple[str, ...]:
+        """Return, in words, what exceeds *seen* by more than *factor*; turning and depth count too."""
+        said = []
+        for name, value in self.largest.items():
+            unit = SIGNALS[name][0]
+            scale, shown = (180.0 / math.pi, "deg/s") if "rad" in unit else (1.0, unit)
+            known = seen.largest.get(name, 0.0)
+            if value > factor * known + 1e-9:
+                said.append(f"{SIGNALS[name][1]} {value * scale:.3g} {shown} (seen {known * scale:.3g})")
+        for what, mine, known, scale, unit in (
+            ("tilt", self.tilt, seen.tilt, 180.0 / math.pi, "deg"),
+            ("room", self.room, seen.room, 1.0, "m"),
+            ("depth range", self.deep, seen.deep, 1.0, "m"),
+        ):
+            if mine > factor * known + 1e-9:
+                said.append(f"{what} {mine * scale:.3g} {unit} (seen {known * scale:.3g})")
+        return tuple(said)
+
+
+def reach_of(form: Form, t: Array, X: Array) -> Reach:
+    """Return the reach of simulated states *X* (s, n) at stamps *t* (s,)."""
+    states = states_of(form)
+
+    def span(name: str) -> float:
+        return float(np.ptp(X[:, states.index(name)])) if name in states else 0.0
+
+    velocities = [DOFS[d].velocity for d in form.dofs]
+    tilts = [float(np.abs(X[:, states.index(n)]).max()) for n in ("phi", "theta") if n in states]
+    return Reach(
+        largest={n: float(np.abs(X[:, states.index(n)]).max()) for n in velocities},
+        turned=span("psi"),
+        tilt=max(tilts, default=0.0),
+        room=max(span("x"), span("y")),
+        deep=span("z"),
+        seconds=float(t[-1] - t[0]),
+        kind=_kind(X[:, states.index("r")] if "r" in states else None, span("psi")),
+    )
+
+
+def reach_of_runs(subject: Subject) -> tuple[Reach, tuple[Reach, ...]]:
+    """Return the reach of all runs together and of each record, as the model moves on their inputs."""
+    each = tuple(reach_of(subject.form, *subject.motion(i)) for i in range(len(subject.records)))
+    return _together(each), each
+
+
+def _together(each: Sequence[Reach]) -> Reach:
+    kinds = {r.kind for r in each}
+    return Reach(
+        largest={n: max(r.largest[n] for r in each) for n in each[0].largest},
+        turned=max(r.turned for r in each),
+        tilt=max(r.tilt for r in each),
+        room=max(r.room for r in each),
+        deep=max(r.deep for r in each),
+        seconds=sum(r.seconds for r in each),
+        kind=each[0].kind if len(kinds) == 1 else "run",
+    )
+
+
+def _kind(r: Array | None, turned: float) -> Kind:
+    if r is None:
+        return "run"
+    if turned < math.radians(10.0):
+        return "straight run"
+    if turned > 1.5 * math.pi and abs(float(r.mean())) > STEADY * float(r.std()):
+        return "circle"
+    big = r[np.abs(r) > 0.3 * np.abs(r).max()]
+    changes = int(np.count_nonzero(np.diff(np.sign(big)))) if len(big) else 0
+    return "zig-zag" if changes >= 3 and turned < math.pi else "run"
+
+
+ROLES: Mapping[str, str] = {"N": "steer", "X": "thrust", "Z": "heave", "Y": "sway", "K": "roll", "M": "pitch"}
+"""Force letter -> role. In this order roles are given to channels: a rudder, which also pushes sideways, steers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Helm:
+    """``columns[role]`` (m,): channel values of a role at full share; ``low``, ``high`` (m,) what may be commanded."""
+
+    channels: tuple[str, ...]
+    columns: Mapping[str, Array]
+    low: Array
+    high: Array
+
+    def inputs(self, shares: Mapping[str, float]) -> Array:
+        """Return channel values (m,) for shares in -1..1 per role; together they stay within the limits."""
+        total = np.zeros(len(self.channels))
+        for role, share in shares.items():
+            total += share * self.columns[role]
+        held: Array = np.clip(total, self.low, self.high)
+        return held
+
+
+def helm_of(form: Form, theta: Array, records: Sequence[CoupledRecord]) -> Helm:
+    """Return the helm of a form whose gains have the values *theta*, limited to the inputs of *records*.
+
+    A channel that drives surge and was never negative stays so; any other may go to both sides.
+
+    Raises
+    ------
+    NotInformative
+        No input was ever used.
+    """
+    used = np.vstack([r.inputs for r in records])
+    most = np.abs(used).max(axis=0)
+    if not np.any(most > 0.0):
+        raise NotInformative("no input was ever used in these runs: there is nothing to take the next one's size from")
+    gains = _gains(form, theta)
+    ahead_only = (gains[FORCES.index("X")] != 0.0) & (used.min(axis=0) >= 0.0)
+    chosen: list[str] = []
+    rows: list[Array] = []
+    for letter in ROLES:
+        row = gains[FORCES.index(letter)] * (most > 0.0)
+        if not row.any():
+            continue
+        row = row / np.linalg.norm(row)
+        if np.linalg.matrix_rank(np.array([*rows, row]), tol=1e-6) > len(rows):
+            chosen.append(ROLES[letter])
+            rows.append(row)
+    columns = {}
+    for role, column in zip(chosen, np.linalg.pinv(np.array(rows)).T, strict=True):
+        busy = np.abs(column) > 1e-12
+        columns[role] = column * float(np.min(most[busy] / np.abs(column[busy])))
+    return Helm(tuple(form.inputs), columns, np.where(ahead_only, 0.0, -most), most)
+
+
+def _gains(form: Form, theta: Array) -> Array:
+    """Return the force per channel value (6, m); a derivative with more factors (``N_uudelta``) counts by its sign."""
+    gains = np.zeros((6, len(form.inputs)))
+    named = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
+    for j, (channel, pairs) in enumerate(form.inputs.items()):
+        for force, gain in pairs:
+            row = FORCES.index(force)
+            if isinstance(gain, str):
+                value = float(theta[form.parameters.index(gain.lstrip("-"))])
+                gains[row, j] += -value if gain.startswith("-") else value
+            else:
+                gains[row, j] += gain
+        for name, value in zip(form.parameters, theta.tolist(), strict=True):
+            if name not in named and name[0] in FORCES and name[1:2] == "_" and name[2:].endswith(channel):
+                gains[FORCES.index(name[0]), j] += value
+    return gains
+
+
+CONTROL_STEP = 0.1
+"""Seconds between two commands of a proposed manoeuvre."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """``t`` (j,) and ``inputs`` (j, m) as commanded, each held; ``record`` as it would be recorded, without noise."""
+
+    t: Array
+    inputs: Array
+    record: CoupledRecord
+    initial: Array
+    reach: Reach
+
+    def as_subject(self, subject: Subject) -> Subject:
+        """Return *subject* on this flight alone."""
+        return replace(subject, records=(self.record,), initial=(self.initial,))
+
+
+def fly(subject: Subject, helm: Helm, candidate: Candidate, seconds: float) -> Flight | None:
+    """Let the model fly *candidate*; None when it runs away.
+
+    It starts from rest, or, when no input drives surge, at the median speed of the runs.
+    """
+    x_0 = _start(subject, helm)
+    t: Array = np.arange(round(seconds / CONTROL_STEP), dtype=np.float64) * CONTROL_STEP
+    inputs = _closed(subject, helm, candidate, t, x_0, seconds) if candidate.closed else _open(helm, candidate, seconds)
+    if inputs is None:
+        return None
+    signals = {}
+    for name, period in _periods(subject).items():
+        own = np.arange(0.0, seconds, period)
+        signals[name] = Signal(name, own, np.zeros(len(own)), 0.0)
+    record = CoupledRecord(candidate.name, t, inputs, subject.records[0].input_units, signals)
+    simulator = Simulator(subject.form)
+    stamps = record.stamps
+    found = simulator.run(subject.theta, x_0, t, inputs, stamps)
+    if found is None:
+        return None
+    X, S = found
+    for name, signal in signals.items():
+        value = simulator.outputs(subject.theta, X, S, name)[0][np.searchsorted(stamps, signal.t)]
+        signals[name] = replace(signal, values=value)
+    return Flight(t, inputs, replace(record, signals=signals), x_0, reach_of(subject.form, stamps, X))
+
+
+def _open(helm: Helm, candidate: Candidate, seconds: float) -> Array:
+    return np.array([helm.inputs(shares) for shares in candidate.pilot(seconds, CONTROL_STEP)])
+
+
+def _closed(subject: Subject, helm: Helm, candidate: Candidate, t: Array, x_0: Array, seconds: float) -> Array | None:
+    simulator = Simulator(subject.form)
+    states, x = simulator.states, x_0
+    pilot = candidate.pilot(seconds, CONTROL_STEP)
+    inputs = np.zeros((len(t), len(helm.channels)))
+    shares: Shares = next(pilot)
+    for i in range(len(t)):
+        inputs[i] = helm.inputs(shares)
+        if i + 1 == len(t):
+            break
+        found = simulator.run(subject.theta, x, t[: i + 1], inputs[: i + 1], t[i : i + 2])
+        if found is None:
+            return None
+        x = found[0][-1]
+        shares = pilot.send(dict(zip(states, x.tolist(), strict=True)))
+    return inputs
+
+
+def _start(subject: Subject, helm: Helm) -> Array:
+    states = Simulator(subject.form).states
+    x_0 = np.zeros(len(states))
+    if "u" in states and "thrust" not in helm.columns:
+        at = states.index("u")
+        x_0[at] = float(np.median(np.concatenate([subject.motion(i)[1][:, at] for i in range(len(subject.records))])))
+    return x_0
+
+
+def _periods(subject: Subject) -> dict[str, float]:
+    """Return the sampling period [s] of every signal, as in the runs."""
+    steps: dict[str, list[float]] = {}
+    for record in subject.records:
+        for name, signal in record.signals.items():
+            steps.setdefault(name, []).append(float(np.median(np.diff(signal.t))))
+    return {name: float(np.median(own)) for name, own in steps.items()}

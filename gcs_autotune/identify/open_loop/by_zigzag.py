@@ -1,0 +1,153 @@
+"""The method ``zig-zag``: inertia and drag of yaw by integrating over half periods, Miskovic2010, eq. (4.51)-(4.53)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.open_loop.answer import axis_answer
+from gcs_autotune.identify.open_loop.readings import Reading
+from gcs_autotune.identify.open_loop.zigzag_integrals import Rows, half_periods, rows_of, solve_rows
+from gcs_autotune.identify.result import AxisFit, Doubt, Structure
+
+__all__ = ["Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Nomoto:
+    """``K`` [1/s per unit of input] and ``T`` [s]; ``K_prime`` = K L/U and ``T_prime`` = T U/L, NaN without L and U."""
+
+    K: Reading
+    T: Reading
+    K_prime: Reading
+    T_prime: Reading
+
+
+def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: float = math.nan) -> Nomoto:
+    """Return the indices of (alpha, beta, ...) with the standard errors of their covariance.
+
+    length [m], speed [m/s] : for the dimensionless indices. Without constant drag K and T are not defined: NaN.
+    """
+    alpha, beta = float(theta[0]), float(theta[1])
+    if beta == 0.0:
+        none = Reading(math.nan, math.nan)
+        return Nomoto(none, none, none, none)
+    gradient_T = np.array([1.0 / beta, -alpha / beta**2])
+    variance_T = float(gradient_T @ covariance[:2, :2] @ gradient_T)
+    K = Reading(1.0 / beta, math.sqrt(max(float(covariance[1, 1]), 0.0)) / beta**2, "1/s")
+    T = Reading(alpha / beta, math.sqrt(max(variance_T, 0.0)), "s")
+    return Nomoto(K, T, K.scaled(length / speed, "1"), T.scaled(speed / length, "1"))
+
+
+CLEAR = 3.0
+"""Standard errors of the drag left out from zero at which it draws a doubt."""
+
+WORSE = 2.0
+"""Factor by which the weighted misfit must grow without it, for the same."""
+
+
+def fit_by_zigzag(case: Case) -> AxisFit:
+    """Identify yaw from zig-zags.
+
+    The structure is ``linear`` (Nomoto's) unless another is asked for. ``Delta``, the rudder bias, is fitted when
+    there are rows enough. ``extra``: ``K``, ``T`` with standard errors, ``K_prime``, ``T_prime`` with the options
+    ``length`` [m] and ``speed`` [m/s]; ``half_periods`` the plain (4.52) and (4.53) of each.
+
+    Raises
+    ------
+    NotInformative
+        No zig-zag with a measured heading, or too few half periods for the structure.
+    """
+    every = [rows for record in case.records if (rows := rows_of(record, case.delay or 0.0)) is not None]
+    if not every:
+        raise NotInformative(
+            f"run '{case.names[0]}' holds no zig-zag with two reversals and a heading sampled often enough; use "
+            "method='output-error' for any other input"
+        )
+    structure: Structure = case.structure or "linear"
+    theta, covariance, error, free = solve_zigzag(every, structure)
+    doubts = [*_doubts(every, structure, theta, covariance, free)]
+    if not free[3]:
+        doubts.append(
+            Doubt("no-bias", "too few half periods to fit a rudder bias; none was assumed", "fly more half periods")
+        )
+    if theta[1] * theta[0] < 0.0 and structure == "linear":
+        doubts.append(
+            Doubt(
+                "unstable-craft",
+                "inertia and drag differ in sign: with the rudder amidships the craft does not keep its course; a "
+                "linear model of it runs away",
+                "structure='affine' adds the drag that stops it; fly a spiral to measure the loop",
+            )
+        )
+    made = nomoto_of(theta, covariance, _number(case, "length"), _number(case, "speed"))
+    extra = {
+        **_named(made),
+        "half_periods": [asdict(h) for rows in every for h in half_periods(rows)],
+        "model_error_per_half_period": error,
+    }
+    return axis_answer(case, "zig-zag", structure, theta, covariance, free, doubts, extra)
+
+
+def _number(case: Case, name: str) -> float:
+    return float(case.options.get(name, math.nan))
+
+
+def _named(made: Nomoto) -> dict[str, float]:
+    names = {"K": made.K, "T": made.T, "K_prime": made.K_prime, "T_prime": made.T_prime}
+    values = {n: r.value for n, r in names.items()}
+    return {**values, **{f"{n}_std": r.std for n, r in names.items()}}
+
+
+def solve_zigzag(every: Sequence[Rows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
+    """Return theta (4,), its covariance (4, 4), the model's error per row and what was fitted.
+
+    Raises
+    ------
+    NotInformative
+        Too few half periods for the structure.
+    """
+    count = sum(len(rows.impulse) for rows in every)
+    drags = FREE[structure][:3]
+    free = (*drags, count > sum(drags) + 1)
+    if count <= sum(free):  # nothing left to tell how well they fit
+        raise NotInformative(
+            f"{count} half-period equations cannot tell structure '{structure}': fly more half periods"
+        )
+    theta, covariance, error, _ = solve_rows(every, free)
+    return theta, covariance, error, free
+
+
+def _doubts(
+    every: Sequence[Rows], structure: Structure, theta: Array, covariance: Array, free: Sequence[bool]
+) -> list[Doubt]:
+    found = []
+    count = sum(len(rows.impulse) for rows in every)
+    if structure != "affine" and count > 5:
+        missing = 2 if structure == "linear" else 1
+        other, spread, _, misfit = solve_rows(every, (True, True, True, free[3]))
+        clear = abs(other[missing]) / max(math.sqrt(max(float(spread[missing, missing]), 0.0)), 1e-300)
+        if clear > CLEAR and solve_rows(every, free)[3] > WORSE * misfit:
+            kind = "nonlinear" if structure == "linear" else "linear"
+            found.append(
+                Doubt(
+                    f"{kind}-drag",
+                    f"the half periods ask for {kind} drag too ({clear:.0f} standard errors); what was fitted holds "
+                    "for this rudder angle only",
+                    "structure='affine' fits both; method='output-error' decides",
+                )
+            )
+    if count - sum(free) < 3:
+        found.append(
+            Doubt("few-half-periods", f"{count} equations for {sum(free)} numbers: errors are guesses", "fly on")
+        )
+    return found

@@ -1,0 +1,230 @@
+"""Numbers read off a record, with the standard error the noise gives them; where an input stands still.
+
+A reading is a local least-squares polynomial evaluated where the definition asks for it: value, slope, curvature.
+Its covariance carries the factor of correlated residuals (Newey1987, Bartlett weights), and never falls
+below what the sensor's own step allows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.axis.uncertainty import autocorrelation
+
+__all__ = ["Hold", "LocalFit", "Reading", "find_holds", "local_fit", "mean_reading", "rate_of"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One number with its standard error, both in ``unit`` (SI). NaN: not known."""
+
+    value: float
+    std: float
+    unit: str = "1"
+
+    def scaled(self, factor: float, unit: str) -> Reading:
+        """Return the reading times an exact *factor*, in another unit."""
+        return Reading(self.value * factor, self.std * abs(factor), unit)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalFit:
+    """Polynomial about ``at`` [s]: coefficients (d+1,) in rising powers of (t - at) and their covariance."""
+
+    at: float
+    coefficients: Array
+    covariance: Array
+    sigma: float
+
+    def value(self, unit: str) -> Reading:
+        """Return the fitted value at ``at``."""
+        return self._reading(0, unit)
+
+    def slope(self, unit: str) -> Reading:
+        """Return the fitted slope at ``at``."""
+        return self._reading(1, unit)
+
+    def _reading(self, i: int, unit: str) -> Reading:
+        return Reading(float(self.coefficients[i]), math.sqrt(max(float(self.covariance[i, i]), 0.0)), unit)
+
+
+def local_fit(t: Array, y: Array, at: float, degree: int, floor: float = 0.0) -> LocalFit:
+    """Fit a polynomial of *degree* to (t, y) and give it about *at*.
+
+    t, y : (n,) with n > degree. floor : least standard deviation of one sample, e.g. a sensor's step over sqrt(12).
+    """
+    scale = max(float(np.ptp(t)), 1e-12)
+    s = (t - at) / scale
+    table = np.vander(s, degree + 1, increasing=True)
+    inverse = np.linalg.pinv(table.T @ table)
+    c = inverse @ (table.T @ y)
+    left = y - table @ c
+    spare = max(len(t) - degree - 1, 1)
+    roundoff = 1e-12 * max(float(np.max(np.abs(y))), 1e-300)
+    sigma = max(math.sqrt(float(left @ left) / spare), floor, roundoff)
+    shrink = scale ** -np.arange(degree + 1.0)
+    covariance = inverse * sigma**2 * _colour(left) * np.outer(shrink, shrink)
+    return LocalFit(at, c * shrink, covariance, sigma)
+
+
+def mean_reading(t: Array, y: Array, unit: str, floor: float = 0.0) -> Reading:
+    """Return the mean of (t, y) with the standard error of correlated samples."""
+    return local_fit(t, y, float(t.mean()), 0, floor).value(unit)
+
+
+def _colour(left: Array) -> float:
+    """Return by how much correlation raises the variance of an average of these residuals, at least 1."""
+    n = len(left)
+    lags = min(int(2.0 * math.sqrt(n)), n // 4)
+    if lags < 1:
+        return 1.0
+    weights = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
+    return max(1.0, 1.0 + 2.0 * float(weights @ autocorrelation(left, lags)))
+
+
+def rate_of(t: Array, angle: Array, width: float) -> Array:
+    """Return the slope of *angle* at every stamp, by lines over *width* seconds (five samples at least).
+
+    A line's slope is that of the parabola where the window lies evenly about the stamp; where it cannot, near the ends
+    and beside holes, a parabola is fitted.
+    """
+    n = len(t)
+    a, b = np.searchsorted(t, t - 0.5 * width), np.searchsorted(t, t + 0.5 * width, side="right")
+    index = np.arange(n)
+    a, b = np.clip(np.minimum(a, index - 2), 0, None), np.clip(np.maximum(b, index + 3), None, n)
+    s, y = t - t.mean(), angle - angle.mean()
+    sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (np.ones(n), s, y, s * s, s * y)]
+    m, ms, my, mss, msy = (v[b] - v[a] for v in sums)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate: Array = (msy - ms * my / m) / (mss - ms * ms / m)
+    uneven = np.abs(ms / m - s) > 0.1 * (t[b - 1] - t[a])
+    for i in np.flatnonzero(uneven | ~np.isfinite(rate)):
+        first, last = max(min(a[i], n - 5), 0), min(max(b[i], 5), n)
+        rate[i] = np.polyfit(t[first:last] - t[i], angle[first:last], min(2, last - first - 1))[-2]
+    return rate
+
+
+NARROW, WIDE = 0.005, 0.05
+"""Least and largest width of the band a held input stays in, as fractions of its whole range."""
+
+STILL = 0.6
+"""Share of the time an input must stand exactly still to count as a commanded one: then the band is narrow."""
+
+LONGER = 3.0
+"""A hold lasts at least this many times what the fastest ramp takes through the band."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """The input stands at ``level`` from ``start`` to ``end`` [s]; ``before`` is when it left the previous hold."""
+
+    start: float
+    end: float
+    level: float
+    before: float
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return self.end - self.start
+
+
+def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tuple[Hold, ...]:
+    """Return the holds of an input in order.
+
+    t, values : (n,) samples, each in force until the next. end : when the last one ends [s]. shortest : least
+    duration [s] beside the one that keeps the pieces of a rudder's ramp from passing for holds.
+    """
+    span = float(np.ptp(values)) if len(values) else 0.0
+    if span == 0.0:
+        return ()
+    change = np.concatenate([[True], np.diff(values) != 0.0])
+    t, values = t[change], values[change]
+    ends = np.append(t[1:], end)
+    band = _band(t, values, end, span)
+    far = _reach(values, band)
+    least = max(shortest, _ramp_time(t, values, band) * LONGER)
+    pieces = _longest_first(t, ends, far, least)
+    found: list[Hold] = []
+    for i, j in pieces:
+        held = ends[i : j + 1] - t[i : j + 1]
+        level = float(np.average(values[i : j + 1], weights=np.maximum(held, 1e-9)))
+        begin, stop = float(t[i]), float(min(ends[j], end))
+        if found and abs(level - found[-1].level) < 0.5 * band:
+            found[-1] = Hold(found[-1].start, stop, found[-1].level, found[-1].before)
+        else:
+            found.append(Hold(begin, stop, level, found[-1].end if found else begin))
+    return tuple(found)
+
+
+def _band(t: Array, values: Array, end: float, span: float) -> float:
+    """Return how far a held input may wander: little when it is a command, else by its noise."""
+    held = np.diff(np.append(t, max(end, float(t[-1]))))
+    tick = float(np.percentile(held[held > 0.0], 5)) if (held > 0.0).any() else 0.0
+    if float(held[held > 8.0 * tick].sum()) > STILL * float(held.sum()) or len(values) < 20:
+        return NARROW * span
+    noise = 1.4826 * float(np.median(np.abs(np.diff(values))))
+    return float(np.clip(6.0 * noise, 2.0 * NARROW * span, WIDE * span))
+
+
+def _reach(values: Array, band: float) -> NDArray[np.intp]:
+    """Return for every sample the last one such that all between lie within *band* of each other."""
+    low: deque[int] = deque()
+    high: deque[int] = deque()
+    far, j = np.empty(len(values), dtype=np.intp), 0
+    for i in range(len(values)):
+        while j < len(values):
+            lowest = min(values[low[0]], values[j]) if low else values[j]
+            highest = max(values[high[0]], values[j]) if high else values[j]
+            if highest - lowest > band:
+                break
+            while low and values[low[-1]] >= values[j]:
+                low.pop()
+            while high and values[high[-1]] <= values[j]:
+                high.pop()
+            low.append(j)
+            high.append(j)
+            j += 1
+        far[i] = j - 1
+        for queue in (low, high):
+            if queue and queue[0] == i:
+                queue.popleft()
+    return far
+
+
+def _ramp_time(t: Array, values: Array, band: float) -> float:
+    """Return how long the input takes through *band* where it moves as on a ramp; 0 when it only jumps."""
+    times = []
+    for (t_0, v_0), (t_1, v_1) in itertools.pairwise(zip(t, values, strict=True)):
+        if 0.02 * band < abs(v_1 - v_0) < 4.0 * band:
+            times.append((t_1 - t_0) * band / abs(v_1 - v_0))
+    return float(np.percentile(times, 10)) if len(times) > 3 else 0.0
+
+
+def _longest_first(t: Array, ends: Array, far: NDArray[np.intp], least: float) -> list[tuple[int, int]]:
+    """Return disjoint index ranges, chosen longest first, of at least *least* seconds, in order."""
+    order = np.argsort(-(ends[far] - t), kind="stable")
+    taken = np.zeros(len(t), dtype=bool)
+    chosen: list[tuple[int, int]] = []
+    for i in order:
+        j = int(far[i])
+        if ends[j] - t[i] <= least:
+            break
+        if taken[i]:
+            continue
+        blocked = np.flatnonzero(taken[i : j + 1])
+        if len(blocked):
+            j = int(i) + int(blocked[0]) - 1
+        if j < i or ends[j] - t[i] <= least:
+            continue
+        taken[i : j + 1] = True
+        chosen.append((int(i), j))
+    return sorted(chosen)

@@ -1,0 +1,199 @@
+"""A ship's log: heading, rudder and what else was recorded, cleaned, on their own stamps; and its helm orders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.identify.cleaning import clean, quantum, unwrap
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["Execute", "ShipLog", "find_executes", "ship_log"]
+
+Array = NDArray[np.float64]
+
+INPUTS = ("delta", "N")
+"""What steers, preferred first."""
+
+LEAST = 20
+"""Fewest heading samples worth reading a manoeuvre from."""
+
+STEEPEST_RUDDER = math.pi / 2.0
+"""A rudder angle without a unit beyond this cannot be in radians."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShipLog:
+    """One run as a ship's officer sees it.
+
+    ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,) stamps of ``psi`` (n,) [rad], continuous.
+    ``others``: every other cleaned channel of the run. ``step`` [rad]: the compass's own step, 0 if none.
+    """
+
+    name: str
+    steering: Channel
+    t: Array
+    psi: Array
+    step: float
+    others: Mapping[str, Channel]
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def floor(self) -> float:
+        """Least standard deviation of one heading sample [rad]."""
+        return self.step / math.sqrt(12.0)
+
+    @property
+    def end(self) -> float:
+        """Last heading stamp [s]."""
+        return float(self.t[-1])
+
+    def heading(self, start: float, end: float) -> tuple[Array, Array]:
+        """Return the heading samples with ``start <= t <= end``."""
+        keep = (self.t >= start) & (self.t <= end)
+        return self.t[keep], self.psi[keep]
+
+    def channel(self, name: str) -> Channel | None:
+        """Return another channel when it has samples."""
+        found = self.others.get(name)
+        return found if found is not None and len(found) > 1 else None
+
+    def speed(self, start: float, end: float) -> float:
+        """Return the mean speed [m/s] between two instants from U, u and v, u, or the track; NaN when unknown."""
+        for names in (("U",), ("u", "v"), ("u",)):
+            parts = [c.between(start, end).values for n in names if (c := self.channel(n)) is not None]
+            if len(parts) == len(names) and all(len(p) for p in parts):
+                return math.hypot(*(float(p.mean()) for p in parts))
+        x, y = self.channel("x"), self.channel("y")
+        if x is None or y is None:
+            return math.nan
+        px, py = x.between(start, end), y.between(start, end)
+        if len(px) < 2 or len(py) < 2 or px.t[-1] <= px.t[0]:
+            return math.nan
+        slopes = [float(np.polyfit(c.t - c.t[0], c.values, 1)[0]) for c in (px, py)]
+        return math.hypot(*slopes)
+
+
+def ship_log(trial: Trial) -> ShipLog:
+    """Return *trial* as a ship's log.
+
+    Raises
+    ------
+    MissingChannel
+        No heading, or neither rudder nor yaw moment.
+    BadFile
+        Stamps that run backwards; angles without a unit that cannot be radians.
+    NotInformative
+        Too few samples, or a rudder that never moves.
+    """
+    notes: list[Doubt] = []
+    steering = clean(_steering(trial), trial.name, notes)
+    _check_units(trial, steering, notes)
+    channels = {n: clean(c, trial.name, notes) for n, c in trial.channels.items() if n != steering.name}
+    if "psi" not in channels:
+        raise MissingChannel(f"run '{trial.name}' has no heading psi; ship figures are read from psi and delta (or N)")
+    psi, rate = channels.pop("psi"), channels.get("r")
+    if len(psi) < LEAST:
+        raise NotInformative(f"run '{trial.name}' is too short: {len(psi)} heading samples, {LEAST} are needed")
+    if len(steering) == 0 or float(np.ptp(steering.values)) == 0.0:
+        raise NotInformative(f"the input {steering.name} of run '{trial.name}' never changes: there is no manoeuvre")
+    psi = replace(psi, values=unwrap(psi.t, psi.values, rate))
+    unique = {(d.slug, d.cause): d for d in notes}
+    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values), channels, tuple(unique.values()))
+
+
+def _steering(trial: Trial) -> Channel:
+    have = [n for n in INPUTS if n in trial and len(trial[n])]
+    if not have:
+        there = ", ".join(trial.channels) or "nothing"
+        raise MissingChannel(f"run '{trial.name}' has neither delta nor N; it has {there}")
+    moving = [n for n in have if float(np.ptp(trial[n].values)) > 0.0]
+    return trial[(moving or have)[0]]
+
+
+def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
+    """Angles without a unit are radians unless they cannot be."""
+    if steering.name != "delta" or steering.unit == "rad":
+        return
+    if steering.unit != "1":
+        raise BadFile(f"the rudder angle of run '{trial.name}' is in {steering.unit}; write delta[deg] or delta[rad]")
+    if float(np.max(np.abs(steering.values), initial=0.0)) > STEEPEST_RUDDER:
+        raise BadFile(
+            f"the column delta of run '{trial.name}' has no unit and cannot be radians; write delta[deg] and psi[deg] "
+            "in the head line"
+        )
+    notes.append(
+        Doubt("unit-missing", f"delta of run '{trial.name}' has no unit; radians were taken", "write delta[rad]")
+    )
+
+
+HALF = 0.5
+"""Fraction of the helm at which a reversal counts; where it began is traced back from there."""
+
+QUIET = 0.08
+"""Deviation from a held helm, as a fraction of the reversal, that is not yet its beginning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Execute:
+    """A helm order: given at ``t`` [s], carried out by ``done``, from ``before`` to ``level`` [unit of the input]."""
+
+    t: float
+    done: float
+    before: float
+    level: float
+
+
+def find_executes(log: ShipLog) -> tuple[Execute, ...]:
+    """Return the helm orders that put the rudder over from one side to the other, the first from amidships included."""
+    t, v = log.steering.t, log.steering.values
+    high, low = float(np.percentile(v, 98)), float(np.percentile(v, 2))
+    high, low = (float(np.median(v[v >= low + 0.9 * (high - low)])), float(np.median(v[v <= low + 0.1 * (high - low)])))
+    if high <= 0.0 or low >= 0.0:
+        return ()
+    state, found = 0, []
+    last = 0
+    for i, x in enumerate(v):
+        new = 1 if x > HALF * high else -1 if x < HALF * low else state
+        if new != state and new != 0:
+            level = high if new > 0 else low
+            before = 0.0 if state == 0 else (high if state > 0 else low)
+            found.append(_traced(t, v, last, i, before, level))
+            state, last = new, i
+    return tuple(_levelled(t, v, found, float(t[-1])))
+
+
+def _traced(t: Array, v: Array, first: int, i: int, before: float, level: float) -> Execute:
+    """Return the order whose ramp passes sample *i*: from where the old level was left to where the new is reached."""
+    band = QUIET * abs(level - before)
+    held = np.flatnonzero(np.abs(v[first:i] - before) <= band)
+    begin = first + int(held[-1]) if len(held) else first
+    reached = np.flatnonzero(np.abs(v[i:] - level) <= band)
+    done = i + int(reached[0]) if len(reached) else i
+    if i - begin <= 1 and done == i:  # a jump: in force from its own stamp on
+        return Execute(float(t[i]), float(t[i]), before, level)
+    ramp = slice(begin, done + 1)
+    inner = np.abs(v[ramp] - 0.5 * (before + level)) < 0.4 * abs(level - before)
+    if int(inner.sum()) >= 3:
+        slope, middle = np.polyfit(t[ramp][inner] - t[i], v[ramp][inner], 1)
+        if slope * (level - before) > 0.0:
+            start = float(t[i]) + (before - middle) / slope
+            return Execute(float(np.clip(start, t[first], t[i])), float(t[done]), before, level)
+    return Execute(float(t[min(begin + 1, i)]), float(t[done]), before, level)
+
+
+def _levelled(t: Array, v: Array, executes: list[Execute], end: float) -> list[Execute]:
+    """Return the orders with the levels really held after each."""
+    mended: list[Execute] = []
+    for k, e in enumerate(executes):
+        until = executes[k + 1].t if k + 1 < len(executes) else end
+        keep = (t >= e.done) & (t < until)
+        level = float(np.median(v[keep])) if keep.any() else e.level
+        mended.append(replace(e, level=level, before=mended[-1].level if mended else e.before))
+    return mended

@@ -1,0 +1,241 @@
+"""Miskovic2010, table 4.1: a model of one degree of freedom from two numbers read off a step; do all steps agree?
+
+``tau`` is the input after the step, ``Delta`` included; all signs as recorded. ``k_ss`` is the steady velocity
+((4.28), (4.39)), ``eps_v`` the velocity error (4.40): what the settled position line shows at the instant of the
+step. The same closed forms are the special cases of two integrals along the response, :func:`lag` and
+:func:`time_to`, which hold for any structure and any velocity before the step.
+
+A model of constant parameters gives the same numbers whatever the size and sign of the input. Where they differ,
+:func:`unevenness` says how: by sign, by size, or in their scatter. Each test is made at 5 %: a hint, no proof.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.open_loop.steps import StepReading
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.slow_imports import scipy_stats
+
+__all__ = [
+    "StepRow",
+    "Unevenness",
+    "lag",
+    "linear_type_0",
+    "linear_type_1",
+    "nonlinear_type_0",
+    "nonlinear_type_1",
+    "row_from_table",
+    "row_of",
+    "steady",
+    "time_to",
+    "unevenness",
+    "unevenness_doubts",
+]
+
+Array = NDArray[np.float64]
+
+Drags = tuple[float, float]
+"""beta, beta_quadratic."""
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
+
+
+def linear_type_1(tau: float, k_ss: float, eps_v: float, eta_0: float = 0.0) -> tuple[float, float]:
+    """Return (alpha, beta) of a linear model from its measured position; (4.43), (4.44)."""
+    return (eta_0 - eps_v) * tau / k_ss**2, tau / k_ss
+
+
+def nonlinear_type_1(tau: float, k_ss: float, eps_v: float, eta_0: float = 0.0) -> tuple[float, float]:
+    """Return (alpha, beta_quadratic) of a nonlinear model from its measured position; (4.47), (4.48)."""
+    return (eta_0 - eps_v) * tau / (k_ss**2 * math.log(2.0)), tau / (k_ss * abs(k_ss))
+
+
+def linear_type_0(tau: float, K_ss: float, T_L: float) -> tuple[float, float]:
+    """Return (alpha, beta) of a linear model from its measured velocity; (4.31), (4.32).
+
+    T_L : seconds to 63.2 % of the steady velocity, (4.33).
+    """
+    return T_L * tau / K_ss, tau / K_ss
+
+
+def nonlinear_type_0(tau: float, K_ss: float, T_N: float) -> tuple[float, float]:
+    """Return (alpha, beta_quadratic) of a nonlinear model from its measured velocity; (4.36), (4.37).
+
+    T_N : seconds to tanh(1) = 76.2 % of the steady velocity, (4.38).
+    """
+    return T_N * tau / K_ss, tau / (K_ss * abs(K_ss))
+
+
+def steady(drags: Drags, tau: float) -> float:
+    """Return the velocity at which drag balances *tau* (Delta included); (4.31) and (4.36) in one."""
+    beta, quadratic = drags
+    if quadratic == 0.0:
+        return tau / beta
+    sign = math.copysign(1.0, quadratic)
+    force, b, c = sign * tau, sign * beta, abs(quadratic)
+    return math.copysign((-b + math.sqrt(max(b * b + 4.0 * c * abs(force), 0.0))) / (2.0 * c), force)
+
+
+def lag(alpha: float, drags: Drags, tau: float, nu_0: float) -> float:
+    """Return the position lost to the transient, eta_0 - eps_v = integral of (k_ss - nu) dt over the response.
+
+    From rest: ``alpha*tau/beta^2`` for the linear model (4.44), ``sgn(tau)*alpha/beta_nn*ln 2`` for the nonlinear
+    one (4.48).
+    """
+    k = steady(drags, tau)
+    return alpha * _along(drags, tau, nu_0, k, lambda nu: k - nu)
+
+
+def time_to(alpha: float, drags: Drags, tau: float, nu_0: float, level: float) -> float:
+    """Return the seconds from velocity *nu_0* to *level*, which lies before the steady one; (4.32), (4.37)."""
+    return alpha * _along(drags, tau, nu_0, level, np.ones_like)
+
+
+def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[[Array], Array]) -> float:
+    """Return the integral of weight(nu)/(tau - drag(nu)) from *nu_0* to *nu_1*, split where nu changes sign."""
+    borders = [nu_0, 0.0, nu_1] if nu_0 * nu_1 < 0.0 else [nu_0, nu_1]
+    total = 0.0
+    for a, b in itertools.pairwise(borders):
+        half = 0.5 * (b - a)
+        nu = 0.5 * (a + b) + half * _NODES
+        left = tau - (drags[0] + drags[1] * np.abs(nu)) * nu
+        total += half * float(_WEIGHTS @ (weight(nu) / left))
+    return total
+
+
+SIGNIFICANCE = 0.05
+"""Chance of each test to speak up without reason."""
+
+FEWEST = 4
+"""Steps a side below which nothing is tested."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepRow:
+    """One step through table 4.1: both drags, and the inertia of either structure (NaN where not readable)."""
+
+    tau: float
+    k_ss: float
+    lag: float
+    beta: float
+    beta_quadratic: float
+    alpha_linear: float
+    alpha_nonlinear: float
+
+
+def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
+    """Return the row of a step from rest whose velocity error is ``eps_v = eta_0 - lag``; Miskovic2010, table 4.1.
+
+    lag : of the sign of the motion, as eta_0 - eps_v comes out.
+    """
+    alpha, beta = linear_type_1(tau, k_ss, -lag)
+    alpha_nonlinear, beta_quadratic = nonlinear_type_1(tau, k_ss, -lag)
+    return StepRow(tau, k_ss, lag, beta, beta_quadratic, alpha, alpha_nonlinear)
+
+
+def row_of(reading: StepReading) -> StepRow | None:
+    """Return one reading through table 4.1; None when it did not start from rest or stands still."""
+    k = reading.k_ss.value
+    rest = abs(reading.nu_0.value) < max(0.02 * abs(k), 3.0 * reading.nu_0.std)
+    if abs(k) < 3.0 * reading.k_ss.std or k == 0.0 or reading.tau == 0.0 or reading.steady_only or not rest:
+        return None
+    if reading.has_lag:
+        return row_from_table(reading.tau, k, reading.lag.value)
+    if not reading.has_knee:
+        return None
+    alpha, beta = linear_type_0(reading.tau, k, reading.knee.value)
+    quadratic = reading.tau / (k * abs(k))
+    T_N = reading.knee.value / math.atanh(1.0 - math.exp(-1.0))  # tanh(t/T_N) = 63.2 % of (4.35)
+    return StepRow(reading.tau, k, math.nan, beta, quadratic, alpha, T_N * reading.tau / k)
+
+
+@dataclass(frozen=True, slots=True)
+class Unevenness:
+    """One way in which ``parameter`` is not constant over the steps.
+
+    ``kind``: ``sign`` (means of both signs differ), ``size+``/``size-`` (falls or rises with the input on that side),
+    ``small`` (the smallest third has another mean), ``small-scatter`` (it scatters more). ``effect`` is relative to the
+    mean: a difference, the change over the range of inputs, or the ratio of scatters less 1. ``p``: chance of it.
+    """
+
+    parameter: str
+    kind: Literal["sign", "size+", "size-", "small", "small-scatter"]
+    effect: float
+    p: float
+
+
+def unevenness(tau: Sequence[float], values: Sequence[float], parameter: str) -> tuple[Unevenness, ...]:
+    """Return every significant way in which *values* depend on the input *tau*; (n,) each."""
+    x, y = np.asarray(tau, dtype=float), np.asarray(values, dtype=float)
+    good = np.isfinite(y) & (x != 0.0)
+    x, y = x[good], y[good]
+    sides = {"+": x > 0.0, "-": x < 0.0}
+    if min(int(s.sum()) for s in sides.values()) < FEWEST:
+        return ()
+    mean = float(y.mean())
+    found = [_signs(x, y, parameter, mean)]
+    for name, side in sides.items():
+        line = scipy_stats().linregress(np.abs(x[side]), y[side])
+        change = float(line.slope) * float(np.ptp(np.abs(x[side]))) / mean
+        found.append(Unevenness(parameter, "size+" if name == "+" else "size-", change, float(line.pvalue)))
+    found += _small(x, y, parameter, mean)
+    return tuple(f for f in found if f.p < SIGNIFICANCE)
+
+
+def _signs(x: Array, y: Array, parameter: str, mean: float) -> Unevenness:
+    """Compare both signs: in pairs of the same size when the steps come in pairs, else by Welch's test."""
+    order = np.argsort(np.abs(x), kind="stable")
+    pairs = []
+    for i, j in itertools.pairwise(order):
+        if x[i] * x[j] < 0.0 and abs(abs(x[i]) - abs(x[j])) < 0.02 * abs(x[j]):
+            pairs.append((y[i] - y[j]) * np.sign(x[i]))
+    effect = float(y[x > 0.0].mean() - y[x < 0.0].mean()) / mean
+    if 2 * len(pairs) == len(x):
+        return Unevenness(parameter, "sign", effect, float(scipy_stats().ttest_1samp(pairs, 0.0).pvalue))
+    test = scipy_stats().ttest_ind(y[x > 0.0], y[x < 0.0], equal_var=False)
+    return Unevenness(parameter, "sign", effect, float(test.pvalue))
+
+
+def _small(x: Array, y: Array, parameter: str, mean: float) -> list[Unevenness]:
+    order = np.argsort(np.abs(x), kind="stable")
+    third = max(len(x) // 3, 3)
+    small, large = y[order[:third]], y[order[third:]]
+    shift = float(scipy_stats().ttest_ind(small, large, equal_var=False).pvalue)
+    ratio = float(small.var(ddof=1)) / max(float(large.var(ddof=1)), 1e-300)
+    wider = float(scipy_stats().f.sf(ratio, len(small) - 1, len(large) - 1))
+    return [
+        Unevenness(parameter, "small", float(small.mean() - large.mean()) / mean, shift),
+        Unevenness(parameter, "small-scatter", math.sqrt(ratio) - 1.0, wider),
+    ]
+
+
+def unevenness_doubts(rows: Sequence[StepRow], structure: str) -> list[Doubt]:
+    """Return a doubt for every way in which the parameters of *structure* are not constant over the steps."""
+    tau = [r.tau for r in rows]
+    drag = [r.beta if structure == "linear" else r.beta_quadratic for r in rows]
+    inertia = [r.alpha_linear if structure == "linear" else r.alpha_nonlinear for r in rows]
+    found = (*unevenness(tau, drag, "drag"), *unevenness(tau, inertia, "inertia"))
+    return [Doubt(f"uneven-{f.parameter}-{f.kind}", _sentence(f), _CURE) for f in found if structure != "affine"]
+
+
+_CURE = "one model of constant parameters holds on average only: identify the sides or the range you will use alone"
+
+
+def _sentence(found: Unevenness) -> str:
+    effect = f"{100.0 * found.effect:+.0f} %"
+    words = {
+        "sign": f"{found.parameter} differs between positive and negative inputs by {effect}",
+        "size+": f"{found.parameter} changes by {effect} from the smallest to the largest positive input",
+        "size-": f"{found.parameter} changes by {effect} from the smallest to the largest negative input",
+        "small": f"{found.parameter} of the smallest third of the inputs lies {effect} off the others",
+        "small-scatter": f"{found.parameter} of the smallest third of the inputs scatters {effect} beyond the others",
+    }
+    return f"{words[found.kind]} (chance {found.p:.1g})"

@@ -1,0 +1,234 @@
+"""Steps of the input and what each response shows: steady velocity, velocity error, time constant (Miskovic2010, 4.3).
+
+Every number comes from a line or a local polynomial fitted to the samples where its definition holds, so each has a
+standard error: the settled part for ``k_ss`` and ``eps_v``, the stretch before the step for where it started from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.axis.record import Record, Signal
+from gcs_autotune.identify.axis.signals import first_names
+from gcs_autotune.identify.open_loop.readings import Hold, LocalFit, Reading, find_holds, local_fit
+
+__all__ = ["SETTLED", "StepReading", "read_steps"]
+
+Array = NDArray[np.float64]
+
+SETTLED = 8.0
+"""Time constants after which the settled part begins when the hold is long enough: 0.03 % of the transient is left."""
+
+ENOUGH = 3.0
+"""Time constants of transient that must have passed before the settled part for it to be believed: 5 %."""
+
+LEAST = 6
+"""Fewest samples of a fit."""
+
+KNEE = 1.0 - math.exp(-1.0)
+"""Fraction of the change at which a measured velocity's time is read, (4.33)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepReading:
+    """One step: at ``t`` [s] the input went from ``before`` to ``tau``.
+
+    ``k_ss`` steady velocity [rad/s or m/s]; ``lag`` = eta_0 - eps_v [rad or m] for a measured position; ``knee``
+    [s] the time to velocity ``level`` for a measured velocity (the one not measured has NaN); ``nu_0`` velocity at the
+    step; ``shared`` the covariance of k_ss and lag. ``steady_only``: where it started from is not in the record.
+    """
+
+    run: str
+    t: float
+    before: float
+    tau: float
+    k_ss: Reading
+    nu_0: Reading
+    lag: Reading
+    knee: Reading
+    level: float = math.nan
+    shared: float = 0.0
+    settled: bool = True
+    steady_only: bool = False
+
+    @property
+    def has_lag(self) -> bool:
+        """Whether the velocity error is known."""
+        return math.isfinite(self.lag.value)
+
+    @property
+    def has_knee(self) -> bool:
+        """Whether the time constant is known."""
+        return math.isfinite(self.knee.value)
+
+
+def read_steps(records: Sequence[Record]) -> tuple[StepReading, ...]:
+    """Return every hold of the input, long enough to be read, with what its response shows."""
+    name = first_names(records)[0]
+    return tuple(s for record in records for s in _of_record(record, name))
+
+
+def _of_record(record: Record, name: str) -> list[StepReading]:
+    signal = next((s for s in record.signals if s.name == name), record.main)
+    is_position = signal.name == record.dof.position
+    end = float(signal.t[-1])
+    holds = find_holds(record.t_in, record.tau, end)
+    found: list[StepReading] = []
+    previous: tuple[Hold, LocalFit | None] | None = None
+    for hold in holds:
+        reader = _Reader(signal, is_position, hold, previous, record)
+        made = reader.read()
+        previous = (hold, reader.tail)
+        if made is not None:
+            found.append(made)
+    return found
+
+
+class _Reader:
+    """Reads one hold; ``tail`` is afterwards the fit of its last stretch, for the next step to start from."""
+
+    def __init__(
+        self,
+        signal: Signal,
+        is_position: bool,
+        hold: Hold,
+        previous: tuple[Hold, LocalFit | None] | None,
+        record: Record,
+    ) -> None:
+        self.hold, self.record, self.is_position = hold, record, is_position
+        self.previous = previous
+        self.step = 0.5 * (hold.before + hold.start)  # a ramp acts like a jump at its middle
+        keep = (signal.t >= hold.start) & (signal.t <= hold.end)
+        self.t, self.y = signal.t[keep], signal.values[keep]
+        self.floor = signal.step / math.sqrt(12.0)
+        self.tail: LocalFit | None = None
+        units = {"rad": ("rad", "rad/s"), "m": ("m", "m/s")}[record.dof.position_unit]
+        self.position_unit, self.velocity_unit = units
+
+    def read(self) -> StepReading | None:
+        if len(self.t) < 2 * LEAST:
+            return None
+        nu_0, eta_0, known = self._origin()
+        start, settled, constant = self._settled_from(nu_0.value, eta_0.value, known)
+        fit = self._with_transient(self._fit_from(start), start, nu_0.value, constant)
+        settled = settled and self._is_straight(start)
+        self.tail = fit if settled else self._bent_tail()
+        nan = Reading(math.nan, math.nan)
+        k = fit.slope(self.velocity_unit) if self.is_position else fit.value(self.velocity_unit)
+        lag, shared, knee, level = nan, 0.0, nan, math.nan
+        if known and self.is_position:
+            variance = fit.covariance[0, 0] + eta_0.std**2
+            lag = Reading(eta_0.value - float(fit.coefficients[0]), math.sqrt(variance), self.position_unit)
+            shared = -float(fit.covariance[0, 1])
+        elif known:
+            level = nu_0.value + KNEE * (k.value - nu_0.value)
+            knee = self._crossing(level, start)
+        before = self.hold.level if self.previous is None else self.previous[0].level
+        return StepReading(
+            self.record.run, self.step, before, self.hold.level, k, nu_0, lag, knee, level, shared, settled, not known
+        )
+
+    def _origin(self) -> tuple[Reading, Reading, bool]:
+        """Return velocity and position at the step from the stretch before it, and whether they are known."""
+        fit = self.previous[1] if self.previous is not None else None
+        if fit is None:
+            return Reading(0.0, math.nan, self.velocity_unit), Reading(float(self.y[0]), math.nan), False
+        reach = self.step - fit.at
+        powers = reach ** np.arange(len(fit.coefficients))
+        value = float(powers @ fit.coefficients)
+        std = math.sqrt(max(float(powers @ fit.covariance @ powers), 0.0))
+        if not self.is_position:
+            return Reading(value, std, self.velocity_unit), Reading(math.nan, math.nan), True
+        slopes = np.arange(len(powers)) * np.append(0.0, powers[:-1])
+        slope = float(slopes @ fit.coefficients)
+        slope_std = math.sqrt(max(float(slopes @ fit.covariance @ slopes), 0.0))
+        return Reading(slope, slope_std, self.velocity_unit), Reading(value, std, self.position_unit), True
+
+    def _settled_from(self, nu_0: float, eta_0: float, known: bool) -> tuple[float, bool, float]:
+        """Return where the settled part begins, whether the transient was over by then, and its time constant [s]."""
+        end = float(self.t[-1])
+        latest = end - 0.3 * (end - self.step)
+        start = end - 0.4 * (end - self.step)
+        constant = math.inf
+        for _ in range(8):
+            constant = self._time_constant(start, nu_0, eta_0, known)
+            wanted = self.step + SETTLED * constant
+            start = float(np.clip(wanted, self.step, latest))
+        return start, start >= self.step + ENOUGH * constant, constant
+
+    def _with_transient(self, fit: LocalFit, start: float, nu_0: float, constant: float) -> LocalFit:
+        """Return *fit* with what the rest of the transient may have done to it added to its covariance."""
+        if not constant > 0.0:
+            return fit
+        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+        t = self.t[first:] - self.step
+        rest = np.exp(-t / constant)
+        if self.is_position:
+            change = (
+                (float(fit.coefficients[1]) - nu_0)
+                * constant
+                * np.linalg.lstsq(np.vander(t, 2), rest, rcond=None)[0][::-1]
+            )
+        else:
+            change = (float(fit.coefficients[0]) - nu_0) * np.array([rest.mean()])
+        return replace(fit, covariance=fit.covariance + np.outer(change, change))
+
+    def _time_constant(self, start: float, nu_0: float, eta_0: float, known: bool) -> float:
+        """Return how long the velocity takes for its change, as the area above the response over its height."""
+        fit = self._fit_from(start)
+        k = float(fit.coefficients[1] if self.is_position else fit.coefficients[0])
+        if not known:
+            return (float(self.t[-1]) - self.step) / (SETTLED + ENOUGH)
+        if abs(k - nu_0) < 1e-12 or abs(k - nu_0) < 2.0 * math.sqrt(max(fit.covariance[-1, -1], 0.0)):
+            return 0.0
+        if self.is_position:
+            return abs((eta_0 - float(fit.coefficients[0])) / (k - nu_0))
+        area = float(np.trapezoid(k - self.y, self.t)) + (k - nu_0) * max(float(self.t[0]) - self.step, 0.0)
+        return abs(area / (k - nu_0))
+
+    def _fit_from(self, start: float) -> LocalFit:
+        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+        degree = 1 if self.is_position else 0
+        return local_fit(self.t[first:], self.y[first:], self.step, degree, self.floor)
+
+    def _bent_tail(self) -> LocalFit:
+        """Return the end of a response that has not settled: a polynomial of one degree more."""
+        first = max(len(self.t) - max(LEAST + 2, len(self.t) // 4), 0)
+        return local_fit(self.t[first:], self.y[first:], self.hold.end, 2 if self.is_position else 1, self.floor)
+
+    def _is_straight(self, start: float) -> bool:
+        """Whether the settled part is free of a bend larger than a settled transient leaves."""
+        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+        t, y = self.t[first:], self.y[first:]
+        degree = 2 if self.is_position else 1
+        bend = local_fit(t, y, float(t[0]), degree, self.floor)
+        change = float(bend.coefficients[-1]) * float(t[-1] - t[0]) * degree
+        std = math.sqrt(max(float(bend.covariance[-1, -1]), 0.0)) * float(t[-1] - t[0]) * degree
+        scale = float(np.max(np.abs(np.gradient(self.y, self.t)))) if self.is_position else float(np.ptp(self.y))
+        return abs(change) < 3.0 * std or abs(change) < math.exp(-ENOUGH) * scale
+
+    def _crossing(self, level: float, settled_from: float) -> Reading:
+        """Return the seconds from the step to velocity *level*, from a local line across it."""
+        rising = float(np.sign(self.y[-LEAST:].mean() - level)) or 1.0
+        beyond = np.flatnonzero(rising * (self.y - level) > 0.0)
+        if len(beyond) == 0 or beyond[0] == 0:
+            return Reading(math.nan, math.nan, "s")
+        first = float(self.t[beyond[0]])
+        width = max(0.35 * (first - self.step), 0.0)
+        for _ in range(4):
+            keep = np.abs(self.t - first) <= width
+            if int(keep.sum()) < 4:
+                i = int(np.searchsorted(self.t, first))
+                keep = np.zeros(len(self.t), dtype=bool)
+                keep[max(i - 2, 0) : i + 2] = True
+            fit = local_fit(self.t[keep], self.y[keep], first, min(2, int(keep.sum()) - 2), self.floor)
+            slope = float(fit.coefficients[1])
+            if slope * rising <= 0.0:
+                return Reading(math.nan, math.nan, "s")
+            first = float(np.clip(first + (level - fit.coefficients[0]) / slope, self.step, settled_from))
+        return Reading(first - self.step, math.sqrt(float(fit.covariance[0, 0])) / abs(slope), "s")

@@ -1,0 +1,20 @@
+"""Sea trials: the figures ship people read off zig-zags, turning circles, spirals and pull-outs.
+
+==============  ===============================================================================
+figures         which manoeuvre is it, and its sheet of figures
+criteria        the sheet, and the criteria of MSC.137(76)
+zigzag          overshoot angles, times, initial turning, K and T
+turning_circle  advance, transfer, tactical diameter, the steady turn, the current
+spiral          directional stability: direct and reverse spirals, pull-outs
+==============  ===============================================================================
+
+Models are fitted to the same runs by the methods ``step`` and ``zig-zag`` (:mod:`gcs_autotune.identify.open_loop`).
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.identify.open_loop.readings import Reading
+from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet
+from gcs_autotune.seatrials.figures import MANOEUVRES, ship_figures
+
+__all__ = ["MANOEUVRES", "Figure", "Particulars", "Reading", "Sheet", "ship_figures"]

@@ -1,0 +1,169 @@
+"""A sheet of figures, and beside it the IMO's standards for ship manoeuvrability, MSC.137(76), section 5.3.
+
+They are written for ships of 100 m and more; smaller craft find in them a yardstick, not a rule. The limits on
+overshoot depend on L/V in seconds: for a scale model take the full-scale value, ``sqrt(scale)`` times the model's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.open_loop.readings import Reading
+from gcs_autotune.identify.result import Doubt
+
+__all__ = [
+    "Figure",
+    "Limit",
+    "Particulars",
+    "Sheet",
+    "first_overshoot_limit",
+    "helm_text",
+    "in_lengths",
+    "judged",
+    "known",
+    "second_overshoot_limit",
+]
+
+ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING = 4.5, 5.0, 2.5
+"""Largest values in ship lengths; 5.3.1 and 5.3.2."""
+
+FIRST_OVERSHOOT_20 = math.radians(25.0)
+"""Largest first overshoot of a 20/20 zig-zag [rad]; 5.3.3.3."""
+
+Verdict = Literal["meets", "fails", "open"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A criterion: the largest value allowed, in the unit of its figure, and where it stands."""
+
+    value: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure as ship people quote it, with the criterion beside it when there is one.
+
+    ``verdict`` is ``open`` without a criterion, and when the limit lies within two standard errors of the reading.
+    """
+
+    slug: str
+    name: str
+    reading: Reading
+    limit: Limit | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the figure meets its criterion."""
+        if self.limit is None or not math.isfinite(self.reading.value):
+            return "open"
+        spread = 2.0 * self.reading.std if math.isfinite(self.reading.std) else 0.0
+        if abs(self.reading.value - self.limit.value) < spread:
+            return "open"
+        return "meets" if self.reading.value <= self.limit.value else "fails"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "slug": self.slug,
+            "name": self.name,
+            "value": self.reading.value,
+            "std": self.reading.std,
+            "unit": self.reading.unit,
+            "limit": None if self.limit is None else self.limit.value,
+            "source": "" if self.limit is None else self.limit.source,
+            "verdict": self.verdict,
+        }
+
+
+def judged(slug: str, name: str, reading: Reading, limit: float | None = None, source: str = "") -> Figure:
+    """Return a figure; *limit* None or NaN when no criterion applies."""
+    applies = limit is not None and math.isfinite(limit)
+    return Figure(slug, name, reading, Limit(float(limit), f"MSC.137(76) {source}") if applies and limit else None)
+
+
+def first_overshoot_limit(length_over_speed: float) -> float:
+    """Return the largest first overshoot [rad] of a 10/10 zig-zag; 5.3.3.1. length_over_speed : L/V [s]."""
+    return math.radians(_between(length_over_speed, 10.0, 20.0, 5.0, 0.5))
+
+
+def second_overshoot_limit(length_over_speed: float) -> float:
+    """Return the largest second overshoot [rad] of a 10/10 zig-zag; 5.3.3.2. length_over_speed : L/V [s]."""
+    return math.radians(_between(length_over_speed, 25.0, 40.0, 17.5, 0.75))
+
+
+def _between(seconds: float, short: float, long: float, offset: float, slope: float) -> float:
+    if math.isnan(seconds):
+        return math.nan
+    return short if seconds < 10.0 else long if seconds >= 30.0 else offset + slope * seconds
+
+
+NAN = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Particulars:
+    """The ship: ``length`` between perpendiculars [m], trial ``speed`` [m/s] when no run tells it, model ``scale``.
+
+    ``scale``: lengths of the ship over those of the model; times grow with its square root (Froude).
+    """
+
+    length: float = NAN
+    speed: float = NAN
+    scale: float = 1.0
+
+    def seconds(self, approach: float) -> float:
+        """Return full-scale L/V [s], with the approach speed of the run or else the trial speed."""
+        speed = approach if approach > 0.0 else self.speed
+        return self.length / speed * math.sqrt(self.scale)
+
+    def __post_init__(self) -> None:
+        """Refuse what no ship has."""
+        if self.length <= 0.0 or self.speed <= 0.0 or not self.scale > 0.0:
+            raise UsageError("length, speed and scale of a ship are positive")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """The figures of one manoeuvre in one run; ``verdict`` what the manoeuvre was flown to tell, or ``""``."""
+
+    run: str
+    manoeuvre: str
+    title: str
+    figures: tuple[Figure, ...]
+    verdict: str
+    doubts: tuple[Doubt, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "run": self.run,
+            "manoeuvre": self.manoeuvre,
+            "title": self.title,
+            "figures": [f.to_dict() for f in self.figures],
+            "verdict": self.verdict,
+            "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
+        }
+
+    def __getitem__(self, slug: str) -> Figure:
+        """Return a figure by its slug."""
+        return {f.slug: f for f in self.figures}[slug]
+
+
+def in_lengths(reading: Reading, ship: Particulars) -> Reading:
+    """Return a length in ship lengths."""
+    return reading.scaled(1.0 / ship.length, "L")
+
+
+def known(*figures: Figure) -> tuple[Figure, ...]:
+    """Return the figures whose value is known."""
+    return tuple(f for f in figures if math.isfinite(f.reading.value))
+
+
+def helm_text(helm: float, unit: str) -> str:
+    """Return a helm for a title: degrees of a rudder, else the number."""
+    return f"{math.degrees(helm):.0f}" if unit == "rad" else f"{helm:.3g}"

@@ -1,0 +1,161 @@
+"""What manoeuvre is this, and its figures as IMO and ITTC name them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from gcs_autotune.errors import MissingChannel, NotInformative
+from gcs_autotune.identify.open_loop.readings import Reading
+from gcs_autotune.identify.open_loop.ship_log import ShipLog, ship_log
+from gcs_autotune.registry import lookup
+from gcs_autotune.seatrials.criteria import (
+    ADVANCE,
+    TACTICAL_DIAMETER,
+    Particulars,
+    Sheet,
+    helm_text,
+    in_lengths,
+    judged,
+    known,
+)
+from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
+from gcs_autotune.seatrials.turning_circle import read_turning_circle
+from gcs_autotune.seatrials.zigzag import zigzag_sheet
+from gcs_autotune.trial import Trial
+
+__all__ = ["MANOEUVRES", "ship_figures"]
+
+NAN = math.nan
+
+
+def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | None = None) -> tuple[Sheet, ...]:
+    """Return the figures of every manoeuvre found in a run.
+
+    Parameters
+    ----------
+    run : with psi and delta (or N); r, x, y, u, v, U are used when there.
+    ship : for figures in ship lengths and the criteria that depend on L/V.
+    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral only when asked for, or when the run's
+        meta data say so).
+
+    Raises
+    ------
+    NotInformative
+        No manoeuvre that is known; the message says what each one misses.
+    MissingChannel, BadFile
+        As :func:`gcs_autotune.identify.open_loop.ship_log.ship_log`.
+    UnknownName
+        No such manoeuvre.
+    """
+    log, particulars = ship_log(run), ship or Particulars()
+    told = run.meta.get("manoeuvre")
+    asked = manoeuvre or (told if isinstance(told, str) and told in MANOEUVRES else None)
+    if asked is not None:
+        return (lookup(MANOEUVRES, asked, "ship manoeuvre")(run, log, particulars),)
+    found: list[Sheet] = []
+    missing: list[str] = []
+    for name in ("zig-zag", "spiral", "turning-circle", "pull-out"):
+        if found and name in ("spiral", "turning-circle"):
+            continue
+        try:
+            found.append(MANOEUVRES[name](run, log, particulars))
+        except (NotInformative, MissingChannel) as error:
+            missing.append(str(error))
+    if not found:
+        raise NotInformative("; ".join(dict.fromkeys(missing)))
+    return tuple(found)
+
+
+def _turning_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+    c = read_turning_circle(log)
+    unit = log.steering.unit
+    figures = known(
+        judged("helm", "helm", Reading(abs(c.rudder), NAN, unit)),
+        judged("turned", "change of heading in all", Reading(c.turned, NAN, "rad")),
+        judged("advance", "advance", c.advance),
+        judged("advance-lengths", "advance", in_lengths(c.advance, ship), ADVANCE, "5.3.1"),
+        judged("transfer", "transfer", c.transfer),
+        judged("transfer-lengths", "transfer", in_lengths(c.transfer, ship)),
+        judged("tactical-diameter", "tactical diameter", c.tactical_diameter),
+        judged(
+            "tactical-diameter-lengths",
+            "tactical diameter",
+            in_lengths(c.tactical_diameter, ship),
+            TACTICAL_DIAMETER,
+            "5.3.1",
+        ),
+        judged("time-90", "time to 90 degrees", c.time_90),
+        judged("time-180", "time to 180 degrees", c.time_180),
+        judged("steady-diameter", "steady turning diameter", c.steady_diameter),
+        judged("approach", "approach speed", c.approach),
+        judged("steady-speed", "speed in the steady turn", c.steady),
+        judged("speed-loss", "part of the speed lost", c.speed_loss),
+        judged("drift", "drift angle, bow inside", c.drift),
+        judged("rate", "yaw rate in the steady turn", c.rate),
+        *(
+            (judged("current", "current taken out", Reading(c.current.speed, c.current.std, "m/s")),)
+            if math.isfinite(c.current.std)
+            else ()
+        ),
+    )
+    side = "starboard" if c.starboard else "port"
+    return Sheet(log.name, "turning-circle", f"turning circle to {side}", figures, "", c.doubts)
+
+
+def _spiral_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+    return _sheet_of(read_spiral(run, log), log)
+
+
+def _reverse_spiral_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+    return _sheet_of(read_reverse_spiral(log), log)
+
+
+_STABILITY: Mapping[str, str] = {
+    "stable": "directionally stable: with the helm amidships it stops turning",
+    "unstable": "directionally unstable: with the helm amidships it keeps turning",
+    "undecided": "directional stability cannot be told from this run",
+}
+
+
+_WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
+
+
+def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
+    figures = known(
+        judged("residual-rate", "yaw rate left with the helm amidships", s.residual_rate),
+        judged("loop-width", "width of the loop", s.width),
+        judged("slope", "yaw rate per helm, amidships", Reading(s.slope, NAN, "1/s")),
+        *(
+            judged(
+                f"point-{i}",
+                f"at helm {helm_text(p.helm.value, log.steering.unit)}{_WAYS[p.way]}",
+                p.rate,
+            )
+            for i, p in enumerate(s.points, start=1)
+        ),
+    )
+    kind = "spiral" if s.kind == "direct" else "reverse-spiral"
+    return Sheet(log.name, kind, f"{s.kind} spiral", figures, _STABILITY[s.verdict], s.doubts)
+
+
+def _pull_out_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+    p = read_pull_out(run, log)
+    figures = known(
+        judged("turning", "yaw rate of the turns", p.turning),
+        judged("after-starboard", "rate left after turning to starboard", p.after_starboard),
+        judged("after-port", "rate left after turning to port", p.after_port),
+        judged("residual-rate", "half their difference", p.residual),
+        judged("offset", "their mean (trim, wind)", p.offset),
+    )
+    return Sheet(log.name, "pull-out", "pull-out", figures, _STABILITY[p.verdict], p.doubts)
+
+
+MANOEUVRES: Mapping[str, Callable[[Trial, ShipLog, Particulars], Sheet]] = {
+    "zig-zag": zigzag_sheet,
+    "turning-circle": _turning_sheet,
+    "spiral": _spiral_sheet,
+    "reverse-spiral": _reverse_spiral_sheet,
+    "pull-out": _pull_out_sheet,
+}
+"""Name -> reader."""

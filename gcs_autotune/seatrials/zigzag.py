@@ -1,0 +1,357 @@
+"""Zig-zags of any angle: recognised in a run, and their overshoot angles, times, initial turning, K and T.
+
+The manoeuvre is Algorithm 4.1 of Miskovic2010 (Kempf): the rudder is put over, reversed when the heading has changed by
+a set angle, reversed again when it has changed as far to the other side, and so on. Rudder and heading angle need
+not be equal (``Z_<rudder>_<heading>``), nor the same on both sides. Angles and times are defined as in IMO
+MSC.137(76), 4.2 and ITTC 7.5-04-02-01, 2.2.2.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.record import prepare
+from gcs_autotune.identify.open_loop.by_zigzag import nomoto_of, solve_zigzag
+from gcs_autotune.identify.open_loop.readings import LocalFit, Reading, local_fit
+from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes
+from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.seatrials.criteria import (
+    FIRST_OVERSHOOT_20,
+    INITIAL_TURNING,
+    Figure,
+    Particulars,
+    Sheet,
+    first_overshoot_limit,
+    helm_text,
+    in_lengths,
+    judged,
+    known,
+    second_overshoot_limit,
+)
+from gcs_autotune.trial import Trial
+
+__all__ = ["ZigZag", "read_zigzag", "zigzag_sheet"]
+
+Array = NDArray[np.float64]
+
+SLOW = 0.5
+"""Share of a half period beyond which a reversal takes too long to be one."""
+
+WIDEST, MOST = math.radians(100.0), 0.75
+"""Largest mean change of heading of a zig-zag, and share of the reversals at which it must be to the proper side."""
+
+UNEVEN = 0.15
+"""Relative spread of the headings at the executes above which a word is due."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZigZag:
+    """Figures of one zig-zag; all angles positive, whatever the sign of the rudder.
+
+    ``rudder``: mean helm to the positive and to the negative side [unit of the input]. ``heading`` mean change of
+    heading at the executes [rad]. ``sense`` +1 when a positive input turns to starboard, else -1. ``overshoots`` [rad]
+    the additional heading after the second, third, ... execute. ``times_to_check`` [s] from those executes to
+    the extreme heading. ``initial_turning_time`` [s] from first to second execute, ``reach`` [s] from the first
+    execute until the heading is back at the initial one, ``period`` [s] between executes of the same sign. ``distance``
+    [m] run from first to second execute, ``approach`` speed [m/s] before the first, ``L`` [m]; NaN where not known.
+    ``approach_psi`` [rad].
+    """
+
+    run: str
+    input: str
+    executes: tuple[Execute, ...]
+    from_approach: bool
+    rudder: tuple[float, float]
+    heading: Reading
+    sense: float
+    overshoots: tuple[Reading, ...]
+    times_to_check: tuple[Reading, ...]
+    initial_turning_time: Reading
+    reach: Reading
+    period: Reading
+    distance: float
+    approach: float
+    approach_psi: float
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def helm(self) -> float:
+        """Mean magnitude of the helm, from the middle between both sides."""
+        return 0.5 * (self.rudder[0] + self.rudder[1])
+
+
+def heading_at(log: ShipLog, t: float, start: float, end: float, degree: int = 2) -> LocalFit | None:
+    """Return a local polynomial of the heading about *t* from the samples in [start, end]; None when too few."""
+    s, psi = log.heading(start, end)
+    return local_fit(s, psi, t, degree, log.floor) if len(s) >= degree + 3 else None
+
+
+def read_zigzag(log: ShipLog) -> ZigZag:
+    """Return the figures of the zig-zag in a run.
+
+    Raises
+    ------
+    NotInformative
+        The run holds no zig-zag: fewer than two reversals, or headings that do not go from side to side.
+    """
+    executes = find_executes(log)
+    executes = tuple(e for e in executes if e.t < log.end)
+    if len(executes) < 3:
+        raise NotInformative(
+            f"run '{log.name}' holds no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}, at "
+            "least two are needed"
+        )
+    _check_reversals(log, executes)
+    from_approach = executes[0].before == 0.0 and executes[0].t > log.t[0]
+    psi_0 = _initial_heading(log, executes, from_approach)
+    reversals = executes[1:] if executes[0].before == 0.0 else executes
+    at = [_execute_heading(log, e) for e in reversals]
+    sense = float(np.sign(sum((a.value - psi_0) * e.before for a, e in zip(at, reversals, strict=True)))) or 1.0
+    changes = np.array(
+        [sense * math.copysign(1.0, e.before) * (a.value - psi_0) for a, e in zip(at, reversals, strict=True)]
+    )
+    peaks = [_extreme(log, executes, e, sense) for e in reversals]
+    proper = np.array([p is not None for p in peaks])
+    if int(proper.sum()) < 1 or not 0.0 < float(np.mean(changes)) < WIDEST or np.mean(changes > 0.0) < MOST:
+        raise NotInformative(f"run '{log.name}' holds no zig-zag: the heading does not follow the reversals")
+    overshoots, checks = [], []
+    for a, e, p in zip(at, reversals, peaks, strict=True):
+        if p is not None:
+            over = sense * math.copysign(1.0, e.before) * (p[1].value - a.value)
+            overshoots.append(Reading(over, math.hypot(p[1].std, a.std), "rad"))
+            checks.append(Reading(p[0].value - e.t, p[0].std, "s"))
+    first = executes[0]
+    span = float(np.ptp([e.level for e in executes]))
+    plus = [e.level for e in executes if e.level > 0.0]
+    minus = [-e.level for e in executes if e.level < 0.0]
+    spread = float(changes.std(ddof=1)) / math.sqrt(len(changes)) if len(changes) > 1 else at[0].std
+    return ZigZag(
+        run=log.name,
+        input=log.steering.name,
+        executes=executes,
+        from_approach=from_approach,
+        rudder=(float(np.mean(plus)) if plus else 0.5 * span, float(np.mean(minus)) if minus else 0.5 * span),
+        heading=Reading(float(changes.mean()), spread, "rad"),
+        sense=sense,
+        overshoots=tuple(overshoots),
+        times_to_check=tuple(checks),
+        initial_turning_time=_time(reversals[0].t - first.t) if from_approach else _time(math.nan),
+        reach=_reach(log, executes, psi_0) if from_approach else _time(math.nan),
+        period=_period(executes),
+        distance=_distance(log, first.t, reversals[0].t) if from_approach else math.nan,
+        approach=log.speed(log.t[0], first.t) if from_approach else math.nan,
+        approach_psi=psi_0,
+        doubts=(*log.doubts, *_doubts(log, changes, executes, from_approach)),
+    )
+
+
+def _check_reversals(log: ShipLog, executes: tuple[Execute, ...]) -> None:
+    """A zig-zag's helm goes over at once; a spiral's takes its time."""
+    shares = [(a.done - a.t) / max(b.t - a.t, 1e-9) for a, b in itertools.pairwise(executes)]
+    if float(np.median(shares)) > SLOW:
+        raise NotInformative(f"run '{log.name}' holds no zig-zag: the helm moves all the time or in small steps")
+
+
+def _time(value: float, std: float = math.nan) -> Reading:
+    return Reading(value, std, "s")
+
+
+def _initial_heading(log: ShipLog, executes: tuple[Execute, ...], from_approach: bool) -> float:
+    """Return the heading of the approach; without one, the middle of the headings at the reversals."""
+    if from_approach:
+        t, psi = log.heading(executes[0].t - 5.0 * (executes[1].t - executes[0].t), executes[0].t)
+        if len(t) >= 1:
+            return float(psi.mean())
+        return float(log.psi[0])
+    if executes[0].before == 0.0:
+        return float(log.psi[0])
+    sides = [[_execute_heading(log, e).value for e in executes if (e.before > 0.0) == up] for up in (True, False)]
+    return float(np.mean([np.mean(s) for s in sides if s]))
+
+
+def _execute_heading(log: ShipLog, e: Execute) -> Reading:
+    """Return the heading when the order was given, from what came just before it and what was not yet turned by it."""
+    dt = float(np.median(np.diff(log.t)))
+    width = max(8.0 * dt, 0.0)
+    fit = heading_at(log, e.t, e.t - width, e.t + 2.0 * dt)
+    if fit is None:
+        return Reading(float(np.interp(e.t, log.t, log.psi)), log.floor, "rad")
+    return fit.value("rad")
+
+
+def _extreme(log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: float) -> tuple[Reading, Reading] | None:
+    """Return time and heading of the extreme after a reversal; None when the record ends before it."""
+    k = executes.index(e)
+    until = executes[k + 1].t if k + 1 < len(executes) else log.end
+    t, psi = log.heading(e.t, until)
+    if len(t) < 5:
+        return None
+    side = sense * math.copysign(1.0, e.before)
+    top = int(np.argmax(side * psi))
+    if top >= len(t) - 2:
+        return None
+    # the width over which the heading stays near its extreme: a tenth of the swing
+    near = side * (psi[top] - psi) < 0.1 * float(np.ptp(psi)) + 2.0 * log.step
+    left = top - int(np.argmax(~near[top::-1])) + 1 if (~near[: top + 1]).any() else 0
+    right = top + int(np.argmax(~near[top:])) if (~near[top:]).any() else len(t)
+    left, right = max(min(left, top - 3), 0), min(max(right, top + 4), len(t))
+    fit = local_fit(t[left:right], psi[left:right], float(t[top]), 3 if right - left > 8 else 2, log.floor)
+    c = fit.coefficients
+    if len(c) < 3 or c[2] * side >= 0.0:
+        return None
+    move = float(np.clip(-c[1] / (2.0 * c[2]), t[left] - t[top], t[right - 1] - t[top]))
+    powers = move ** np.arange(len(c))
+    value = float(powers @ c)
+    std = math.sqrt(max(float(powers @ fit.covariance @ powers), 0.0))
+    when = Reading(float(t[top]) + move, math.sqrt(max(fit.covariance[1, 1], 0.0)) / abs(2.0 * float(c[2])), "s")
+    return when, Reading(value, std, "rad")
+
+
+def _reach(log: ShipLog, executes: tuple[Execute, ...], psi_0: float) -> Reading:
+    """Return the time from the first execute until the heading, after the second, is the initial one again."""
+    t, psi = log.heading(executes[1].t, executes[2].t)
+    if len(t) < 4:
+        return _time(math.nan)
+    crossed = np.flatnonzero((psi[:-1] - psi_0) * (psi[1:] - psi_0) <= 0.0)
+    if len(crossed) == 0:
+        return _time(math.nan)
+    i = int(crossed[0])
+    fit = local_fit(t[max(i - 4, 0) : i + 6], psi[max(i - 4, 0) : i + 6], float(t[i]), 1, log.floor)
+    slope = float(fit.coefficients[1])
+    when = float(t[i]) + (psi_0 - float(fit.coefficients[0])) / slope
+    return _time(when - executes[0].t, math.sqrt(float(fit.covariance[0, 0])) / abs(slope))
+
+
+def _period(executes: tuple[Execute, ...]) -> Reading:
+    """Return the mean time between reversals of the same sign; the first execute, from amidships, is none."""
+    times = [e.t for e in (executes[1:] if executes[0].before == 0.0 else executes)]
+    periods = np.array([b - a for a, b in zip(times[:-2], times[2:], strict=True)])
+    if len(periods) == 0:
+        return _time(2.0 * (times[1] - times[0]) if len(times) > 1 else math.nan)
+    return _time(
+        float(periods.mean()), float(periods.std(ddof=1)) / math.sqrt(len(periods)) if len(periods) > 1 else math.nan
+    )
+
+
+def _distance(log: ShipLog, start: float, end: float) -> float:
+    """Return the track run between two instants, from the track itself or from the speed."""
+    x, y = log.channel("x"), log.channel("y")
+    if x is not None and y is not None:
+        grid = np.linspace(start, end, 100)
+        px, py = np.interp(grid, x.t, x.values), np.interp(grid, y.t, y.values)
+        return float(np.sum(np.hypot(np.diff(px), np.diff(py))))
+    speed = log.speed(start, end)
+    return speed * (end - start)
+
+
+def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_approach: bool) -> list[Doubt]:
+    found = []
+    if not from_approach:
+        found.append(
+            Doubt(
+                "no-approach",
+                f"run '{log.name}' does not begin on a straight course with the helm amidships",
+                "record some ship lengths of approach: the first figures need it",
+            )
+        )
+    if len(changes) > 1 and float(changes.std(ddof=1)) > UNEVEN * float(changes.mean()):
+        found.append(
+            Doubt(
+                "uneven-executes",
+                f"the helm was reversed at headings from {math.degrees(changes.min()):.1f} to "
+                f"{math.degrees(changes.max()):.1f} deg",
+                "reverse at the same change of heading each time; overshoot angles depend on it",
+            )
+        )
+    dt = float(np.median(np.diff(log.t)))
+    shortest = min(b.t - a.t for a, b in itertools.pairwise(executes))
+    if shortest < 20.0 * dt:
+        found.append(
+            Doubt(
+                "slow-sampling",
+                f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times in a half period",
+                "ask for a higher message rate",
+            )
+        )
+    return found
+
+
+NAN = math.nan
+
+
+def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+    """Return the figures of a zig-zag, with Nomoto's indices from the same run."""
+    z = read_zigzag(log)
+    helm, heading = z.helm, z.heading.value
+    nominal = _nominal(z)
+    seconds = ship.seconds(z.approach)
+    first_limit = first_overshoot_limit(seconds) if nominal == "10/10" else NAN
+    first_limit = FIRST_OVERSHOOT_20 if nominal == "20/20" else first_limit
+    second_limit = second_overshoot_limit(seconds) if nominal == "10/10" else NAN
+    unit = "rad" if log.steering.unit == "rad" else log.steering.unit
+    overs = [
+        judged("first-overshoot", "first overshoot angle", z.overshoots[0], first_limit, "5.3.3"),
+        *(
+            [judged("second-overshoot", "second overshoot angle", z.overshoots[1], second_limit, "5.3.3")]
+            if len(z.overshoots) > 1
+            else []
+        ),
+        *(judged(f"overshoot-{i}", f"overshoot angle {i}", o) for i, o in enumerate(z.overshoots[2:], start=3)),
+    ]
+    turning = nominal == "10/10"
+    figures = known(
+        judged("helm", "helm", Reading(helm, NAN, unit)),
+        judged("heading", "change of heading at the executes", z.heading),
+        *overs,
+        judged("initial-turning-time", "initial turning time", z.initial_turning_time),
+        judged("time-to-check", "time to check yaw", z.times_to_check[0]),
+        judged("reach", "reach (back on the first heading)", z.reach),
+        judged("period", "period", z.period),
+        judged("initial-turning", "distance to the second execute", Reading(z.distance, NAN, "m")),
+        judged(
+            "initial-turning-lengths",
+            "distance to the second execute",
+            in_lengths(Reading(z.distance, NAN, "m"), ship),
+            INITIAL_TURNING if turning else None,
+            "5.3.2",
+        ),
+        judged("approach", "approach speed", Reading(z.approach, NAN, "m/s")),
+        *_nomoto_figures(run, ship, z),
+    )
+    label = f"{nominal} " if nominal else f"{helm_text(helm, unit)}/{math.degrees(heading):.0f} "
+    side = "" if not z.from_approach else f", first to {'starboard' if z.sense * z.executes[0].level > 0 else 'port'}"
+    return Sheet(log.name, "zig-zag", f"{label}zig-zag{side}", figures, "", z.doubts)
+
+
+def _nominal(z: ZigZag) -> str:
+    """Return "10/10" or "20/20" when helm and heading are those to a tenth and a sixth, else an empty string."""
+    for angle in (10.0, 20.0):
+        near = math.radians(angle)
+        if abs(z.helm - near) < 0.1 * near and abs(z.heading.value - near) < near / 6.0 and z.input == "delta":
+            return f"{angle:.0f}/{angle:.0f}"
+    return ""
+
+
+def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZag) -> tuple[Figure, ...]:
+    every = [rows for record in prepare(run, "yaw") if (rows := rows_of(record)) is not None]
+    if not every:
+        return ()
+    try:
+        theta, covariance, _, _ = solve_zigzag(every, "linear")
+    except NotInformative:
+        return ()
+    speed = z.approach if z.approach > 0.0 else ship.speed
+    made = nomoto_of(theta, covariance, ship.length, speed)
+    return (
+        judged("K", "Nomoto K", made.K.scaled(z.sense, "1/s")),
+        judged("T", "Nomoto T", made.T),
+        judged("K-prime", "Nomoto K' = K L/U", made.K_prime.scaled(z.sense, "1")),
+        judged("T-prime", "Nomoto T' = T U/L", made.T_prime),
+    )

@@ -1,0 +1,37 @@
+"""Thrusters: from pull tests and open-water tests to force maps, and back from a wanted force to a command.
+
+``pull_test`` reads the table, ``map_fit`` fits a :class:`ThrusterMap` to it and decides its structure;
+``propeller`` fits K_T(J), K_Q(J) and C_n, C_v, C_T.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.thrusters.map_fit import MapCandidate, ThrusterFit, fit_thruster
+from gcs_autotune.thrusters.propeller import (
+    OpenWater,
+    OpenWaterTest,
+    PropellerFit,
+    fit_bilinear,
+    fit_open_water,
+)
+from gcs_autotune.thrusters.pull_test import PullTest, read_columns, read_open_water, read_pull_test
+from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap, TwinCommand, TwinThrusters
+
+__all__ = [
+    "MapCandidate",
+    "MapStructure",
+    "OpenWater",
+    "OpenWaterTest",
+    "PropellerFit",
+    "PullTest",
+    "ThrusterFit",
+    "ThrusterMap",
+    "TwinCommand",
+    "TwinThrusters",
+    "fit_bilinear",
+    "fit_open_water",
+    "fit_thruster",
+    "read_columns",
+    "read_open_water",
+    "read_pull_test",
+]

@@ -1,0 +1,161 @@
+"""Pull tests: command against force, read off a dynamometer (Miskovic2010, 4.1)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.sname import parse_header, to_si
+from gcs_autotune.thrusters.propeller import OpenWaterTest
+
+__all__ = ["COMMANDS", "FORCES", "PullTest", "read_columns", "read_open_water", "read_pull_test", "resolution"]
+
+Array = NDArray[np.float64]
+
+COMMANDS = ("n", "command", "pwm", "voltage", "throttle")
+"""Column names taken for the command, in this order."""
+
+FORCES = ("T", "force", "thrust", "X", "Z")
+"""Column names taken for the force, in this order."""
+
+MIN_PULLS = 5
+"""Fewest pulls a map is fitted to."""
+
+_RAW = {"us": "us", "pwm": "us"}
+"""Command units left as they are: a pulse width is a name for a position of the stick, not a duration."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PullTest:
+    """Pulls of one thruster: ``command`` (n,) in ``unit``, ``force`` (n,) [N], positive along the thruster."""
+
+    name: str
+    command: Array
+    force: Array
+    unit: str
+
+    def __post_init__(self) -> None:
+        if self.command.shape != self.force.shape or self.command.ndim != 1:
+            raise NotInformative(f"pull test '{self.name}': one force to each command is needed")
+        if not (np.all(np.isfinite(self.command)) and np.all(np.isfinite(self.force))):
+            raise NotInformative(f"pull test '{self.name}' holds values that are no numbers; leave those pulls out")
+        different = len(np.unique(self.command))
+        if different < MIN_PULLS:
+            raise NotInformative(
+                f"pull test '{self.name}' has {different} different commands; pull at {MIN_PULLS} or more, small ones "
+                "among them"
+            )
+        if np.ptp(self.force) == 0.0:
+            raise NotInformative(f"pull test '{self.name}': the force never changes; is the dynamometer connected?")
+
+    def __len__(self) -> int:
+        return len(self.command)
+
+
+def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
+    """Read a CSV table with ``name[unit]`` heads: name -> (unit, values), in SI except pulse widths.
+
+    Raises
+    ------
+    BadFile
+        Not readable, no rows, a cell that is no number, an unknown unit.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith("#")]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadFile(f"{path} cannot be read as a table: {error}") from error
+    if len(rows) < 2:
+        raise BadFile(f"{path} holds no rows; a pull test needs a head line like n[rpm],T[N] and rows")
+    heads = [parse_header(h) for h in rows[0]]
+    columns: dict[str, tuple[str, Array]] = {}
+    for i, (name, unit) in enumerate(heads):
+        si, factor = (_RAW[unit], 1.0) if unit in _RAW else to_si(unit)
+        columns[name] = (si, np.array([_cell(path, k, row, i) for k, row in enumerate(rows[1:], 2)]) * factor)
+    return columns
+
+
+def _cell(path: Path, number: int, row: Sequence[str], i: int) -> float:
+    try:
+        text = row[i].strip()
+        return math.nan if not text else float(text)
+    except (ValueError, IndexError) as error:
+        raise BadFile(f"{path}, row {number}: {error}") from error
+
+
+def read_pull_test(path: Path, *, command: str | None = None, force: str | None = None) -> PullTest:
+    """Read a pull test from CSV: one row a pull, or a recording with a ``t`` column.
+
+    A recording's consecutive rows of one command are one pull (their mean force): samples within a pull do not stand
+    for themselves. Rows without either value are left out.
+
+    Parameters
+    ----------
+    command, force : column names; the first of :data:`COMMANDS` and of :data:`FORCES` found when None.
+
+    Raises
+    ------
+    BadFile, MissingChannel, NotInformative
+        Not a table; no such columns; too few pulls.
+    """
+    columns = read_columns(path)
+    n_name, n_unit, n = _column(path, columns, command, COMMANDS, "command")
+    _, f_unit, f = _column(path, columns, force, FORCES, "force")
+    if f_unit not in ("N", "1"):
+        raise BadFile(f"{path}: a force in [{f_unit}] cannot be used; give it in N, kN or kgf")
+    keep = np.isfinite(n) & np.isfinite(f)
+    n, f = n[keep], f[keep]
+    if "t" in columns and len(n):
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(n) != 0.0]))
+        counts = np.diff(np.append(starts, len(n)))
+        n, f = n[starts], np.add.reduceat(f, starts) / counts
+    return PullTest(f"{path.stem}/{n_name}", n, f, n_unit)
+
+
+def read_open_water(path: Path) -> OpenWaterTest:
+    """Read an open-water test: columns ``n``, ``V_A``, ``T`` or another of :data:`FORCES`, and ``Q`` if measured.
+
+    Raises
+    ------
+    BadFile, MissingChannel
+        Not a table; no such columns.
+    """
+    columns = read_columns(path)
+    _, unit, n = _column(path, columns, "n", COMMANDS, "command")
+    _, _, V_A = _column(path, columns, "V_A", (), "advance speed")
+    _, _, T = _column(path, columns, None, FORCES, "force")
+    if unit != "rad/s":
+        raise BadFile(f"{path}: n in [{unit}] cannot be used; give it in rpm, rev/s or rad/s")
+    Q = columns["Q"][1] if "Q" in columns else None
+    keep = np.isfinite(n) & np.isfinite(V_A) & np.isfinite(T)
+    keep = keep if Q is None else keep & np.isfinite(Q)
+    return OpenWaterTest(n[keep], V_A[keep], T[keep], None if Q is None else Q[keep])
+
+
+def resolution(values: Array) -> float:
+    """Return the decimal place *values* were written with (0.01 for 1.25 and 3.40), 0 when there is none."""
+    largest = float(np.max(np.abs(values)))
+    for digits in range(-2, 7):
+        step = 10.0**-digits
+        if largest >= 20.0 * step and np.all(np.abs(values / step - np.round(values / step)) < 1e-6):
+            return step
+    return 0.0
+
+
+def _column(
+    path: Path, columns: dict[str, tuple[str, Array]], wanted: str | None, known: Sequence[str], what: str
+) -> tuple[str, str, Array]:
+    name = wanted if wanted is not None else next((k for k in known if k in columns), None)
+    if name is None or name not in columns:
+        asked = f"'{wanted}'" if wanted is not None else " or ".join(known)
+        raise MissingChannel(
+            f"{path} has no {what} column {asked}; it has {', '.join(columns)}; name one with --{what}"
+        )
+    return (name, *columns[name])

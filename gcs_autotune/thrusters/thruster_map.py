@@ -1,0 +1,223 @@
+"""The static characteristic of a thruster: command to force, and exactly back; the structures there are to choose from.
+
+Two equal thrusters side by side make surge force and yaw moment: :class:`TwinThrusters` (ZhaoUSV, (6)-(7)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["MapStructure", "ThrusterMap", "TwinCommand", "TwinThrusters", "all_structures"]
+
+Array = NDArray[np.float64]
+
+Shape = Literal["quadratic", "linear", "quadratic+linear"]
+Dead = Literal["none", "symmetric", "free"]
+
+_SHAPES: dict[str, Array] = {
+    "quadratic": np.array([[0.0], [1.0]]),
+    "linear": np.array([[1.0], [1.0]]),
+    "quadratic+linear": np.eye(2),
+}
+"""How the slopes of one side at its edge and at its end follow from the shape's own parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapStructure:
+    """One candidate. ``ahead``/``astern``: which sides were tested; ``neutral``: known command of no force, or None.
+
+    The fit's parameters are slopes ``c`` (the force's slope at the edge of the dead zone and at the end of the range,
+    so that ``c >= 0`` means a map that rises), then edges ``k``, then the offset of the dynamometer.
+    """
+
+    shape: Shape
+    same_sides: bool
+    dead: Dead
+    offset: bool
+    ahead: bool = True
+    astern: bool = True
+    neutral: float | None = 0.0
+
+    @property
+    def name(self) -> str:
+        """In words, e.g. ``quadratic, sides differ, dead zone free``."""
+        sides = "" if not (self.ahead and self.astern) else (", sides alike" if self.same_sides else ", sides differ")
+        dead = {"none": "no dead zone", "symmetric": "dead zone symmetric", "free": "dead zone free"}[self.dead]
+        return f"{self.shape}{sides}, {dead}" + (", offset" if self.offset else "")
+
+    @property
+    def slopes(self) -> Array:
+        """(4, c): slopes ahead at edge and end, astern at edge and end, by the slope parameters."""
+        one = _SHAPES[self.shape]
+        if self.same_sides:
+            return np.vstack([one, one])
+        sides = [one * float(self.ahead), one * float(self.astern)]
+        c = one.shape[1]
+        full = np.zeros((4, 2 * c))
+        full[:2, :c], full[2:, c:] = sides[0], sides[1]
+        return full[:, np.any(full != 0.0, axis=0)]
+
+    @property
+    def edges(self) -> Array:
+        """(2, k): ``x_f`` and ``x_b`` by the edge parameters: middle (if free), then half-width (if any, never < 0).
+
+        They are added to ``neutral``, or to 0 when that is unknown.
+        """
+        if self.dead == "symmetric":
+            return np.array([[1.0], [-1.0]])
+        if self.dead == "free":
+            if self.ahead and self.astern:
+                return np.array([[1.0, 1.0], [1.0, -1.0]])
+            return np.array([[1.0], [0.0]]) if self.ahead else np.array([[0.0], [-1.0]])
+        return np.ones((2, 1)) if self.neutral is None else np.zeros((2, 0))
+
+    @property
+    def count(self) -> int:
+        """Number of parameters."""
+        return int(self.slopes.shape[1] + self.edges.shape[1]) + int(self.offset)
+
+
+def all_structures(ahead: bool, astern: bool, neutral: float | None) -> tuple[MapStructure, ...]:
+    """Return every structure that pulls in these directions can tell apart."""
+    both = ahead and astern
+    deads: tuple[Dead, ...] = ("none", "symmetric", "free") if both and neutral is not None else ("none", "free")
+    if not both and neutral is None:
+        deads = ("none",)
+    shapes: tuple[Shape, ...] = ("quadratic", "linear", "quadratic+linear")
+    return tuple(
+        MapStructure(shape, same, dead, offset, ahead, astern, neutral)
+        for shape in shapes
+        for same in ((True, False) if both else (False,))
+        for dead in deads
+        for offset in (False, True)
+    )
+
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ThrusterMap:
+    """Miskovic2010, eq. (2.8) behind a dead zone, per direction.
+
+    With ``x = direction * n`` and ``s`` the distance from the edge of the dead zone,
+    ``T = a_f s^2 + b_f s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, 0 between.
+
+    ``direction`` -1: a higher command pulls back. ``low``, ``high``: commands tested, ends of the map; ``unit`` that of
+    the command (``a`` in N/unit^2, ``b`` in N/unit). The map rises strictly outside the dead zone.
+    """
+
+    a_f: float
+    b_f: float
+    a_b: float
+    b_b: float
+    x_f: float
+    x_b: float
+    low: float
+    high: float
+    unit: str = "1"
+    direction: int = 1
+
+    @property
+    def dead_zone(self) -> tuple[float, float]:
+        """Commands between which nothing pulls, lower first."""
+        first, second = sorted((self.direction * self.x_b, self.direction * self.x_f))
+        return first, second
+
+    @property
+    def neutral(self) -> float:
+        """Command in the middle of the dead zone."""
+        return 0.5 * self.direction * (self.x_f + self.x_b)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Weakest (most astern) and strongest (most ahead) force of the commands tested [N]."""
+        ends = self.force(np.array([self.low, self.high]))
+        return float(ends.min()), float(ends.max())
+
+    def force(self, command: ArrayLike) -> Array:
+        """Return the force [N] of *command* (any shape); commands outside those tested give the ends' force."""
+        x = self.direction * np.clip(np.asarray(command, dtype=np.float64), self.low, self.high)
+        ahead, astern = np.maximum(x - self.x_f, 0.0), np.maximum(self.x_b - x, 0.0)
+        result: Array = (self.a_f * ahead + self.b_f) * ahead - (self.a_b * astern + self.b_b) * astern
+        return result
+
+    def inverse(self, force: ArrayLike) -> Array:
+        """Return the command that gives *force* [N] (any shape): the compensation of Miskovic2010, 3.1.
+
+        No force gives ``neutral``, the smallest force the edge of the dead zone, a force out of reach the nearest end.
+        """
+        f = np.asarray(force, dtype=np.float64)
+        ahead = self.x_f + _root(self.a_f, self.b_f, np.maximum(f, 0.0))
+        astern = self.x_b - _root(self.a_b, self.b_b, np.maximum(-f, 0.0))
+        x = np.where(f > 0.0, ahead, np.where(f < 0.0, astern, self.direction * self.neutral))
+        result: Array = np.clip(self.direction * x, self.low, self.high)
+        return result
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for a file."""
+        return {"schema": SCHEMA, "model": "thruster", **asdict(self)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ThrusterMap:
+        """Rebuild from :meth:`to_dict`."""
+        return cls(**{k: v for k, v in data.items() if k not in ("schema", "model")})
+
+
+def _root(a: float, b: float, f: Array) -> Array:
+    """Solve ``a s^2 + b s = f`` for ``s >= 0`` without cancellation; infinite where there is none."""
+    inside = b * b + 4.0 * a * f
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bottom = b + np.sqrt(inside)
+        s: Array = np.where(f == 0.0, 0.0, np.where((inside >= 0.0) & (bottom > 0.0), 2.0 * f / bottom, math.inf))
+    return s
+
+
+@dataclass(frozen=True, slots=True)
+class TwinCommand:
+    """Commands of both thrusters, and the surge force [N] and yaw moment [N m] they give."""
+
+    port: float
+    starboard: float
+    X: float
+    N: float
+    saturated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TwinThrusters:
+    """``X = T_1 + T_2``, ``N = B (T_1 - T_2)/2``; 1 is port, so that more port thrust turns to starboard (N > 0).
+
+    ZhaoUSV prints (7) as ``T_2 + T_2``. ``B`` [m] is the distance between the thrusters.
+    """
+
+    port: ThrusterMap
+    starboard: ThrusterMap
+    B: float
+
+    def forces(self, port: float, starboard: float) -> tuple[float, float]:
+        """Return surge force [N] and yaw moment [N m] of two commands."""
+        T_1, T_2 = float(self.port.force(port)), float(self.starboard.force(starboard))
+        return T_1 + T_2, 0.5 * self.B * (T_1 - T_2)
+
+    def commands(self, X: float, N: float) -> TwinCommand:
+        """Return the commands for *X* [N] and *N* [N m].
+
+        Out of reach, the moment comes first: a craft that steers can still be saved. The moment is kept as far as the
+        thrusters reach, then the force nearest to *X* that goes with it.
+        """
+        (a, b), (c, d) = self.port.limits, self.starboard.limits
+        half = N / self.B
+        half = float(np.clip(half, 0.5 * (a - d), 0.5 * (b - c)))
+        total = float(np.clip(X, max(2.0 * (a - half), 2.0 * (c + half)), min(2.0 * (b - half), 2.0 * (d + half))))
+        T_1, T_2 = 0.5 * total + half, 0.5 * total - half
+        port, starboard = float(self.port.inverse(T_1)), float(self.starboard.inverse(T_2))
+        got = self.forces(port, starboard)
+        saturated = abs(total - X) > 1e-9 * max(1.0, abs(X)) or abs(half * self.B - N) > 1e-9 * max(1.0, abs(N))
+        return TwinCommand(port, starboard, *got, saturated=saturated)

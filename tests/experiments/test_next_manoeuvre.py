@@ -1,0 +1,153 @@
+"""The manoeuvre proposed is better, flyable with what was used, and brings what it promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiment_plants import BOAT, Steps, circle, recorded, sail
+
+from gcs_autotune.errors import UnknownName, UsageError
+from gcs_autotune.experiments.next_manoeuvre import Proposal, plan_next
+from gcs_autotune.experiments.pictures import proposal_picture
+from gcs_autotune.experiments.preview import helm_of
+from gcs_autotune.identify import Fit, fit
+from gcs_autotune.identify.information import subject_of
+from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
+from gcs_autotune.trial import Trial
+
+FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")
+FORM = replace(FORM, start={k: 0.9 * v for k, v in BOAT.items()})
+
+
+@pytest.fixture(scope="module")
+def circled() -> tuple[list[Trial], Fit, Proposal]:
+    runs = [recorded(circle(wobble=0.02), 60.0, 1, after=10.0)]
+    made = fit(runs, FORM, delay=0.0)
+    return runs, made, plan_next(made, runs, seconds=40.0)
+
+
+def test_after_a_circle_something_better_than_another_circle_comes_first(
+    circled: tuple[list[Trial], Fit, Proposal],
+) -> None:
+    _, _, proposal = circled
+    assert "circle" not in proposal.best.candidate.title
+    zigzag = next(p for p in proposal.plans if p.candidate.title == "zig-zag 20/20 at 60 % throttle")
+    same = next(p for p in proposal.plans if p.candidate.title == "turning circle at 60 % throttle")
+    i = [proposal.names.index(n) for n in ("N_r", "N_rr", "N_rdot")]
+    assert np.all(zigzag.std[i] < same.std[i])
+
+
+def test_every_standard_error_falls_and_the_ranking_is_by_the_worst(
+    circled: tuple[list[Trial], Fit, Proposal],
+) -> None:
+    _, _, proposal = circled
+    for plan in proposal.plans:
+        assert np.all(plan.std <= proposal.now.information.std * (1.0 + 1e-9))
+        assert plan.gain >= 1.0
+    worst = [p.worst for p in proposal.plans]
+    assert worst == sorted(worst)
+    assert proposal.best.candidate.title in proposal.words[0]
+    assert f"from {100 * proposal.now.relative.max():.0f} %" in proposal.words[0]
+
+
+def test_inputs_stay_within_those_the_runs_have_used(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+    runs, _, proposal = circled
+    X, N = (float(np.abs(runs[0][n].values).max()) for n in "XN")
+    assert len(proposal.plans) > 1
+    for plan in proposal.plans:
+        inputs = plan.flight.inputs
+        assert inputs[:, 0].min() >= 0.0  # thrust was never reversed
+        assert inputs[:, 0].max() <= X * (1 + 1e-12)
+        assert np.abs(inputs[:, 1]).max() <= N * (1 + 1e-12)
+
+
+def test_a_zigzag_turns_at_its_angle(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+    _, _, proposal = circled
+    plan = next(p for p in proposal.plans if p.candidate.title == "zig-zag 20/20 at 60 % throttle")
+    flight = plan.flight
+    psi = flight.record.signals["psi"]
+    jumps = flight.t[1:][np.diff(np.sign(flight.inputs[:, 1])) != 0.0][1:]
+    at = np.abs(np.degrees(np.interp(jumps, psi.t, psi.values)))
+    assert len(jumps) >= 4
+    assert np.all((at > 19.5) & (at < 26.0))
+
+
+def test_faster_motion_than_ever_seen_is_flagged(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+    _, _, proposal = circled
+    straight = next(p for p in proposal.plans if p.candidate.title == "acceleration and coast-down")
+    assert any("room" in f for f in straight.flags)
+    seen = replace(proposal.now.seen, largest={"u": 0.5, "v": 9.0, "r": 9.0})
+    assert any(f.startswith("surge velocity") and "(seen 0.5)" in f for f in straight.reach.beyond(seen, 1.5))
+    gentle = next(p for p in proposal.plans if p.candidate.title == "turning circle at 30 % throttle")
+    assert gentle.flags == ()
+    assert "beyond what was flown" in proposal.say(straight)
+
+
+def test_the_promised_standard_errors_come_true() -> None:
+    """Fly the proposal on our own water: the estimates miss the truth by as much as foretold, no more, no less."""
+    seen = recorded(circle(wobble=0.02), 60.0, 1, after=10.0)
+    form = FORM.fixing({n: BOAT[n] for n in ("X_udot", "Y_vdot", "X_u", "X_uu")})
+    model = CoupledModel(form, BOAT)
+    made = replace(fit([seen], form, delay=0.0), model=model)
+    proposal = plan_next(made, [seen], ["zig-zag-20-20-at-60-throttle"], seconds=30.0)
+    flight = proposal.best.flight
+    step = flight.t[1] - flight.t[0]
+
+    def helm(t: float, _: np.ndarray) -> tuple[float, float]:
+        X, N = flight.inputs[min(round(t / step), len(flight.t) - 1)]
+        return float(X), float(N)
+
+    t, S, _ = sail(BOAT, helm, 30.0)
+    assert np.interp(t, flight.record.signals["psi"].t, flight.record.signals["psi"].values) == pytest.approx(
+        S[:, 2], abs=2e-3
+    )
+    misses, kept = [], []
+    for seed in range(4):
+        runs = [recorded(circle(wobble=0.02), 60.0, 100 + seed, after=10.0), recorded(helm, 30.0, 500 + seed)]
+        parameters = fit(runs, form, delay=0.0).parameters
+        misses.append([parameters[n].value - BOAT[n] for n in proposal.names])
+        kept.append([parameters[n].std for n in proposal.names])
+    assert np.mean(kept, axis=0) == pytest.approx(proposal.best.std, rel=0.2)
+    assert 0.6 < np.sqrt(np.mean(np.square(misses / proposal.best.std))) < 1.4
+    sway = proposal.names.index("Y_r")
+    assert proposal.best.std[sway] < 0.3 * proposal.now.information.std[sway]
+
+
+def test_a_single_axis_is_planned_too() -> None:
+    run = recorded(Steps(3), 40.0, 1, signals=("psi",))
+    made = fit(run, dof="yaw", structure="linear", delay=0.0)
+    proposal = plan_next(made, run, seconds=30.0)
+    assert set(proposal.names) == {"alpha_r", "beta_r", "delta"}
+    assert {p.candidate.name for p in proposal.plans} >= {"yaw-relay", "steering-doublet", "zig-zag-20-20"}
+
+
+def test_differential_thrust_steers_and_drives() -> None:
+    form = Form(
+        "twin", "two thrusters", ("surge", "yaw"), ("X_udot", "N_rdot", "X_u", "N_r"), {},
+        {"port": (("X", 1.0), ("N", 0.4)), "starboard": (("X", 1.0), ("N", -0.4))}, coriolis=False,
+    )  # fmt: skip
+    run = recorded(Steps(1), 10.0, 1)
+    record = replace(subject_of(fit(run, dof="yaw", delay=0.0), run).records[0])
+    both = replace(record, t_in=np.array([0.0, 1.0]), inputs=np.array([[-5.0, 8.0], [8.0, -5.0]]))
+    helm = helm_of(form, np.array([-20.0, -2.0, -3.0, -3.0]), [both])
+    assert helm.inputs({"thrust": 1.0}) == pytest.approx([8.0, 8.0])
+    assert helm.inputs({"steer": 1.0}) == pytest.approx([8.0, -8.0])
+    assert np.all(np.abs(helm.inputs({"thrust": 1.0, "steer": 1.0})) <= 8.0)
+
+
+def test_unknown_manoeuvres_and_senseless_lengths_are_refused(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+    runs, made, _ = circled
+    with pytest.raises(UnknownName, match="zig"):
+        plan_next(made, runs, ["zigzag"])
+    with pytest.raises(UsageError, match="5 to 3600"):
+        plan_next(made, runs, seconds=1.0)
+    with pytest.raises(UsageError, match="no candidate"):
+        plan_next(made, runs, ["heave-bob"])
+
+
+def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+    _, _, proposal = circled
+    axes = proposal_picture(proposal).axes[0]
+    assert len(axes.patches) == 2 * len(proposal.names)

@@ -1,0 +1,178 @@
+"""Pull tests of a thruster whose truth we made ourselves: written out here, not taken from the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.thrusters import (
+    MapStructure,
+    PullTest,
+    ThrusterMap,
+    TwinThrusters,
+    fit_thruster,
+    read_pull_test,
+)
+
+BLUEBOAT = Path(__file__).parents[2] / ".." / "shared" / "data" / "blueboat"
+
+
+def water(n: np.ndarray, ahead: tuple[float, ...], astern: tuple[float, ...]) -> np.ndarray:
+    """T by (a, b, edge) of each side, point by point."""
+    forces = []
+    for c in n:
+        if c > ahead[2]:
+            forces.append(ahead[0] * (c - ahead[2]) ** 2 + ahead[1] * (c - ahead[2]))
+        elif c < astern[2]:
+            forces.append(-astern[0] * (astern[2] - c) ** 2 - astern[1] * (astern[2] - c))
+        else:
+            forces.append(0.0)
+    return np.array(forces)
+
+
+AHEAD, ASTERN = (30.0, 4.0, 0.12), (18.0, 3.0, -0.08)
+
+
+def pulls(seed: int = 1, noise: float = 0.1, ahead=AHEAD, astern=ASTERN, offset: float = 0.0) -> PullTest:
+    n = np.linspace(-1.0, 1.0, 61)
+    T = water(n, ahead, astern) + offset + np.random.default_rng(seed).normal(0.0, noise, len(n))
+    return PullTest("tank", n, T, "1")
+
+
+def test_dead_zone_and_both_directions_are_found_within_their_errors():
+    fit = fit_thruster(pulls())
+    assert fit.structure.dead != "none" and not fit.structure.same_sides
+    n = np.linspace(-1.0, 1.0, 201)
+    assert np.max(np.abs(fit.map.force(n) - water(n, AHEAD, ASTERN))) < 0.2
+    assert fit.noise == pytest.approx(0.1, rel=0.25)
+
+
+def test_a_plain_quadratic_thruster_is_given_no_dead_zone_and_no_linear_part():
+    fit = fit_thruster(pulls(noise=0.05, ahead=(20.0, 0.0, 0.0), astern=(20.0, 0.0, 0.0)))
+    assert (fit.structure.shape, fit.structure.dead, fit.structure.same_sides) == ("quadratic", "none", True)
+    assert fit.parameters["a_f"].value == pytest.approx(20.0, abs=4.0 * fit.parameters["a_f"].std)
+
+
+def test_the_dynamometers_zero_is_not_mistaken_for_thrust():
+    fit = fit_thruster(pulls(offset=1.5))
+    assert fit.structure.offset
+    assert fit.parameters["offset"].value == pytest.approx(1.5, abs=0.15)
+    assert float(fit.map.force(0.0)) == 0.0
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
+    structure = MapStructure("quadratic+linear", False, "free", True)
+    truth = {"a_f": 30.0, "b_f": 4.0, "a_b": 18.0, "b_b": 3.0, "x_f": 0.12, "x_b": -0.08, "offset": 0.3}
+    inside = [
+        abs(fit.parameters[n].value - v) < 1.96 * fit.parameters[n].std
+        for seed in range(60)
+        for fit in [fit_thruster(pulls(seed, offset=0.3), structure=structure)]
+        for n, v in truth.items()
+    ]
+    assert 0.90 < np.mean(inside) < 0.985
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_the_inverse_undoes_the_map_exactly_and_rises(direction: int):
+    thruster = ThrusterMap(30.0, 4.0, -2.0, 9.0, 0.12, -0.08, -1.0, 1.0, direction=direction)
+    low, high = thruster.limits
+    wanted = np.linspace(low, high, 1001)
+    commands = thruster.inverse(wanted)
+    np.testing.assert_allclose(thruster.force(commands), wanted, atol=1e-12 * (high - low) * 10)
+    assert np.all(direction * np.diff(commands) > 0.0)
+    assert thruster.inverse(2.0 * high) == thruster.inverse(high)
+    assert float(thruster.inverse(1e-9)) == pytest.approx(direction * 0.12, abs=1e-8)
+    assert float(thruster.inverse(0.0)) == thruster.neutral
+    assert ThrusterMap.from_dict(thruster.to_dict()) == thruster
+
+
+def test_compensation_makes_the_thruster_straight():
+    fit = fit_thruster(pulls())
+    wanted = np.linspace(-14.0, 24.0, 77)
+    given = water(fit.map.inverse(wanted), AHEAD, ASTERN)
+    assert np.max(np.abs(given - wanted)) < 0.2
+
+
+def test_pulls_ahead_only_are_fitted_and_said_to_be_one_sided():
+    n = np.linspace(0.0, 1.0, 40)
+    noise = np.random.default_rng(3).normal(0.0, 0.05, 40)
+    fit = fit_thruster(PullTest("tank", n, water(n, AHEAD, ASTERN) + noise, "1"))
+    assert "one-sided" in {d.slug for d in fit.doubts}
+    assert fit.parameters["x_f"].value == pytest.approx(0.12, abs=0.03)
+
+
+def test_a_wild_pull_and_a_wrong_curve_are_doubted():
+    wild = pulls()
+    force = wild.force.copy()
+    force[50] += 6.0
+    assert "outlying-pulls" in {d.slug for d in fit_thruster(PullTest("t", wild.command, force, "1")).doubts}
+    n = np.repeat(np.linspace(-1.0, 1.0, 21), 3)
+    bumpy = 20.0 * n + 3.0 * np.sin(9.0 * n) + np.random.default_rng(0).normal(0.0, 0.05, len(n))
+    assert "lack-of-fit" in {d.slug for d in fit_thruster(PullTest("t", n, bumpy, "1")).doubts}
+
+
+@pytest.mark.parametrize(("side", "ahead", "astern"), [("left", 0.1344, 0.0709), ("right", 0.1420, 0.0671)])
+def test_the_blueboats_own_static_map_is_recovered(side: str, ahead: float, astern: float):
+    if not BLUEBOAT.exists():
+        pytest.skip("blueboat runs are not beside the repository (../shared/data)")
+    path = BLUEBOAT / "run224.csv"
+    fit = fit_thruster(read_pull_test(path, command=f"pwm_{side}", force=f"force_{side}"))
+    assert fit.map.direction == (-1 if side == "left" else 1)
+    assert (fit.structure.shape, fit.structure.dead) == ("linear", "none")
+    assert fit.parameters["b_f"].value == pytest.approx(ahead, abs=1e-4)
+    assert fit.parameters["b_b"].value == pytest.approx(astern, abs=1e-4)
+    assert fit.map.neutral == pytest.approx(1511.0, abs=0.1)
+    assert fit.noise < 0.0035, "what is left is the rounding of the column to 0.01 N"
+
+
+def test_a_recording_counts_each_hold_once(tmp_path: Path):
+    rows = [f"{0.1 * i},{(i // 20) * 10},{0.01 * ((i // 20) * 10) ** 2 + 0.1 * (-1) ** i}" for i in range(200)]
+    path = tmp_path / "hold.csv"
+    path.write_text("t[s],n[rpm],T[N]\n" + "\n".join(rows) + "\n")
+    test = read_pull_test(path)
+    assert len(test) == 10 and test.unit == "rad/s"
+    np.testing.assert_allclose(test.force, 0.01 * np.arange(0, 100, 10) ** 2, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("", BadFile, "no rows"),
+        ("n[rpm],T[N]\n1,x\n", BadFile, "row 2"),
+        ("n[rpm],T[lb]\n1,2\n", BadFile, "lb"),
+        ("n[rpm],depth[m]\n1,2\n", MissingChannel, "force"),
+        ("n[rpm],T[N]\n1,2\n2,3\n", NotInformative, "different commands"),
+        ("n[rpm],T[N]\n1,2\n2,2\n3,2\n4,2\n5,2\n6,2\n", NotInformative, "never changes"),
+    ],
+)
+def test_bad_tables_say_what_is_wrong(tmp_path: Path, text: str, error: type[Exception], words: str):
+    path = tmp_path / "pull.csv"
+    path.write_text(text)
+    with pytest.raises(error, match=words):
+        read_pull_test(path)
+
+
+def test_kilograms_of_a_luggage_scale_are_newtons(tmp_path: Path):
+    path = tmp_path / "pull.csv"
+    path.write_text("pwm[us],T[kgf]\n" + "\n".join(f"{1500 + 50 * k},{k}" for k in range(8)) + "\n")
+    test = read_pull_test(path)
+    assert test.unit == "us"
+    assert test.force[1] == pytest.approx(9.80665)
+
+
+def test_twin_thrusters_give_what_is_asked_and_keep_the_moment_when_they_cannot():
+    one = ThrusterMap(30.0, 4.0, 18.0, 3.0, 0.12, -0.08, -1.0, 1.0)
+    twin = TwinThrusters(one, one, 0.4)
+    command = twin.commands(10.0, 1.5)
+    assert not command.saturated
+    assert (command.X, command.N) == pytest.approx((10.0, 1.5))
+    # written out: T_1 = X/2 + N/B, T_2 = X/2 - N/B
+    assert float(one.force(command.port)) == pytest.approx(5.0 + 1.5 / 0.4)
+    full = twin.commands(200.0, 3.0)
+    assert full.saturated and full.N == pytest.approx(3.0) and full.X < 2.0 * one.limits[1]
+    assert full.port == pytest.approx(1.0)
+    round_ = twin.commands(0.0, 1e3)
+    assert round_.saturated and round_.N == pytest.approx(0.2 * (one.limits[1] - one.limits[0]))
