@@ -28,8 +28,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.link import Journal, MavlinkCraft, MemoryLink, Session, load_params, open_craft, read_tlog
-from gcs_autotune.link.wire import split_frames
+from gcs_autotune.link import Journal, MavlinkCraft, MemoryLink, Session, open_craft
+from gcs_autotune.mavlink import load_params, read_tlog, split_frames
 from sitl import Server, open_vehicle
 
 __all__ = ["FuzzedVehicle", "aboard", "fuzz_files", "fuzz_messages"]

@@ -36,7 +36,7 @@ begun = time.process_time()
 log = record(Path(sys.argv[1]))
 read = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 cut = cut_runs(log)
-hours = sum(t.span[1] - t.span[0] for t in log.tapes) / 3600
+hours = sum(t.span[1] - t.span[0] for t in log.stores) / 3600
 print(json.dumps({"messages": log.meta["messages"], "hours": hours, "runs": len(cut.runs), "read": read / 1024,
     "cut": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "cpu": time.process_time() - begun}))
 """

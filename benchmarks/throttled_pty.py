@@ -9,9 +9,9 @@ import tty
 from collections import deque
 
 from gcs_autotune.link import Transport, open_link
-from gcs_autotune.link.memory import Peer
-from gcs_autotune.link.stepped import SteppedTransport
-from gcs_autotune.link.wire import split_frames
+from gcs_autotune.link.transports.memory import Peer
+from gcs_autotune.link.transports.transport import SteppedTransport
+from gcs_autotune.mavlink import split_frames
 
 BITS_PER_BYTE = 10
 """A start bit, eight, a stop bit."""

@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import FaultyLink
 from gcs_autotune.link import MemoryLink, Transport
-from gcs_autotune.link.wire import Framer
+from gcs_autotune.mavlink import Framer
 from gcs_autotune.workflow import Connection
 from sitl import Server, open_vehicle
 

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks.faults.fault import LASTING, Fault
 from gcs_autotune.link import Transport
-from gcs_autotune.link.wire import frame_length
+from gcs_autotune.mavlink import frame_length
 
 __all__ = ["FaultyLink", "Killed"]
 

@@ -16,36 +16,31 @@ AREAS: dict[str, tuple[str, ...]] = {
         "gcs_autotune/workflow/decision.py",
     ),
     "link": (
-        "gcs_autotune/link/driver.py",
-        "gcs_autotune/link/fingerprint.py",
-        "gcs_autotune/link/hands.py",
-        "gcs_autotune/link/hearing.py",
-        "gcs_autotune/link/neutral.py",
-        "gcs_autotune/link/obedience.py",
-        "gcs_autotune/link/outputs.py",
-        "gcs_autotune/link/overrides.py",
-        "gcs_autotune/link/param_value.py",
-        "gcs_autotune/link/parameters.py",
-        "gcs_autotune/link/returning.py",
-        "gcs_autotune/link/signing.py",
-        "gcs_autotune/link/sticks.py",
-        "gcs_autotune/link/telemetry.py",
-        "gcs_autotune/link/watchdog.py",
+        "gcs_autotune/link/liveness.py",
+        "gcs_autotune/link/parameters/client.py",
+        "gcs_autotune/link/parameters/exchange.py",
+        "gcs_autotune/link/transports/transport.py",
+        "gcs_autotune/link/vehicle/actuation_check.py",
+        "gcs_autotune/link/vehicle/handshake.py",
+        "gcs_autotune/link/vehicle/interference_monitor.py",
+        "gcs_autotune/link/vehicle/rc_monitor.py",
+        "gcs_autotune/link/vehicle/setpoint_streamer.py",
+        "gcs_autotune/link/vehicle/telemetry.py",
+        "gcs_autotune/link/vehicle/vehicle_config.py",
+        "gcs_autotune/mavlink/signing.py",
     ),
     "journal": (
-        "gcs_autotune/link/journal.py",
-        "gcs_autotune/link/journal_reading.py",
-        "gcs_autotune/link/loan.py",
-        "gcs_autotune/link/params_file.py",
-        "gcs_autotune/link/tlog.py",
+        "gcs_autotune/link/parameters/journal.py",
+        "gcs_autotune/link/parameters/parameter_transaction.py",
+        "gcs_autotune/mavlink/params_file.py",
+        "gcs_autotune/mavlink/tlog.py",
     ),
     "stamps": (
         "gcs_autotune/identify/axis/redating.py",
-        "gcs_autotune/link/latency.py",
-        "gcs_autotune/link/stamp_store.py",
-        "gcs_autotune/link/stamps.py",
-        "gcs_autotune/logs/dataflash_stamps.py",
-        "gcs_autotune/logs/tape.py",
+        "gcs_autotune/link/vehicle/latency.py",
+        "gcs_autotune/link/vehicle/watchdog.py",
+        "gcs_autotune/logs/dataflash.py",
+        "gcs_autotune/logs/sample_store.py",
     ),
     "results": (
         "gcs_autotune/chi_square.py",
@@ -84,7 +79,7 @@ AREAS: dict[str, tuple[str, ...]] = {
 """Area -> files faults are put into."""
 
 EQUIVALENT: dict[str, str] = {
-    "gcs_autotune/link/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (
+    "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (
         "set at the end of every iteration; documented as complete only then"
     ),
 }

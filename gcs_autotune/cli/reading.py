@@ -63,7 +63,7 @@ def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
     """
     if args.parameters is None:
         return None
-    from gcs_autotune.link import load_params
+    from gcs_autotune.mavlink import load_params
 
     return load_params(args.parameters)
 

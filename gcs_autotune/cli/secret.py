@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
-    from gcs_autotune.link import SigningKey
+    from gcs_autotune.mavlink import SigningKey
 
 __all__ = ["PASSPHRASE_VARIABLE", "signing_of"]
 
@@ -28,7 +28,7 @@ def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
     UsageError, BadFile
         Two are named, the terminal cannot be asked, or the file holds none.
     """
-    from gcs_autotune.link import SigningKey
+    from gcs_autotune.mavlink import SigningKey
 
     if args.signing_key is not None and args.signing_passphrase:
         raise UsageError("--signing-key and --signing-passphrase are two ways to name one key: give one of them")

@@ -1,45 +1,35 @@
 """The link room: bytes to and from the vehicle, turned into a craft that manoeuvres can fly.
 
-The only room that knows serial ports, and with ``logs`` the only one that knows pymavlink. Its parts, from the wire up:
+The only room that knows sockets, serial ports and MAVSDK; what needs none of them is in ``mavlink``. From the wire up:
 
-* ``open_link`` (``uri``) and the transports ``udp``, ``tcp``, ``serial_port``, ``mavsdk_link``, ``child``, ``memory``;
-* ``wire`` frames, ``signing`` them, ``tlog`` logs, all three together in ``port``;
-* ``session``, made of ``port``, ``routing`` (who is told), ``duties`` (what is due), ``hearing`` (how long silent),
-  ``operator_stop``, ``search`` of the vehicle among what ``discovery`` sees, ``identity``, ``texts``;
-* ``parameters``: ``param_exchange`` (question and answer), ``param_list``, ``param_watch`` (others' hands),
-  ``param_value``, ``surely``; ``journal`` and ``loan`` (borrow, verify, give back), ``params_file``;
-* ``commands``; ``rates`` fitted by ``bandwidth``, kept by ``rate_keeper``;
-* ``telemetry`` with ``stamps``, ``watchdog``, ``recorder``, waited for by ``lookout``;
-* ``driver`` keeps commands in force (``overrides``, ``targets``, ``beat``), ``sticks`` sees whether they are,
-  ``obedience`` proves it at arming, ``hands`` notices others', ``company`` knows whose, ``latency`` how late all is,
-  ``neutral`` that the outputs rest;
-* ``mavlink_craft`` (:class:`MavlinkCraft`) on a ``wiring``, put together by :func:`open_craft` (``boarding``).
-
-Adding a transport: a class with ``_read_available``, ``_write``, ``_close``, a line in ``TRANSPORTS``, and its ends in
-the conformance suite (``tests/link/link_ends.py``).
+* ``transports``: :func:`open_link` and one file per kind of connection;
+* ``session``, made of ``frame_port`` (frames, signing, log), ``routing`` (who is told), ``liveness`` (whom we hear, how
+  long silent), periodic tasks and the operator's stop; ``discovery`` of the vehicle among what is heard;
+* ``parameters``: ``exchange`` (question and answer), ``client`` (:class:`Parameters`), ``journal`` and
+  ``parameter_transaction`` (borrow, verify, give back);
+* ``vehicle``: ``commands``; ``rates`` fitted by ``bandwidth``; ``telemetry`` with ``watchdog``; ``setpoint_streamer``
+  keeps commands in force, ``rc_monitor`` sees whether they are, ``actuation_check`` proves it at arming,
+  ``congestion`` that there is room for them; ``interference_monitor`` notices others, ``other_stations`` knows whom,
+  ``latency`` how late all is; ``vehicle_config`` how it is wired; ``mavlink_craft`` (:class:`MavlinkCraft`), put
+  together by :func:`open_craft` (``handshake``).
 """
 
 from __future__ import annotations
 
-from gcs_autotune.link.boarding import NEEDED_RATES, WANTED_RATES, open_craft
-from gcs_autotune.link.commands import Commands
-from gcs_autotune.link.fingerprint import difference, fingerprint_of
-from gcs_autotune.link.identity import VehicleIdentity
-from gcs_autotune.link.journal import Journal, JournalState
-from gcs_autotune.link.loan import ParameterLoan
-from gcs_autotune.link.mavlink_craft import MavlinkCraft
-from gcs_autotune.link.memory import MemoryLink, Peer
-from gcs_autotune.link.outputs import read_outputs
-from gcs_autotune.link.parameters import Parameters, same_float32
-from gcs_autotune.link.params_file import load_params, save_params, save_qgc_params
-from gcs_autotune.link.rates import Granted, Rates
+from gcs_autotune.link.parameters.client import Parameters
+from gcs_autotune.link.parameters.exchange import same_float32
+from gcs_autotune.link.parameters.journal import Journal, JournalState
+from gcs_autotune.link.parameters.parameter_transaction import ParameterTransaction
 from gcs_autotune.link.session import Session
-from gcs_autotune.link.signing import SigningKey
-from gcs_autotune.link.texts import StatusText
-from gcs_autotune.link.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
-from gcs_autotune.link.transport import Transport
-from gcs_autotune.link.uri import BACKENDS, TRANSPORTS, open_link
-from gcs_autotune.link.wiring import Wiring
+from gcs_autotune.link.transports import BACKENDS, TRANSPORTS, open_link
+from gcs_autotune.link.transports.memory import MemoryLink, Peer
+from gcs_autotune.link.transports.transport import Transport
+from gcs_autotune.link.vehicle.actuation_check import read_outputs
+from gcs_autotune.link.vehicle.commands import Commands
+from gcs_autotune.link.vehicle.handshake import NEEDED_RATES, WANTED_RATES, difference, fingerprint_of, open_craft
+from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft
+from gcs_autotune.link.vehicle.rates import Granted, Rates
+from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 
 __all__ = [
     "BACKENDS",
@@ -52,27 +42,17 @@ __all__ = [
     "JournalState",
     "MavlinkCraft",
     "MemoryLink",
-    "ParameterLoan",
+    "ParameterTransaction",
     "Parameters",
     "Peer",
     "Rates",
     "Session",
-    "SigningKey",
-    "StatusText",
-    "TlogReader",
-    "TlogRecord",
-    "TlogWriter",
     "Transport",
-    "VehicleIdentity",
-    "Wiring",
+    "VehicleConfig",
     "difference",
     "fingerprint_of",
-    "load_params",
     "open_craft",
     "open_link",
     "read_outputs",
-    "read_tlog",
     "same_float32",
-    "save_params",
-    "save_qgc_params",
 ]

@@ -1,17 +1,41 @@
-"""Telling the autopilot from everybody else who talks on a link."""
+"""Telling the autopilot from everybody else who talks on a link, and hearing from it what it is."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from gcs_autotune.errors import NoVehicle, UsageError
-from gcs_autotune.link.identity import VehicleIdentity, type_name
-from gcs_autotune.link.signing import is_signed
-from gcs_autotune.link.wire import Frame, Message, mavlink
+from gcs_autotune.errors import NoVehicle, SigningMismatch, UsageError
+from gcs_autotune.link.frame_port import FramePort
+from gcs_autotune.mavlink import (
+    Frame,
+    Message,
+    Refusal,
+    Signer,
+    VehicleIdentity,
+    firmware_version,
+    is_signed,
+    mavlink,
+    refusals,
+    type_name,
+    unique_id,
+)
 
-__all__ = ["Candidate", "Sightings", "choose", "is_autopilot", "nobody_found"]
+if TYPE_CHECKING:
+    from gcs_autotune.link.session import Session
+
+__all__ = [
+    "Sightings",
+    "VehicleCandidate",
+    "cannot_be_commanded",
+    "choose",
+    "find",
+    "introduce",
+    "is_autopilot",
+    "nobody_found",
+    "not_believed",
+]
 
 
 def is_autopilot(heartbeat: Message) -> bool:
@@ -20,7 +44,7 @@ def is_autopilot(heartbeat: Message) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class VehicleCandidate:
     """An autopilot heard on the link."""
 
     system: int
@@ -52,7 +76,7 @@ class Sightings:
     """The autopilots heard while none has been chosen yet; ``candidates`` by (system, component)."""
 
     def __init__(self) -> None:
-        self.candidates: dict[tuple[int, int], Candidate] = {}
+        self.candidates: dict[tuple[int, int], VehicleCandidate] = {}
         self._signing: set[tuple[int, int]] = set()
 
     def take(self, frame: Frame) -> bool:
@@ -63,19 +87,19 @@ class Sightings:
             self._signing.add((frame.system, frame.component))
         ids = frame.system, frame.component
         if ids not in self.candidates or self.candidates[ids].origin == frame.origin:  # whoever came first
-            self.candidates[ids] = Candidate.of(frame)
+            self.candidates[ids] = VehicleCandidate.of(frame)
         return True
 
-    def found(self, system_id: int | None) -> Candidate | None:
+    def found(self, system_id: int | None) -> VehicleCandidate | None:
         """Return the first one with *system_id* (None: with any), None when there is none."""
         return next((c for c in self.candidates.values() if system_id in (None, c.system)), None)
 
-    def signs(self, candidate: Candidate) -> bool:
+    def signs(self, candidate: VehicleCandidate) -> bool:
         """Whether it was heard to sign its messages."""
         return (candidate.system, candidate.component) in self._signing
 
 
-def choose(candidates: Sequence[Candidate]) -> Candidate:
+def choose(candidates: Sequence[VehicleCandidate]) -> VehicleCandidate:
     """Return the only autopilot.
 
     Raises
@@ -93,7 +117,7 @@ def nobody_found(
     description: str,
     timeout: float,
     system_id: int | None,
-    candidates: Mapping[tuple[int, int], Candidate],
+    candidates: Mapping[tuple[int, int], VehicleCandidate],
     heard: Iterable[tuple[int, int]],
     bad_data: int,
 ) -> NoVehicle:
@@ -111,3 +135,80 @@ def nobody_found(
     else:
         seen = "nothing came in at all; is the vehicle on, and is this the right port?"
     return NoVehicle(f"no autopilot's heartbeat within {timeout:g} s on {description}: {seen}")
+
+
+_CURES = {
+    Refusal.UNSIGNED: "it has no key set up on this link: set one up (Mission Planner: Setup, Advanced, MAVLink "
+    "Signing; MAVProxy: signing setup), or leave --signing-key out",
+    Refusal.WRONG: "this is not the vehicle's key: give the one it was set up with",
+    Refusal.OLD: "they may be a recording played back, or the vehicle does not hear us and so does not set its clock",
+}
+
+
+def not_believed(signer: Signer, description: str) -> SigningMismatch:
+    """Return the error for a search in which nobody was heard whom our key lets us believe."""
+    worst, _ = signer.refused.most_common(1)[0]
+    return SigningMismatch(
+        f"messages come in on {description}, but none to be believed ({refusals(signer)}): {_CURES[worst]}"
+    )
+
+
+def cannot_be_commanded(candidate: VehicleCandidate, description: str) -> SigningMismatch:
+    """Return the error for a vehicle that signs what it says and does not answer us, who have no key."""
+    return SigningMismatch(
+        f"{candidate} on {description} signs its messages and answers none of ours: it obeys only who signs with its "
+        "key; give --signing-key FILE or --signing-passphrase"
+    )
+
+
+_HEARD_OUT = 2.0
+"""Seconds that the link is listened to for a second autopilot: two heartbeats."""
+_VERSION_TRIES = 3
+
+
+def find(
+    session: Session, port: FramePort, sightings: Sightings, timeout: float, system_id: int | None
+) -> VehicleCandidate:
+    """Return the only autopilot heard on *port*, or that with *system_id*; errors as those of ``Session.discover``."""
+    wanted = session.wait_for(lambda: sightings.found(system_id), timeout)
+    if wanted is None:
+        where = session.transport.description
+        if port.signer and port.signer.refused:
+            raise not_believed(port.signer, where)
+        where += port.trouble
+        raise nobody_found(where, timeout, system_id, sightings.candidates, session.routing.foreign, port.bad_bytes)
+    if system_id is not None:
+        return wanted
+    session.pause(_HEARD_OUT)
+    return choose(list(sightings.candidates.values()))
+
+
+def introduce(session: Session, port: FramePort, sightings: Sightings, wanted: VehicleCandidate) -> VehicleIdentity:
+    """Return who *wanted* says it is, once the session listens to it.
+
+    Raises
+    ------
+    SigningMismatch
+        It signs, we have no key, and it does not answer.
+    """
+    version, uid = _ask_version(session)
+    if port.signer is None and sightings.signs(wanted):
+        if not version:
+            raise cannot_be_commanded(wanted, session.transport.description)
+        session.notes.append("the vehicle signs its messages; on this link it obeys unsigned ones too")
+    return wanted.identity(version=version, uid=uid)
+
+
+def _ask_version(session: Session) -> tuple[str, str]:
+    """Return (firmware version, unique id), each empty when it is not told."""
+    answers: list[Message] = []
+    stop = session.listen("AUTOPILOT_VERSION", answers.append)
+    try:
+        for _ in range(_VERSION_TRIES):
+            session.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+            if session.wait_for(lambda: True if answers else None, 1.0):
+                return firmware_version(answers[0]), unique_id(answers[0])
+    finally:
+        stop()
+    session.notes.append("the vehicle did not tell its firmware version")
+    return "", ""

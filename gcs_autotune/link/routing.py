@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable
 
-from gcs_autotune.link.wire import Frame, Message
+from gcs_autotune.mavlink import Frame, Message
 
 __all__ = ["Listener", "Routing"]
 

@@ -2,35 +2,37 @@
 
 Everything happens inside :meth:`Session.pump`, on the caller's thread: read what has come, hand each message
 to those who listen for it, send what is due. Whoever waits, waits by pumping, with a deadline on the link's
-clock; nothing sleeps and nothing runs beside it. Made of ``port`` (frames, signing, log), ``routing``, ``duties``,
-``hearing`` and ``operator_stop``.
+clock; nothing sleeps and nothing runs beside it.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self, TypeVar
 
 from gcs_autotune.clock import Clock, Deadline
-from gcs_autotune.errors import LinkLost, TelemetryFault
-from gcs_autotune.link.discovery import Sightings
-from gcs_autotune.link.duties import Duties, Duty
-from gcs_autotune.link.hearing import Hearing
-from gcs_autotune.link.identity import VehicleIdentity
-from gcs_autotune.link.operator_stop import OperatorStop
-from gcs_autotune.link.peer import GONE, Peer
-from gcs_autotune.link.port import FramePort
+from gcs_autotune.errors import LinkLost, OperatorStopped, TelemetryFault
+from gcs_autotune.link.discovery import Sightings, find, introduce
+from gcs_autotune.link.frame_port import FramePort
+from gcs_autotune.link.liveness import GONE, HeldSender, Liveness
 from gcs_autotune.link.routing import Listener, Routing
-from gcs_autotune.link.search import find, introduce
-from gcs_autotune.link.signing import SigningKey
-from gcs_autotune.link.texts import TextLog
-from gcs_autotune.link.transport import Transport
-from gcs_autotune.link.wire import Frame, Message, Packer, mavlink, message_request, our_heartbeat
+from gcs_autotune.link.transports.transport import Transport
+from gcs_autotune.mavlink import (
+    Frame,
+    Message,
+    Packer,
+    SigningKey,
+    TextLog,
+    VehicleIdentity,
+    mavlink,
+    message_request,
+    our_heartbeat,
+)
 
-__all__ = ["Duty", "Listener", "Session"]
+__all__ = ["Listener", "OperatorStop", "PeriodicTask", "PeriodicTasks", "Session"]
 
 T = TypeVar("T")
 
@@ -40,10 +42,78 @@ _HEARTBEAT_PERIOD = 1.0
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
 """Chosen: times that contradicting heartbeats are listened to; one contradiction may be a change on its way."""
+_ROUNDING = 1e-6
+"""Seconds: what sums of decimal fractions may be off."""
+
+
+@dataclass(slots=True, eq=False)
+class PeriodicTask:
+    """Something done every ``period`` [s of link time] while pumping."""
+
+    clock: Clock
+    period: float
+    action: Callable[[], None]
+    due: float
+
+    def postpone(self) -> None:
+        """It has just been done: next time a whole period from now."""
+        self.due = self.clock.now() + self.period
+
+
+class PeriodicTasks:
+    """All of them, in the order they were taken on."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._tasks: list[PeriodicTask] = []
+
+    def add(self, period: float, action: Callable[[], None]) -> PeriodicTask:
+        """Take on *action* every *period* [s], first at once."""
+        task = PeriodicTask(self._clock, period, action, self._clock.now())
+        self._tasks.append(task)
+        return task
+
+    def next_due(self) -> float:
+        """Return the link time [s] at which the next one is due; there must be one."""
+        return min(task.due for task in self._tasks)
+
+    def do(self, now: float) -> None:
+        """Do everything that is due at link time *now* [s]."""
+        for task in self._tasks:
+            if task.due <= now + _ROUNDING:
+                task.postpone()
+                task.action()
+
+
+class OperatorStop:
+    """``asked`` tells whether the operator has wanted to stop; *interrupt* asks him."""
+
+    def __init__(self, interrupt: Callable[[], bool]) -> None:
+        self._interrupt = interrupt
+        self._shields = 0
+        self.asked = False
+
+    def check(self) -> None:
+        """Raise ``OperatorStopped`` when the operator wants to stop and no shield is up."""
+        if self._interrupt():
+            self.asked = True
+        if self.asked and not self._shields:
+            raise OperatorStopped("stopped by the operator")
+
+    @contextmanager
+    def shielded(self, *, raise_after: bool = False) -> Iterator[None]:
+        """Keep the stop from interrupting what is inside; with *raise_after* it is raised on leaving."""
+        self._shields += 1
+        try:
+            yield
+        finally:
+            self._shields -= 1
+        if raise_after:
+            self.check()
 
 
 class Session:
-    """See the module's text.
+    """The conversation: its verbs are here, its parts are attributes.
 
     Parameters
     ----------
@@ -57,8 +127,11 @@ class Session:
     ----------
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
-    foreign : (system, component) -> messages heard from others.
-    traffic : message name -> bytes received, of everybody's.
+    port : frames out and in, their counts, and the id that we send as.
+    routing : who is told of what, and who else was heard.
+    liveness : for how long the vehicle has been silent.
+    operator : his wish to stop, and the shield against it.
+    texts : what the vehicle said in words.
     notes : things worth telling the operator, in order.
     """
 
@@ -81,78 +154,23 @@ class Session:
         self.heartbeats = 0
         self.texts = TextLog()
         self.notes: list[str] = []
-        self._port = FramePort(transport, Packer(source_system, source_component), tlog, signing, self.notes)
-        self._routing = Routing(self.notes)
-        self.foreign: Counter[tuple[int, int]] = self._routing.foreign
-        self.traffic: Counter[str] = self._routing.traffic
-        self._peer = Peer(self.notes)
+        self.port = FramePort(transport, Packer(source_system, source_component), tlog, signing, self.notes)
+        self.routing = Routing(self.notes)
+        self._held_sender = HeldSender(self.notes)
         self._held_at = 0.0
         self._sightings = Sightings()
         self._timeout = heartbeat_timeout
-        self._hearing = Hearing(self.clock.now())
+        self.liveness = Liveness(self.clock.now())
         self._given_up_at = -1
-        self._operator = OperatorStop(interrupt)
-        self._duties = Duties(self.clock)
+        self.operator = OperatorStop(interrupt)
+        self._periodic_tasks = PeriodicTasks(self.clock)
         self.every(_HEARTBEAT_PERIOD, self._send_heartbeat)
         self.listen("HEARTBEAT", self._on_heartbeat)
         self.listen("STATUSTEXT", self._on_text)
 
-    @property
-    def bad_data(self) -> int:
-        """Stretches of received bytes that were no MAVLink frame."""
-        return self._port.bad_data
-
-    @property
-    def sent(self) -> int:
-        """Bytes sent."""
-        return self._port.sent
-
-    @property
-    def refused(self) -> int:
-        """Frames refused because they were not signed with our key, or too long ago; 0 without a key."""
-        return self._port.refused
-
-    @property
-    def refusals(self) -> str:
-        """How many frames were refused and why, for the operator; empty when none were."""
-        return self._port.refusals
-
-    @property
-    def source_system(self) -> int:
-        """The system id we send as."""
-        return self._port.packer.system
-
-    @source_system.setter
-    def source_system(self, value: int) -> None:
-        self._port.packer.system = value
-
-    @property
-    def listened(self) -> float:
-        """Seconds of link time spent pumping."""
-        return self._hearing.listened
-
-    @property
-    def silence(self) -> float:
-        """Seconds of link time spent listening since the vehicle was last heard; see :attr:`listened`."""
-        return self._hearing.silence
-
-    @property
-    def unheard(self) -> float:
-        """The same, also while a silence is borne (:meth:`await_return`)."""
-        return self._hearing.unheard
-
-    def longest_silence(self, span: float) -> float:
-        """Return the longest silence of the vehicle [s] that ended within the last *span* [s] spent listening."""
-        return self._hearing.longest(span)
-
-    @property
-    def stop_asked(self) -> bool:
-        """Whether the operator has wanted to stop."""
-        return self._operator.asked
-
     def send(self, message: Message) -> None:
         """Send one message, and log it."""
-        self._port.send(message)
+        self.port.send(message)
 
     def request_message(self, number: int) -> None:
         """Ask the vehicle to send the message of that number once; do not wait for it."""
@@ -164,15 +182,11 @@ class Session:
 
         A listener must not pump; it may send.
         """
-        return self._routing.listen(name, listener)
+        return self.routing.listen(name, listener)
 
-    def overhear(self, listener: Callable[[Frame], None]) -> None:
-        """Call *listener* with every frame from anybody but the vehicle. What they say is hearsay, never obeyed."""
-        self._routing.overhear(listener)
-
-    def every(self, period: float, action: Callable[[], None]) -> Duty:
+    def every(self, period: float, action: Callable[[], None]) -> PeriodicTask:
         """Call *action* every *period* [s of link time] while pumping, first at the next pump."""
-        return self._duties.add(period, action)
+        return self._periodic_tasks.add(period, action)
 
     def pump(self, timeout: float = _SLICE) -> None:
         """Do everything that is due, then wait at most *timeout* (never above 0.1 s) for bytes and route them.
@@ -184,49 +198,49 @@ class Session:
         LinkLost
             The vehicle has been silent for too long, or the connection broke.
         """
-        self._operator.check()
-        self._duties.do(self.clock.now())
-        next_duty = self._duties.next_due() - self.clock.now()
-        data = self.transport.read(max(0.0, min(timeout, _SLICE, next_duty)))
-        self._hearing.count(self.clock.now())
-        for frame in self._port.frames(data):
+        self.operator.check()
+        self._periodic_tasks.do(self.clock.now())
+        next_task = self._periodic_tasks.next_due() - self.clock.now()
+        data = self.transport.read(max(0.0, min(timeout, _SLICE, next_task)))
+        self.liveness.count(self.clock.now())
+        for frame in self.port.frames(data):
             self._route(frame)
         self.check_heard(self._timeout)
 
     def _route(self, frame: Frame) -> None:
-        self.traffic[frame.name] += len(frame.raw)
+        self.routing.traffic[frame.name] += len(frame.raw)
         if self.vehicle is None:
             if not self._sightings.take(frame):
-                self.foreign[frame.system, frame.component] += 1
+                self.routing.foreign[frame.system, frame.component] += 1
         elif (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
-            self._routing.note_foreign(frame, self.source_system)
-        elif self._peer.is_held(frame):
-            self._peer.hear(frame)
-            self._hearing.heard()
-            self._held_at = self.listened
-            self._routing.tell(frame)
+            self.routing.note_foreign(frame, self.port.system)
+        elif self._held_sender.is_held(frame):
+            self._held_sender.hear(frame)
+            self.liveness.heard()
+            self._held_at = self.liveness.listened
+            self.routing.tell(frame)
         else:
             self._hear_stranger(frame, self.vehicle)
 
     def _hear_stranger(self, frame: Frame, vehicle: VehicleIdentity) -> None:
         """Somebody at another address says that he is the vehicle. When that has fallen silent, he may be."""
-        if self.listened - self._held_at <= GONE:
-            self._peer.note_stranger(frame)
-        elif self._peer.may_be(frame, vehicle):
+        if self.liveness.listened - self._held_at <= GONE:
+            self._held_sender.note_stranger(frame)
+        elif self._held_sender.may_be(frame, vehicle):
             self._hold(frame.origin, vehicle)
         elif frame.name == "HEARTBEAT":
             self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
     def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
-        self._peer.hold(origin, known)
+        self._held_sender.hold(origin, known)
         self.transport.hold(origin)
 
     def check_heard(self, patience: float) -> None:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
-        if self.vehicle is not None and self.silence > patience:
+        if self.vehicle is not None and self.liveness.silence > patience:
             raise LinkLost(
-                f"{self.vehicle} has been silent for {self.silence:.1f} s on {self.transport.description}; "
-                f"check power, cable and radio range{self._port.trouble}"
+                f"{self.vehicle} has been silent for {self.liveness.silence:.1f} s on {self.transport.description}; "
+                f"check power, cable and radio range{self.port.trouble}"
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
@@ -244,7 +258,7 @@ class Session:
 
     def await_return(self, timeout: float) -> bool:
         """After ``LinkLost``: wait until the vehicle is heard again; return whether it was."""
-        self._hearing.bear(timeout)
+        self.liveness.bear(timeout)
         before = self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
@@ -278,11 +292,12 @@ class Session:
         stop = self.listen("HEARTBEAT", lambda m: told.append((_is_armed(m), int(m.custom_mode))))
         try:
             self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
-            begun = self.listened
+            begun = self.liveness.listened
             if not self.await_return(_THREE_HEARTBEATS):
                 raise LinkLost(f"{self.vehicle} is not heard any more on {self.transport.description}")
             self.wait_for(
-                lambda: True if len(told) > 1 and self.listened - begun > _HEARTBEAT_PERIOD else None, _THREE_HEARTBEATS
+                lambda: True if len(told) > 1 and self.liveness.listened - begun > _HEARTBEAT_PERIOD else None,
+                _THREE_HEARTBEATS,
             )
         finally:
             stop()
@@ -295,19 +310,12 @@ class Session:
         """
         if self.heartbeats == self._given_up_at:
             return False
-        last_heard = self._hearing.last_heard
-        with self.shielded(), suppress(LinkLost):
+        last_heard = self.liveness.last_heard
+        with self.operator.shielded(), suppress(LinkLost):
             if self.await_return(patience):
                 return True
-        self._given_up_at, self._hearing.last_heard = self.heartbeats, last_heard
+        self._given_up_at, self.liveness.last_heard = self.heartbeats, last_heard
         return False
-
-    def shielded(self, *, raise_after: bool = False) -> AbstractContextManager[None]:
-        """Keep the operator's stop from interrupting what is inside; it is remembered in ``stop_asked``.
-
-        With *raise_after* it is raised on leaving; otherwise the next pump outside the shield raises it.
-        """
-        return self._operator.shielded(raise_after=raise_after)
 
     def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
         """Wait for an autopilot's HEARTBEAT; from then on only that system and component is listened to.
@@ -323,13 +331,13 @@ class Session:
         UsageError
             There are several and *system_id* does not say which.
         """
-        wanted = find(self, self._port, self._sightings, timeout, system_id)
+        wanted = find(self, self.port, self._sightings, timeout, system_id)
         self.vehicle = wanted.identity()
         self._hold(wanted.origin)
-        self._held_at = self.listened
-        self._hearing.heard()
+        self._held_at = self.liveness.listened
+        self.liveness.heard()
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
-        self.vehicle = introduce(self, self._port, self._sightings, wanted)
+        self.vehicle = introduce(self, self.port, self._sightings, wanted)
         return self.vehicle
 
     def _on_heartbeat(self, message: Message) -> None:
@@ -342,11 +350,11 @@ class Session:
 
     def _send_heartbeat(self) -> None:
         self.send(our_heartbeat())
-        self._port.flush_log()
+        self.port.flush_log()
 
     def close(self) -> None:
         """Close the log and the transport."""
-        self._port.close()
+        self.port.close()
 
     def __enter__(self) -> Self:
         return self

@@ -1,7 +1,7 @@
 """Recorded runs from every ordinary log, as trials: no robot middleware, no ground station needed.
 
 * ``files``: :func:`load_runs` and the tables of readers; ``renaming`` for columns by other names;
-* ``tlog``, ``mavlink_csv`` MAVLink messages, written onto tapes (samples by source, one ``tape`` per boot) by
+* ``tlog``, ``mavlink_csv`` MAVLink messages, written into sample stores (samples by source, one ``store`` per boot) by
   ``mavlink_scribe``; ``dataflash`` logs on board, with ``dataflash_binary``, ``_text``, ``_stamps``; ``qgc_csv``;
   which message brings which source is in the tables ``mavlink_signals`` and ``dataflash_signals``;
 * ``channels`` which source becomes which motion channel, ``filters`` what the autopilot did to it before,
@@ -14,12 +14,10 @@ Everything reads its file a piece at a time.
 
 from __future__ import annotations
 
-from gcs_autotune.logs.files import READERS, TRIALS_FOLDER, load_runs, record
-from gcs_autotune.logs.importing import fresh_folder, write_runs
-from gcs_autotune.logs.recording import Census, Recording
-from gcs_autotune.logs.renaming import parse_columns, renamed
-from gcs_autotune.logs.stretches import Cut, LeftOut, cut_runs, runs_of
-from gcs_autotune.logs.survey import survey
+from gcs_autotune.logs.files import READERS, TRIALS_FOLDER, load_runs, parse_columns, record, renamed
+from gcs_autotune.logs.sample_store import Census, Recording
+from gcs_autotune.logs.segmentation import Cut, LeftOut, cut_runs, runs_of
+from gcs_autotune.logs.survey import fresh_folder, survey, write_runs
 
 __all__ = [
     "READERS",

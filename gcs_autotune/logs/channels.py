@@ -1,18 +1,29 @@
-"""From a tape to channels: which source to believe, globe to map, map to body."""
+"""From samples to channels: which source to believe, globe to map, map to body; and what drove the craft.
+
+What drove it are servo outputs turned back to force fractions, or, failing that, the pilot's sticks. ArduPilot
+low-passes the gyro (``INS_GYRO_FILTER``, a second-order Butterworth filter) before ATTITUDE.yawspeed, RATE and IMU see
+it; the attitude itself is integrated from samples that are not filtered. At ArduRover's 4 Hz the rate lags by about
+50 ms, which a heading loop of a second's period sees: so each channel tells what it was filtered by.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.firmware import Firmware, Output, ServoMap, read_servo_map
 from gcs_autotune.frames import flat, to_body
-from gcs_autotune.logs.tape import Tape
+from gcs_autotune.logs.sample_store import Note, RecordedParameters, SampleStore
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel
 
-__all__ = ["motion_channels"]
+__all__ = ["drive_channels", "filters_of", "motion_channels"]
 
 Array = NDArray[np.float64]
 
@@ -39,34 +50,34 @@ class _Pick:
     sources: dict[str, str]
 
 
-def motion_channels(tape: Tape) -> tuple[dict[str, Channel], dict[str, str]]:
-    """Return the motion channels of a whole tape and, per channel, the source it came from.
+def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, str]]:
+    """Return the motion channels of a whole store and, per channel, the source it came from.
 
     ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own stamps.
     """
     pick = _Pick({}, {})
     for source in ATTITUDES:
-        if _has(tape, f"{source}.psi"):
+        if _has(store, f"{source}.psi"):
             for name in ("phi", "theta", "psi"):
-                _put(pick, name, source, *tape.series(f"{source}.{name}"))
+                _put(pick, name, source, *store.series(f"{source}.{name}"))
             break
-    rates = [s for s in RATES if _has(tape, f"{s}.r")]
-    for source in sorted(rates, key=lambda s: s in tape.dated_by_arrival)[:1]:
+    rates = [s for s in RATES if _has(store, f"{s}.r")]
+    for source in sorted(rates, key=lambda s: s in store.dated_by_arrival)[:1]:
         for name in "pqr":
-            _put(pick, name, source, *tape.series(f"{source}.{name}"))
-    _position(pick, tape)
-    _depth(pick, tape)
+            _put(pick, name, source, *store.series(f"{source}.{name}"))
+    _position(pick, store)
+    _depth(pick, store)
     return pick.channels, pick.sources
 
 
-def _position(pick: _Pick, tape: Tape) -> None:
+def _position(pick: _Pick, store: SampleStore) -> None:
     for source in POSITIONS:
-        if _has(tape, f"{source}.x"):
-            t, x = tape.series(f"{source}.x")
-            y = tape.series(f"{source}.y")[1]
-        elif _has(tape, f"{source}.lat"):
-            t, lat = tape.series(f"{source}.lat")
-            lon = tape.series(f"{source}.lon")[1]
+        if _has(store, f"{source}.x"):
+            t, x = store.series(f"{source}.x")
+            y = store.series(f"{source}.y")[1]
+        elif _has(store, f"{source}.lat"):
+            t, lat = store.series(f"{source}.lat")
+            lon = store.series(f"{source}.lon")[1]
             x, y = flat(lat, lon, (float(lat[0]), float(lon[0])))
         else:
             continue
@@ -74,20 +85,20 @@ def _position(pick: _Pick, tape: Tape) -> None:
             continue
         _put(pick, "x", source, t, x)
         _put(pick, "y", source, t, y)
-        _velocity(pick, tape, source)
+        _velocity(pick, store, source)
         break
     if "U" not in pick.channels:
         for source in SPEEDS:
-            if _has(tape, f"{source}.U"):
-                _put(pick, "U", source, *tape.series(f"{source}.U"))
+            if _has(store, f"{source}.U"):
+                _put(pick, "U", source, *store.series(f"{source}.U"))
                 break
 
 
-def _velocity(pick: _Pick, tape: Tape, source: str) -> None:
-    if not _has(tape, f"{source}.vn"):
+def _velocity(pick: _Pick, store: SampleStore, source: str) -> None:
+    if not _has(store, f"{source}.vn"):
         return
-    t, north = tape.series(f"{source}.vn")
-    east = tape.series(f"{source}.ve")[1]
+    t, north = store.series(f"{source}.vn")
+    east = store.series(f"{source}.ve")[1]
     _put(pick, "U", source, t, np.hypot(north, east))
     psi = pick.channels.get("psi")
     if psi is None or len(psi) < 2:
@@ -99,20 +110,132 @@ def _velocity(pick: _Pick, tape: Tape, source: str) -> None:
     _put(pick, "v", source, t[inside], v)
 
 
-def _depth(pick: _Pick, tape: Tape) -> None:
-    there = [s for s in DEPTHS if _has(tape, f"{s}.z")]
-    moving = [s for s in there if np.ptp(tape.series(f"{s}.z")[1]) > 0.0]
+def _depth(pick: _Pick, store: SampleStore) -> None:
+    there = [s for s in DEPTHS if _has(store, f"{s}.z")]
+    moving = [s for s in there if np.ptp(store.series(f"{s}.z")[1]) > 0.0]
     for source in (moving or there)[:1]:
-        _put(pick, "z", source, *tape.series(f"{source}.z"))
-        if _has(tape, f"{source}.w"):
-            _put(pick, "w", source, *tape.series(f"{source}.w"))
+        _put(pick, "z", source, *store.series(f"{source}.z"))
+        if _has(store, f"{source}.w"):
+            _put(pick, "w", source, *store.series(f"{source}.w"))
 
 
-def _has(tape: Tape, source: str) -> bool:
-    return source in tape and len(tape.series(source)[0]) >= ENOUGH
+def _has(store: SampleStore, source: str) -> bool:
+    return source in store and len(store.series(source)[0]) >= ENOUGH
 
 
 def _put(pick: _Pick, name: str, source: str, t: Array, values: Array) -> None:
     if len(t):
         pick.channels[name] = Channel(name, SIGNALS[name][0], t, values)
         pick.sources[name] = source
+
+
+LONGEST_GAP = 0.5
+"""Chosen [s]: after a longer silence of the outputs their change is dated by its own message."""
+
+STICKS = 400.0
+"""Half the range of an RC channel [us] when the log does not tell its limits."""
+
+
+def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[Note]]:
+    """Return the force channels (unit 1) and PWM channels of a store, where they come from, and what to doubt.
+
+    A change of output is dated midway between the last message without it and the first with it, as the recorder
+    of live runs does.
+    """
+    every = [Channel(f"servo{n}", "pwm", *store.series(f"servo.{n}")) for n in store.numbered("servo")]
+    pwm = {c.name: c for c in every if np.any(c.values)}
+    if store.firmware is None:
+        note = ("no-inputs", "the log does not tell what autopilot it is of", "identify from a CSV with force columns")
+        return pwm, "", [note]
+    try:
+        servos = read_servo_map(RecordedParameters(store.parameters), store.firmware)
+        forces = _from_servos(store, servos)
+        if forces:
+            return {**pwm, **forces}, "servo outputs", []
+        why = "it holds no servo outputs"
+    except AutotuneError as error:
+        why = str(error)
+    for source, found in (("the pilot's sticks", _from_sticks(store)), ("RC input", _from_rc(store, store.firmware))):
+        if found:
+            note = (
+                "input-is-command",
+                f"the inputs are {source}, not what the actuators did ({why})",
+                "log SERVO_OUTPUT_RAW and the parameters (load all of them once while the ground station records), or "
+                "give a parameter file with --parameters",
+            )
+            return {**pwm, **found}, source, [note]
+    cure = "log SERVO_OUTPUT_RAW and the vehicle's parameters, or give a parameter file with --parameters"
+    note = ("no-inputs", f"no input could be read ({why})", cure)
+    return pwm, "", [note]
+
+
+def _from_servos(store: SampleStore, servos: ServoMap) -> dict[str, Channel]:
+    numbers = [output.channel for output in servos.outputs]
+    if not all(f"servo.{n}" in store for n in numbers):
+        return {}
+    columns = [store.series(f"servo.{n}") for n in numbers]
+    t = columns[0][0]
+    if any(len(stamps) != len(t) for stamps, _ in columns):
+        return {}
+    shares = np.array([_shares(o, values) for o, (_, values) in zip(servos.outputs, columns, strict=True)])
+    forces = np.array(servos.weights) @ shares + 0.0
+    return {name: Channel(name, "1", *_dated(t, row)) for name, row in zip(servos.names, forces, strict=True)}
+
+
+def _shares(output: Output, pwm: Array) -> Array:
+    """Return the fraction of full output of each pulse."""
+    distinct, which = np.unique(pwm, return_inverse=True)
+    return np.array([output.fraction(float(v)) for v in distinct])[which]
+
+
+def _dated(t: Array, values: Array) -> tuple[Array, Array]:
+    gap = np.diff(t, prepend=t[:1])
+    changed = np.concatenate([[False], np.diff(values) != 0.0])
+    return t - np.where(changed & (gap < LONGEST_GAP), 0.5 * gap, 0.0), values
+
+
+def _from_sticks(store: SampleStore) -> dict[str, Channel]:
+    found = {}
+    for name in "XYZN":
+        t, values = store.series(f"stick.{name}")
+        if len(t):
+            found[name] = Channel(name, "1", t, values)
+    return found
+
+
+def _from_rc(store: SampleStore, firmware: Firmware) -> dict[str, Channel]:
+    found = {}
+    for name, n in firmware.channels.items():
+        t, pwm = store.series(f"rc.{n}")
+        usable = (pwm > 500.0) & (pwm < 2500.0)
+        if not np.any(usable):
+            continue
+        trim = store.parameters.get(f"RC{n}_TRIM", 1500.0)
+        low = store.parameters.get(f"RC{n}_MIN", trim - STICKS)
+        high = store.parameters.get(f"RC{n}_MAX", trim + STICKS)
+        if low == trim < high:  # ArduSub's throttle before 4.7
+            trim = 0.5 * (low + high)
+        if not low < trim < high:
+            trim, low, high = 1500.0, 1500.0 - STICKS, 1500.0 + STICKS
+        span = np.where(pwm >= trim, high - trim, trim - low)
+        sign = firmware.channel_signs[name] * (-1.0 if store.parameters.get(f"RC{n}_REVERSED") else 1.0)
+        found[name] = Channel(name, "1", t[usable], (sign * (pwm - trim) / span)[usable])
+    return found
+
+
+PARAMETER = "INS_GYRO_FILTER"
+FILTERED = ("p", "q", "r")
+
+
+def filters_of(parameters: Mapping[str, float], sources: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return channel -> ``parameter cutoff_hz order delay_s bias_removed`` of each rate in *sources*, if that is known.
+
+    ``delay_s`` [s] is the delay of slow signals, sqrt(2) / (2 pi cutoff); ``bias_removed`` says whether the estimator's
+    gyro bias has been taken off.
+    """
+    cutoff = parameters.get(PARAMETER, 0.0)
+    if cutoff <= 0.0:
+        return {}
+    delay = math.sqrt(2.0) / (2.0 * math.pi * cutoff)
+    row = {"parameter": PARAMETER, "cutoff_hz": cutoff, "order": 2, "delay_s": round(delay, 6)}
+    return {name: {**row, "bias_removed": sources[name] != "imu"} for name in FILTERED if name in sources}

@@ -1,9 +1,15 @@
-"""ArduPilot's log on board (dataflash: ``.bin`` binary, ``.log`` text) to tapes."""
+"""ArduPilot's log on board (dataflash: ``.bin`` binary, ``.log`` text) to samples.
+
+Which message brings which sources, in SI, is one table; degrees end here. SIM, SIM2 and the like (a simulator's own
+truth) are not in it. A log on board carries no checksums, but its messages lie in order of time: so its damaged stamps
+are known.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,16 +18,121 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.logs.dataflash_binary import HEAD, BinaryLog, Block
-from gcs_autotune.logs.dataflash_signals import EVENTS, SIGNALS, Missing, signals_of
-from gcs_autotune.logs.dataflash_stamps import strays_of
-from gcs_autotune.logs.dataflash_text import TextBlock, TextLog
-from gcs_autotune.logs.recording import Census, Recording
-from gcs_autotune.logs.tape import Note, Tape
+from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, TextBlock, TextLog
+from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
 
-__all__ = ["record_dataflash"]
+__all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signals_of", "strays_of"]
 
 Array = NDArray[np.float64]
+Columns: TypeAlias = Mapping[str, Any]
+"""Column name (as in the log's own FMT) -> values of many messages, or of one."""
+
+RAD = math.pi / 180.0
+FIX_3D = 3
+EVENTS = frozenset({"PARM", "MSG", "VER", "MODE", "ARM", "EV"})
+"""Messages that are looked at one by one."""
+INSTANCE = ("C", "I")
+"""Columns that number the instances of a sensor or filter; only the first one is read."""
+
+
+class Missing(KeyError):
+    """A message lacks a column that every version of it known here has, or holds words there."""
+
+
+def _picked(**columns: tuple[str, float]) -> Callable[[Columns], dict[str, Array]]:
+    def read(c: Columns) -> dict[str, Array]:
+        return {source.replace("__", "."): c[name] * factor for source, (name, factor) in columns.items()}
+
+    return read
+
+
+def _gps(c: Columns) -> dict[str, Array]:
+    course = c["GCrs"] * RAD
+    speed = np.where(c["Status"] >= FIX_3D, c["Spd"], np.nan)
+    return {
+        "gps.lat": c["Lat"],
+        "gps.lon": c["Lng"],
+        "gps.U": speed,
+        "gps.vn": speed * np.cos(course),
+        "gps.ve": speed * np.sin(course),
+    }
+
+
+def _numbered(source: str) -> Callable[[Columns], dict[str, Array]]:
+    def read(c: Columns) -> dict[str, Array]:
+        return {f"{source}.{n}": c[f"C{n}"] * 1.0 for n in range(1, 15) if f"C{n}" in c}
+
+    return read
+
+
+_EKF = _picked(
+    ekf__x=("PN", 1.0), ekf__y=("PE", 1.0), ekf__z=("PD", 1.0), ekf__vn=("VN", 1.0), ekf__ve=("VE", 1.0),
+    ekf__w=("VD", 1.0),
+)  # fmt: skip
+
+SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
+    "ATT": _picked(attitude__phi=("Roll", RAD), attitude__theta=("Pitch", RAD), attitude__psi=("Yaw", RAD)),
+    "AHR2": _picked(ahrs2__phi=("Roll", RAD), ahrs2__theta=("Pitch", RAD), ahrs2__psi=("Yaw", RAD)),
+    "RATE": _picked(rate__p=("R", RAD), rate__q=("P", RAD), rate__r=("Y", RAD)),
+    "IMU": _picked(imu__p=("GyrX", 1.0), imu__q=("GyrY", 1.0), imu__r=("GyrZ", 1.0)),
+    "STER": _picked(steering__r=("TurnRt", RAD)),
+    "XKF1": _EKF,
+    "NKF1": _EKF,
+    "POS": _picked(global__lat=("Lat", 1.0), global__lon=("Lng", 1.0), global__z=("RelHomeAlt", -1.0)),
+    "GPS": _gps,
+    "CTUN": _picked(control__z=("Alt", -1.0)),
+    "BARO": _picked(baro__z=("Alt", -1.0)),
+    "RCOU": _numbered("servo"),
+    "RCIN": _numbered("rc"),
+}
+"""Message -> sources in the store, of arrays as of single numbers."""
+
+
+def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
+    """Return the sources a *kind* of message brings, values of other instances than the first as NaN.
+
+    Raises
+    ------
+    Missing
+        It lacks a column.
+    """
+    try:
+        found = {source: np.asarray(v, dtype=np.float64) for source, v in SIGNALS[kind](columns).items()}
+    except (KeyError, TypeError, ValueError) as error:  # a damaged FMT makes words of numbers
+        raise Missing(str(error)) from None
+    for name in INSTANCE:
+        if name in columns and columns[name].dtype == np.float64:
+            found = {source: np.where(columns[name] == 0, values, np.nan) for source, values in found.items()}
+    return found
+
+
+STRAY = 2.0
+"""Chosen [s]: a stamp so much before, or after, the middle one of its neighbours on both sides is damaged."""
+FAR = 600.0
+"""Chosen [s]: so far from the only neighbours there are it is damaged, too."""
+NEIGHBOURS = 5
+"""Chosen: messages looked at on either side."""
+
+
+def strays_of(t: Array) -> NDArray[np.bool_]:
+    """Return which stamps, in order of the file, lie before both their neighbourhoods or after both.
+
+    Where there is only one (the ends of a piece), a stamp far from it is a stray, too.
+    """
+    if not np.any(~(np.abs(np.diff(t)) <= STRAY)):
+        return np.zeros(len(t), dtype=bool)
+    beyond = np.full(NEIGHBOURS, np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([beyond, t, beyond]), NEIGHBOURS)
+    middle = np.median(windows, axis=1)
+    before, after = middle[: len(t)], middle[NEIGHBOURS + 1 : NEIGHBOURS + 1 + len(t)]
+    is_ahead = (t > before + STRAY) & (t > after + STRAY)
+    is_behind = (t < before - STRAY) & (t < after - STRAY)
+    is_alone = np.isnan(before) | np.isnan(after)
+    nearest = np.fmin(np.abs(t - before), np.abs(t - after))
+    strays: NDArray[np.bool_] = is_ahead | is_behind | (is_alone & (nearest > FAR)) | ~np.isfinite(t)
+    return strays
+
+
 AnyBlock: TypeAlias = Block | TextBlock
 
 EV_ARMED, EV_DISARMED = 10, 11
@@ -49,17 +160,17 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
             if is_binary
             else TextLog(path.open(encoding="utf-8-sig", errors="replace", newline=None))
         )
-        scribe = _Scribe(path.stem)
+        decoder = _Decoder(path.stem)
         for blocks in log:
-            scribe.write(blocks)
+            decoder.write(blocks)
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
-    if not scribe.blocks:
+    if not decoder.blocks:
         raise BadFile(f"{path} holds no dataflash message: it is no ArduPilot log, or damaged from its start")
     notes: list[Note] = []
-    if log.damaged or scribe.strays:
+    if log.damaged or decoder.strays:
         what = f"{log.damaged} stretches of the log ({log.damaged_bytes} bytes)" if log.damaged else ""
-        stamps = f"{scribe.strays} stamps" if scribe.strays else ""
+        stamps = f"{decoder.strays} stamps" if decoder.strays else ""
         notes.append(
             (
                 "damaged-log",
@@ -72,15 +183,15 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
         "messages": log.messages,
         "damaged": log.damaged,
         "damaged_bytes": log.damaged_bytes,
-        "damaged_stamps": scribe.strays,
+        "damaged_stamps": decoder.strays,
         "truncated": log.truncated,
     }
     form = "log on board (binary)" if is_binary else "log on board (text)"
-    return Recording(form, scribe.tapes(), meta, notes, scribe.census)
+    return Recording(form, decoder.stores(), meta, notes, decoder.census)
 
 
-class _Scribe:
-    """Writes blocks of messages onto tapes, a new one where the boot clock starts again."""
+class _Decoder:
+    """Writes blocks of messages into sample stores, a new one where the boot clock starts again."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -88,7 +199,7 @@ class _Scribe:
         self.blocks = 0
         self.strays = 0
         self.unstamped: set[str] = set()
-        self._tapes = [Tape(name, "vehicle (TimeUS)")]
+        self._stores = [SampleStore(name, "vehicle (TimeUS)")]
 
     def write(self, blocks: Iterable[AnyBlock]) -> None:
         """Take in what one piece of the file holds."""
@@ -110,10 +221,10 @@ class _Scribe:
         """Write the chosen messages of one boot."""
         seen = {kind: t[np.isfinite(t)] for kind, (_, mine) in part.items() for t in (stamps[kind][mine],)}
         begins = min((float(t[0]) for t in seen.values() if len(t)), default=np.nan)
-        if begins < self._tapes[-1].span[1] - REBOOT:
-            old = self._tapes[-1]
-            self._tapes.append(Tape(self.name, old.clock, old.vehicle, old.firmware, dict(old.parameters)))
-        tape = self._tapes[-1]
+        if begins < self._stores[-1].span[1] - REBOOT:
+            old = self._stores[-1]
+            self._stores.append(SampleStore(self.name, old.clock, old.vehicle, old.firmware, dict(old.parameters)))
+        store = self._stores[-1]
         for kind, (block, mine) in part.items():
             if len(seen[kind]):
                 self.census.count(kind, float(seen[kind][0]), len(seen[kind]), float(seen[kind][-1]))
@@ -122,25 +233,25 @@ class _Scribe:
             columns = {name: block.column(name)[mine] for name in block.names if name != "TimeUS"}
             try:
                 if kind in EVENTS:
-                    _events(tape, kind, stamps[kind][mine], columns)
+                    _events(store, kind, stamps[kind][mine], columns)
                 else:
-                    self._told(tape, kind, stamps[kind][mine], columns)
+                    self._told(store, kind, stamps[kind][mine], columns)
             except Missing:
                 continue
 
-    def tapes(self) -> list[Tape]:
-        """Return the tapes; where only the armed time is logged (LOG_DISARMED 0) the beginning counts as armed."""
-        for tape in self._tapes:
-            tape.arming.sort(key=lambda a: a[0])
-            tape.modes.sort(key=lambda m: m[0])
-            if tape.arming:
-                tape.arming.insert(0, (tape.span[0], not tape.arming[0][1]))
-            elif not tape.parameters.get("LOG_DISARMED", 0.0):
-                tape.arming.append((tape.span[0], True))
-        return self._tapes
+    def stores(self) -> list[SampleStore]:
+        """Return the stores; where only the armed time is logged (LOG_DISARMED 0) the beginning counts as armed."""
+        for store in self._stores:
+            store.arming.sort(key=lambda a: a[0])
+            store.modes.sort(key=lambda m: m[0])
+            if store.arming:
+                store.arming.insert(0, (store.span[0], not store.arming[0][1]))
+            elif not store.parameters.get("LOG_DISARMED", 0.0):
+                store.arming.append((store.span[0], True))
+        return self._stores
 
     def _now(self) -> float:
-        return self._tapes[-1].span[1]
+        return self._stores[-1].span[1]
 
     def _believable(self, blocks: list[AnyBlock]) -> dict[str, Array]:
         """Return stamps [s] by kind, NaN where one does not fit between its neighbours in the file."""
@@ -164,11 +275,11 @@ class _Scribe:
         ends = np.cumsum([len(s) for s in kinds.values()])
         return dict(zip(kinds, np.split(t, ends[:-1]), strict=True))
 
-    def _told(self, tape: Tape, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
+    def _told(self, store: SampleStore, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
         values = signals_of(kind, columns)
         if kind in self.unstamped:
-            tape.dated_by_arrival.update(source.partition(".")[0] for source in values)
-        tape.take_all(*_whole(stamps, values))
+            store.dated_by_arrival.update(source.partition(".")[0] for source in values)
+        store.take_all(*_whole(stamps, values))
 
 
 def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[float, float]]:
@@ -193,38 +304,38 @@ def _whole(t: Array, values: Mapping[str, Array]) -> tuple[Array, dict[str, Arra
     return t[keep], {name: column[keep] for name, column in values.items()}
 
 
-def _events(tape: Tape, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
+def _events(store: SampleStore, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
     try:
         for i, t in enumerate(stamps):
             if kind == "PARM":
                 if np.isfinite(columns["Value"][i]):
-                    tape.parameters[str(columns["Name"][i])] = float(columns["Value"][i])
+                    store.parameters[str(columns["Name"][i])] = float(columns["Value"][i])
             elif np.isfinite(t):
-                _event(tape, kind, float(t), {name: values[i] for name, values in columns.items()})
+                _event(store, kind, float(t), {name: values[i] for name, values in columns.items()})
     except (KeyError, TypeError, ValueError) as error:
         raise Missing(str(error)) from None
 
 
-def _event(tape: Tape, kind: str, t: float, m: Mapping[str, Any]) -> None:
+def _event(store: SampleStore, kind: str, t: float, m: Mapping[str, Any]) -> None:
     if kind == "MSG":
-        tape.texts.append((t, str(m["Message"])))
-        _name(tape, str(m["Message"]))
+        store.texts.append((t, str(m["Message"])))
+        _name(store, str(m["Message"]))
     elif kind == "VER":
-        _name(tape, str(m["FWS"]))
+        _name(store, str(m["FWS"]))
     elif kind == "MODE":
         number = str(m.get("ModeNum", m.get("Mode"))).partition(".")[0]
         if number.isdecimal():
-            tape.modes.append((t, int(number)))
+            store.modes.append((t, int(number)))
     elif kind == "ARM":
-        tape.arming.append((t, bool(m["ArmState"])))
+        store.arming.append((t, bool(m["ArmState"])))
     elif m["Id"] in (EV_ARMED, EV_DISARMED):
-        tape.arming.append((t, bool(m["Id"] == EV_ARMED)))
+        store.arming.append((t, bool(m["Id"] == EV_ARMED)))
 
 
-def _name(tape: Tape, text: str) -> None:
+def _name(store: SampleStore, text: str) -> None:
     """Take the firmware's name and version from what it says of itself."""
-    if tape.firmware is None:
+    if store.firmware is None:
         for name, firmware in FIRMWARE.items():
             if text.lower().startswith((name, name.removeprefix("ardu"))):
-                tape.firmware = firmware
-                tape.vehicle = text
+                store.firmware = firmware
+                store.vehicle = text

@@ -1,4 +1,4 @@
-"""Finding the runs to identify from on disk: one table of readers, by suffix."""
+"""Finding the runs to identify from on disk: one table of readers, by suffix; and columns by other names."""
 
 from __future__ import annotations
 
@@ -12,14 +12,61 @@ from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.logs.dataflash import record_dataflash
 from gcs_autotune.logs.mavlink_csv import is_mavlogdump, is_mission_planner, record_mavlogdump, record_mission_planner
 from gcs_autotune.logs.qgc_csv import is_qgc, record_qgc
-from gcs_autotune.logs.recording import LogReader, Recording
-from gcs_autotune.logs.renaming import renamed
-from gcs_autotune.logs.stretches import runs_of
+from gcs_autotune.logs.sample_store import LogReader, Recording
+from gcs_autotune.logs.segmentation import runs_of
 from gcs_autotune.logs.tlog import record_tlog
-from gcs_autotune.sname import DOFS, Dof
-from gcs_autotune.trial import Purpose, Trial, load_trial
+from gcs_autotune.sname import DOFS, Dof, column_unit, parse_header
+from gcs_autotune.trial import Channel, Purpose, Trial, load_trial
 
-__all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "record"]
+__all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "parse_columns", "record", "renamed"]
+
+
+def parse_columns(text: str) -> dict[str, str]:
+    """Read ``"t_sim=t[s],heading_deg=psi[deg]"`` as name in the file -> ``channel[unit]``.
+
+    Raises
+    ------
+    UsageError
+        A piece is not of the form ``name=channel[unit]``, or a name comes twice.
+    """
+    found: dict[str, str] = {}
+    for piece in (p.strip() for p in text.split(",")):
+        name, equals, head = piece.partition("=")
+        if not equals or not name.strip() or not head.strip():
+            raise UsageError(f"--columns: '{piece}' is not of the form name=channel[unit], e.g. heading_deg=psi[deg]")
+        if name.strip() in found:
+            raise UsageError(f"--columns names '{name.strip()}' twice")
+        found[name.strip()] = head.strip()
+    if len({parse_header(h)[0] for h in found.values()}) < len(found):
+        raise UsageError("--columns gives two columns the same channel name")
+    return found
+
+
+def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
+    """Return *trial* with channels renamed; values of a channel without unit are converted to SI on the way.
+
+    mapping : present name -> ``channel[unit]``.
+
+    Raises
+    ------
+    UsageError
+        A name the trial does not have, a new name it already has, or a unit for a channel that has another one.
+    """
+    missing = [name for name in mapping if name not in trial]
+    if missing:
+        raise UsageError(f"run '{trial.name}' has no column {', '.join(missing)}; it has {', '.join(trial.channels)}")
+    channels: dict[str, Channel] = {}
+    for name, channel in trial.channels.items():
+        new, unit = parse_header(mapping.get(name, f"{name}[{channel.unit}]"))
+        si, factor = column_unit(new, unit)
+        if channel.unit not in ("1", si):
+            raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}: not {new}[{unit}]")
+        if new in channels:
+            raise UsageError(f"run '{trial.name}' would have two channels called {new}")
+        scale = factor if channel.unit == "1" else 1.0
+        channels[new] = replace(channel, name=new, unit=si, values=channel.values * scale)
+    return replace(trial, channels=channels)
+
 
 TRIALS_FOLDER = "trials"
 """Where a run directory keeps its recorded manoeuvres."""
@@ -69,8 +116,8 @@ def record(path: Path, system: int | None = None, parameters: Mapping[str, float
     if reader is None:
         return None
     log = reader(path, system)
-    for tape in log.tapes:
-        tape.parameters = {**(parameters or {}), **tape.parameters}
+    for store in log.stores:
+        store.parameters = {**(parameters or {}), **store.parameters}
     return log
 
 

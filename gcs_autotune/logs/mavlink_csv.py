@@ -13,16 +13,14 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TextIO
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.link.wire import mavlink
-from gcs_autotune.logs.mavlink_scribe import transcribe
-from gcs_autotune.logs.recording import Heard, Recording
-from gcs_autotune.logs.tape import Note
+from gcs_autotune.logs.mavlink_decoder import decode_messages
+from gcs_autotune.logs.sample_store import Heard, Note, Recording
+from gcs_autotune.mavlink import message_fields
 
 __all__ = ["is_mavlogdump", "is_mission_planner", "record_mavlogdump", "record_mission_planner"]
 
@@ -96,7 +94,7 @@ class _Lines:
 def _recording(
     path: Path, form: str, lines: _Lines, heard: Iterator[Heard], system: int | None, notes: Sequence[Note]
 ) -> Recording:
-    told = transcribe(path, heard, system)
+    told = decode_messages(path, heard, system)
     damaged = lines.bad + told.misfits
     if damaged > lines.read / 2:
         raise BadFile(
@@ -113,7 +111,7 @@ def _recording(
         "truncated": False,
         "system": told.vehicle[0],
     }
-    return Recording(form, told.tapes, meta, [*told.notes, *notes], told.census)
+    return Recording(form, told.stores, meta, [*told.notes, *notes], told.census)
 
 
 def _planner(lines: _Lines) -> Iterator[Heard]:
@@ -130,7 +128,7 @@ def _planner(lines: _Lines) -> Iterator[Heard]:
         except ValueError:
             lines.damaged(line)
             continue
-        yield Heard(time, *sender, name, _message(name, _pairs(cells[at + 1 :], _fields(name))))
+        yield Heard(time, *sender, name, _message(name, _pairs(cells[at + 1 :], message_fields(name))))
 
 
 def _pairs(cells: list[str], known: frozenset[str]) -> dict[str, str]:
@@ -202,9 +200,3 @@ def _time(text: str) -> float:
         return moment.replace(tzinfo=UTC).timestamp()
     except (OverflowError, ValueError):
         return math.nan
-
-
-@cache
-def _fields(name: str) -> frozenset[str]:
-    kind = next((k for k in mavlink.mavlink_map.values() if getattr(k, "msgname", "") == name), None)
-    return frozenset(kind.fieldnames) if kind is not None else frozenset()

@@ -14,8 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.logs.recording import Census, Recording
-from gcs_autotune.logs.tape import Note, Tape
+from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
 
 __all__ = ["is_qgc", "record_qgc"]
 
@@ -58,7 +57,7 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
     BadFile
         Unreadable, or without one row that makes sense.
     """
-    tape = Tape(path.stem, "ground station")
+    store = SampleStore(path.stem, "ground station")
     census = Census()
     rows = bad = shifted = 0
     try:
@@ -78,7 +77,7 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
                     for group in groups:
                         values = {s: _number(cells, place.get(name, -1)) * factor for name, s, factor in group}
                         if not any(math.isnan(v) for v in values.values()):
-                            tape.take(t, values)
+                            store.take(t, values)
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not rows:
@@ -87,7 +86,7 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
     if bad:
         notes.append(("damaged-log", f"{bad} rows of the log were damaged and left out", "use the .tlog"))
     meta = {"source": path.name, "messages": rows, "damaged": bad, "shifted_rows": shifted, "truncated": False}
-    return Recording("QGroundControl CSV", [tape], meta, notes, census)
+    return Recording("QGroundControl CSV", [store], meta, notes, census)
 
 
 def _number(cells: list[str], at: int) -> float:

@@ -1,21 +1,28 @@
-"""What is in a log, as plain data: messages and rates, modes, parameters, damage, and what its runs may tell."""
+"""What is in a log, as plain data: messages and rates, modes, parameters, damage, and what its runs may tell.
+
+Its runs are written to disk as the CSV files and side files every command reads.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from gcs_autotune.errors import AutotuneError
+from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import read_servo_map
-from gcs_autotune.logs.dataflash_signals import SIGNALS as ON_BOARD
-from gcs_autotune.logs.mavlink_signals import SIGNALS as ON_THE_LINK
-from gcs_autotune.logs.mavlink_signals import TRUTH
-from gcs_autotune.logs.recording import Recording
-from gcs_autotune.logs.stretches import Cut
-from gcs_autotune.logs.tape import Note, RecordedParameters, Tape
-from gcs_autotune.trial import Trial
+from gcs_autotune.logs.dataflash import SIGNALS as ON_BOARD
+from gcs_autotune.logs.mavlink_decoder import SIGNALS as ON_THE_LINK
+from gcs_autotune.logs.mavlink_decoder import TRUTH
+from gcs_autotune.logs.sample_store import Note, RecordedParameters, Recording, SampleStore
+from gcs_autotune.logs.segmentation import Cut
+from gcs_autotune.mavlink import save_params
+from gcs_autotune.trial import Trial, save_trial
 
-__all__ = ["survey"]
+__all__ = ["fresh_folder", "survey", "write_runs"]
 
 
 def survey(log: Recording, cut: Cut) -> dict[str, Any]:
@@ -30,7 +37,7 @@ def survey(log: Recording, cut: Cut) -> dict[str, Any]:
         "source": log.meta.get("source", ""),
         "format": log.form,
         "counts": {k: v for k, v in log.meta.items() if k != "source"},
-        "boots": [_boot(tape) for tape in log.tapes],
+        "boots": [_boot(store) for store in log.stores],
         "messages": {
             kind: {
                 "count": int(row[0]),
@@ -46,20 +53,20 @@ def survey(log: Recording, cut: Cut) -> dict[str, Any]:
     }
 
 
-def _boot(tape: Tape) -> dict[str, Any]:
-    start, end = tape.span
-    name = tape.firmware.mode_name if tape.firmware else (lambda number: f"MODE {number}")
+def _boot(store: SampleStore) -> dict[str, Any]:
+    start, end = store.span
+    name = store.firmware.mode_name if store.firmware else (lambda number: f"MODE {number}")
     return {
-        "vehicle": tape.vehicle,
-        "clock": tape.clock,
+        "vehicle": store.vehicle,
+        "clock": store.clock,
         "duration": end - start,
-        "modes": [[_since(t, start), name(number)] for t, number in tape.modes],
-        "armed": [[_since(t, start), on] for t, on in tape.arming],
-        "parameters": len(tape.parameters),
-        "servo_map": _servo_map(tape),
-        "late_samples": tape.late,
-        "absurd_samples": tape.absurd,
-        "dated_by_arrival": sorted(tape.dated_by_arrival),
+        "modes": [[_since(t, start), name(number)] for t, number in store.modes],
+        "armed": [[_since(t, start), on] for t, on in store.arming],
+        "parameters": len(store.parameters),
+        "servo_map": _servo_map(store),
+        "late_samples": store.late,
+        "absurd_samples": store.absurd,
+        "dated_by_arrival": sorted(store.dated_by_arrival),
     }
 
 
@@ -67,11 +74,11 @@ def _since(t: float, start: float) -> float:
     return max(t - start, 0.0) if math.isfinite(t) else 0.0
 
 
-def _servo_map(tape: Tape) -> str:
-    if tape.firmware is None:
+def _servo_map(store: SampleStore) -> str:
+    if store.firmware is None:
         return "unknown: the log does not tell what autopilot it is of"
     try:
-        servos = read_servo_map(RecordedParameters(tape.parameters), tape.firmware)
+        servos = read_servo_map(RecordedParameters(store.parameters), store.firmware)
     except AutotuneError as error:
         return f"unknown: {error}"
     return ", ".join(servos.names) + " from outputs " + ", ".join(str(o.channel) for o in servos.outputs)
@@ -94,3 +101,53 @@ def _notes(log: Recording, cut: Cut) -> list[Note]:
     runs = [*cut.runs, *(left.run for left in cut.left_out)]
     every: list[Note] = [*log.notes, *(note for run in runs for note in run.meta.get("notes", ()))]
     return list(dict.fromkeys(every))
+
+
+def fresh_folder(folder: Path) -> Path:
+    """Make *folder*, which must not hold runs already.
+
+    Raises
+    ------
+    UsageError
+        It holds CSV files: other runs would be mixed with these. BadFile: it cannot be made.
+    """
+    if folder.is_dir() and any(folder.glob("*.csv")):
+        raise UsageError(f"{folder} holds runs already: name another folder with --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadFile(f"{folder} cannot be made: {error.strerror}; name another folder with --out") from error
+    return folder
+
+
+def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, told: Mapping[str, Any]) -> list[Path]:
+    """Write *runs* (``LABEL-03-MANUAL.csv``, marks and meta data beside it as ``.json``) and return their paths.
+
+    Beside them go the survey (*told*) as ``LABEL.log.json`` and, where the log tells any, the vehicle's parameters as
+    ``LABEL.param``.
+
+    Raises
+    ------
+    BadFile
+        The disk is full, or the folder cannot be written.
+    """
+    stem = _plain(label)
+    paths = []
+    try:
+        for run in runs:
+            path = folder / f"{stem}-{int(run.meta['stretch']):02d}-{_plain(str(run.meta['mode']))}.csv"
+            save_trial(run, path)
+            paths.append(path)
+        (folder / f"{stem}.log.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BadFile(f"{folder} cannot be written: {error.strerror}; check the disk") from error
+    for store in log.stores[-1:]:
+        if store.parameters:
+            save_params(
+                folder / f"{stem}.param", store.parameters, comment=f"{store.vehicle}, from {log.meta['source']}"
+            )
+    return paths
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]+", "-", text).strip("-.") or "log"

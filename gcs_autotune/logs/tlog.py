@@ -1,13 +1,13 @@
-"""Telemetry logs of ground stations (``.tlog``: Mission Planner, QGroundControl, MAVProxy, this tool) to tapes."""
+"""Telemetry logs of ground stations (``.tlog``: Mission Planner, QGroundControl, MAVProxy, this tool) to stores."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 
-from gcs_autotune.link import TlogReader, read_tlog
-from gcs_autotune.logs.mavlink_scribe import transcribe
-from gcs_autotune.logs.recording import Heard, Recording
+from gcs_autotune.logs.mavlink_decoder import decode_messages
+from gcs_autotune.logs.sample_store import Heard, Recording
+from gcs_autotune.mavlink import TlogReader, read_tlog
 
 __all__ = ["record_tlog"]
 
@@ -27,7 +27,7 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
         No vehicle of that *system* in it.
     """
     log = read_tlog(path)
-    told = transcribe(path, _heard(log), system)
+    told = decode_messages(path, _heard(log), system)
     notes = list(told.notes)
     if log.damaged:
         notes.append(
@@ -45,7 +45,7 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
         "truncated": log.truncated,
         "system": told.vehicle[0],
     }
-    return Recording("telemetry log", told.tapes, meta, notes, told.census)
+    return Recording("telemetry log", told.stores, meta, notes, told.census)
 
 
 def _heard(log: TlogReader) -> Iterator[Heard]:

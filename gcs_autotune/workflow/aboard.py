@@ -64,8 +64,8 @@ def connect(
             try:
                 yield session
             finally:
-                if session.refusals:
-                    watcher.say(session.refusals)
+                if session.port.refusals:
+                    watcher.say(session.port.refusals)
 
 
 @contextmanager

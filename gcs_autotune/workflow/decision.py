@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
-from gcs_autotune.link import Journal, ParameterLoan
+from gcs_autotune.link import Journal, ParameterTransaction
 from gcs_autotune.report.numbers import format_factor
 from gcs_autotune.workflow.designing import Ruler
 from gcs_autotune.workflow.experiments import measure
@@ -57,7 +57,7 @@ def decide_on_given(voyage: Voyage, before: StepMetrics, ruler: Ruler, journal: 
 
 def _prove(voyage: Voyage, new: Mapping[str, float], before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
     tale = voyage.tale
-    with ParameterLoan(voyage.craft.parameters, journal) as loan:
+    with ParameterTransaction(voyage.craft.parameters, journal) as loan:
         tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
         loan.set(new)
         tale.say("written and read back")

@@ -10,9 +10,10 @@ from typing import Any
 from gcs_autotune.design import Change
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.identify.model_file import load_model
-from gcs_autotune.link import load_params, same_float32
+from gcs_autotune.link import same_float32
 from gcs_autotune.logs import TRIALS_FOLDER
 from gcs_autotune.manoeuvres import StepSettings
+from gcs_autotune.mavlink import load_params
 from gcs_autotune.report.story import STEPPED
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.record import PROPOSED

@@ -65,19 +65,20 @@ class Patience:
             return True
         if not isinstance(error, GuardTripped):
             return False
-        was_silent = self._craft.session.longest_silence(_LATELY) > _TELLING
+        was_silent = self._craft.session.liveness.longest(_LATELY) > _TELLING
         return error.guard == "pause" or (error.guard in ("mode", "armed") and was_silent)
 
     def _is_back(self) -> bool:
         """Wait for the vehicle, as long as was stated."""
         session = self._craft.session
-        if session.unheard <= _HERE:
-            return session.longest_silence(_LATELY) <= self._seconds
-        left = self._seconds - session.unheard
+        if session.liveness.unheard <= _HERE:
+            return session.liveness.longest(_LATELY) <= self._seconds
+        left = self._seconds - session.liveness.unheard
         if left <= 0.0:
             return False
         self._say(
-            f"silent for {session.unheard:.0f} s: waiting {left:.0f} s more (--patience) to go on; Ctrl-C ends it"
+            f"silent for {session.liveness.unheard:.0f} s: waiting {left:.0f} s more (--patience) to go on; "
+            "Ctrl-C ends it"
         )
         with suppress(LinkLost):
             return session.await_return(left)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, NotAsFound, OperatorStopped
-from gcs_autotune.link import Parameters, Session, load_params, same_float32, save_params
+from gcs_autotune.link import Parameters, Session, same_float32
+from gcs_autotune.mavlink import load_params, save_params
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.aboard import connect
 from gcs_autotune.workflow.operator import Operator

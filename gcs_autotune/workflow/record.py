@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.link import save_params, save_qgc_params
+from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.trial import Trial, save_trial
 
 __all__ = ["JOURNAL", "PROPOSED", "RunDirectory"]

@@ -127,7 +127,7 @@ class _Restoring:
         self._differences: dict[str, str] = {}
 
     def run(self) -> dict[str, tuple[float, float]]:
-        found = self._parameters.read_surely(self._state.debts)
+        found = self._parameters.read_confirmed(self._state.debts)
         changes = {n: (found[n], v) for n, v in self._state.debts.items() if not same_float32(found[n], v)}
         wanted = self._wanted(changes)
         if wanted and not self._operator.ask(f"As it was found: {' and '.join(wanted)}?", self._session.pump):

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 from gcs_autotune.identify import Structure
 from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.limits import limit_of
-from gcs_autotune.link import SigningKey, Transport, open_link
+from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.mavlink import SigningKey
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow.given_gains import GivenGains

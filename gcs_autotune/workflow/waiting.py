@@ -87,7 +87,7 @@ def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
     pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="files")
     try:
         result = pool.submit(work)
-        with craft.session.shielded(), suppress(LinkError):
+        with craft.session.operator.shielded(), suppress(LinkError):
             while not result.done():
                 craft.session.pump(_GLANCE)
         return result.result()

@@ -17,7 +17,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs_autotune.link.tlog import TlogReader
+from gcs_autotune.mavlink import TlogReader
 
 __all__ = ["RECORDED", "Recording", "Replayed"]
 

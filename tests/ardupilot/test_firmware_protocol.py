@@ -153,9 +153,9 @@ def test_boarding_adopts_the_ground_station_id_that_it_obeys(craft):
     craft.parameters.write(name, 77)
     try:
         boarded = open_craft(craft.session)
-        assert craft.session.source_system == 77
+        assert craft.session.port.system == 77
         boarded.rates.restore()
     finally:
         craft.parameters.write(name, 255)
-        craft.session.source_system = 255
+        craft.session.port.system = 255
     assert any("77" in note for note in craft.session.notes)

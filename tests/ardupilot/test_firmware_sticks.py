@@ -66,10 +66,10 @@ def test_subs_joystick_goes_through_a_gain_and_takes_throttle_about_500(rov):
 
 def test_overrides_of_another_system_are_ignored_and_say_nothing(craft):
     craft.arm()
-    craft.session.source_system = 42
+    craft.session.port.system = 42
     said = len(craft.said)
     craft.hold(lambda: craft.override(dict.fromkeys(craft.firmware.channels.values(), 1700)), 1.5)
-    craft.session.source_system = 255
+    craft.session.port.system = 255
     assert is_still(craft)()
     assert not craft.said[said:]
 
@@ -136,17 +136,17 @@ def test_sub_without_a_receiver_disarms_three_seconds_after_the_last_sticks(rov)
 def test_rover_holds_when_its_ground_station_falls_silent(boat):
     boat.arm()
     boat.hold(lambda: boat.override({1: 1600, 3: NEUTRAL}), 1.0)
-    boat.session.source_system = 42
+    boat.session.port.system = 42
     boat.hold(None)
     silent = boat.wait(lambda: boat.mode == "HOLD", 9.0)
-    boat.session.source_system = 255
+    boat.session.port.system = 255
     assert silent == pytest.approx(6.6, abs=1.2)
 
 
 def test_sub_disarms_when_its_ground_station_falls_silent(rov):
     rov.arm()
-    rov.session.source_system = 42
+    rov.session.port.system = 42
     rov.hold(None)
     silent = rov.wait(lambda: not rov.session.armed, 9.0)
-    rov.session.source_system = 255
+    rov.session.port.system = 255
     assert silent == pytest.approx(5.5, abs=1.3)

@@ -10,8 +10,9 @@ from firmware_process import KINDS, ArduPilot, binary_of
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import CommandDenied, SigningMismatch
-from gcs_autotune.link import Parameters, Session, SigningKey, open_craft, open_link
-from gcs_autotune.link.signing import EPOCH, UNITS_PER_SECOND
+from gcs_autotune.link import Parameters, Session, open_craft, open_link
+from gcs_autotune.mavlink import SigningKey
+from gcs_autotune.mavlink.signing import EPOCH, UNITS_PER_SECOND
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(300)]
 SECRET = bytes(range(32))
@@ -70,10 +71,10 @@ def test_with_the_key_the_second_port_obeys(signing_boat: ArduPilot, backend: st
     with Session(open_link(second_port(signing_boat), backend=backend), signing=KEY) as session:
         session.discover(20.0)
         parameters = Parameters(session)
-        before = session.refused
+        before = session.port.refused
         parameters.write("ATC_STR_RAT_I", 0.21)
         assert parameters.read("ATC_STR_RAT_I") == pytest.approx(0.21)
-        assert session.refused == before
+        assert session.port.refused == before
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -70,9 +70,9 @@ def test_a_fault_changes_one_place_and_the_rest_stays_byte_for_byte(found: list[
 
 
 def test_the_same_seed_draws_the_same_faults_from_every_area() -> None:
-    first = drawn(3, 24, ("envelope", "loan", "stamps.py", "margins", "colour", "backlash"))
-    assert first == drawn(3, 24, ("envelope", "loan", "stamps.py", "margins", "colour", "backlash"))
-    assert first != drawn(4, 24, ("envelope", "loan", "stamps.py", "margins", "colour", "backlash"))
+    first = drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "backlash"))
+    assert first == drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "backlash"))
+    assert first != drawn(4, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "backlash"))
     assert len(set(first)) == 24
     assert len({m.path for m in first}) >= 6
 
@@ -85,7 +85,7 @@ def test_every_file_that_matters_is_there(path: str) -> None:
 @pytest.mark.parametrize(
     ("path", "first"),
     [
-        ("gcs_autotune/link/sticks.py", "tests/link/test_sticks.py"),
+        ("gcs_autotune/link/vehicle/rc_monitor.py", "tests/link/test_rc_monitor.py"),
         ("gcs_autotune/sname.py", "tests/test_sname.py"),
         ("gcs_autotune/effects/between.py", "tests/effects/test_motion_kernels.py"),
         ("gcs_autotune/manoeuvres/envelope.py", "tests/manoeuvres/test_envelope.py"),

@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.cli.command import add_connection, connection_of
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE
 from gcs_autotune.errors import UsageError
-from gcs_autotune.link import SigningKey
+from gcs_autotune.mavlink import SigningKey
 
 WANTED = SigningKey.from_passphrase("hunter2").secret
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_autotune.link import MemoryLink, Transport, open_link
-from gcs_autotune.link.child import ChildLink
+from gcs_autotune.link.transports.sitl_process import SitlProcess
 
 LOCAL = "127.0.0.1"
 PATIENCE = 10.0
@@ -55,7 +55,7 @@ def memory_ends(folder: Path) -> Iterator[Ends]:
 
 
 def child_ends(folder: Path) -> Iterator[Ends]:
-    ours = ChildLink([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
+    ours = SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
     yield Ends(ours, lambda: ours.read(1.0), ours.write, ours._child.kill)
     ours.close()
 

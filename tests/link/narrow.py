@@ -6,7 +6,7 @@ import random
 from collections import deque
 
 from gcs_autotune.link import Peer
-from gcs_autotune.link.wire import split_frames
+from gcs_autotune.mavlink import split_frames
 
 STEP = 0.02
 

@@ -13,10 +13,10 @@ from scripted_vehicle import BOAT, ROV, ScriptedVehicle
 
 from gcs_autotune.errors import AutotuneError, PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE, checked
-from gcs_autotune.link import Journal, MemoryLink, ParameterLoan, Parameters, Session
-from gcs_autotune.link.boarding import _wiring
-from gcs_autotune.link.overrides import why_deaf
-from gcs_autotune.link.param_value import same_float32
+from gcs_autotune.link import Journal, MemoryLink, Parameters, ParameterTransaction, Session
+from gcs_autotune.link.parameters.exchange import same_float32
+from gcs_autotune.link.vehicle.handshake import _read_config
+from gcs_autotune.link.vehicle.vehicle_config import why_deaf
 from gcs_autotune.workflow.axis_parameters import learn_parameters
 from gcs_autotune.workflow.preflight import remarks_on, see_throttle_is_free
 
@@ -57,7 +57,7 @@ class Aboard:
     def read(self) -> None:
         parameters, tale = self.parameters, SimpleNamespace(say=lambda _: None)
         craft: Any = SimpleNamespace(parameters=parameters, session=self.session, firmware=self.firmware)
-        _wiring(self.session, parameters, self.firmware)
+        _read_config(self.session, parameters, self.firmware)
         for axis in self.firmware.axes.values():
             told, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
             told.names.to_canonical(own)
@@ -68,7 +68,7 @@ class Aboard:
         """What is said when *name* has that *value*; empty when it is taken."""
         self.vehicle.parameters = {**self.own, name: value}
         obeyed = self.own.get("MAV_GCS_SYSID", 255.0)
-        self.session.source_system = int(obeyed)
+        self.session.port.system = int(obeyed)
         try:
             self.read()
             if name.endswith(("SYSID", "SYSID_HI", "MYGCS", "OPTIONS", "OPTION", "RC_OVERRIDE_TIME")):
@@ -119,9 +119,9 @@ def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(t
     aboard.vehicle.parameters["ATC_STR_RAT_P"] = math.nan
     journal = Journal(tmp_path / "journal.jsonl")
     with pytest.raises(PreconditionFailed, match="ATC_STR_RAT_P is nan"):
-        ParameterLoan(aboard.parameters, journal).lend(["ATC_STR_RAT_P"])
+        ParameterTransaction(aboard.parameters, journal).lend(["ATC_STR_RAT_P"])
     journal.leave()
-    assert math.isnan(aboard.parameters.read_surely(["ATC_STR_RAT_P"])["ATC_STR_RAT_P"])
+    assert math.isnan(aboard.parameters.read_confirmed(["ATC_STR_RAT_P"])["ATC_STR_RAT_P"])
     aboard.parameters.write("ATC_STR_RAT_P", 0.2)
     assert aboard.vehicle.parameters["ATC_STR_RAT_P"] == pytest.approx(0.2)
 

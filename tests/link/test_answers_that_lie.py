@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import NoReply, ParameterNotAccepted, TelemetryFault
-from gcs_autotune.link import Journal, ParameterLoan, Parameters
+from gcs_autotune.link import Journal, Parameters, ParameterTransaction
 
 P = "ATC_STR_RAT_P"
 
@@ -40,7 +40,7 @@ def test_scattered_lies_are_outvoted(
     parameters: Parameters, boat: ScriptedVehicle, lies: list[float], after: bool
 ) -> None:
     Liar(boat, lies, after=after)
-    assert parameters.read_surely([P])[P] == pytest.approx(0.2)
+    assert parameters.read_confirmed([P])[P] == pytest.approx(0.2)
 
 
 def test_a_liar_as_steady_as_the_vehicle_stops_the_loan_before_anything_is_written(
@@ -49,7 +49,7 @@ def test_a_liar_as_steady_as_the_vehicle_stops_the_loan_before_anything_is_writt
     Liar(boat, [7.0] * 99, after=True)
     journal = Journal(tmp_path / "journal.jsonl")
     with pytest.raises(TelemetryFault, match=r"contradicting values \(0.2, 7\)"):
-        ParameterLoan(parameters, journal).set({P: 0.5})
+        ParameterTransaction(parameters, journal).set({P: 0.5})
     journal.leave()
     assert boat.count("PARAM_SET") == 0
 
@@ -76,7 +76,7 @@ def test_a_write_that_was_long_under_way_is_put_right_when_giving_back(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
-    loan = ParameterLoan(parameters, journal)
+    loan = ParameterTransaction(parameters, journal)
     loan.set({P: 0.5})
     answers, writes = [0], boat.count("PARAM_SET")
 
@@ -97,7 +97,7 @@ def test_nothing_is_kept_that_the_vehicle_no_longer_holds(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
-    with pytest.raises(ParameterNotAccepted, match="somebody else"), ParameterLoan(parameters, journal) as loan:
+    with pytest.raises(ParameterNotAccepted, match="somebody else"), ParameterTransaction(parameters, journal) as loan:
         loan.set({P: 0.5})
         boat.parameters[P] = 0.9
         loan.keep()
@@ -119,7 +119,7 @@ def test_giving_back_waits_for_a_vehicle_behind_a_pier(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
-    loan = ParameterLoan(parameters, journal)
+    loan = ParameterTransaction(parameters, journal)
     loan.set({P: 0.5})
     step, gone = boat._step, boat.time
     boat.alive = False

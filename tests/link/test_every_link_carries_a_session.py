@@ -13,17 +13,9 @@ from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import CommandDenied, LinkLost, OperatorStopped, ParameterMissing
-from gcs_autotune.link import (
-    MemoryLink,
-    Parameters,
-    Rates,
-    Session,
-    Transport,
-    mavsdk_link,
-    open_craft,
-    open_link,
-    returning,
-)
+from gcs_autotune.link import MemoryLink, Parameters, Rates, Session, Transport, open_craft, open_link
+from gcs_autotune.link.transports import mavsdk as mavsdk_link
+from gcs_autotune.link.transports import transport as returning
 
 MEDIA = [*KINDS, *(f"mavsdk-{name}" for name in KINDS)]
 
@@ -73,7 +65,7 @@ def test_parameters_commands_and_rates_make_the_round_trip(aboard: Aboard) -> No
     assert denied.value.result == mavlink.MAV_RESULT_DENIED
     granted = Rates(session, craft.commands).request({"ATTITUDE": 50.0})
     assert 0.0 < granted["ATTITUDE"] <= 40.0
-    assert session.bad_data == 0
+    assert session.port.bad_data == 0
 
 
 @every
@@ -106,7 +98,7 @@ def test_another_system_on_the_link_is_not_believed(aboard: Aboard) -> None:
     aboard.session.pause(0.5)
     assert aboard.session.custom_mode == mode
     assert not aboard.session.armed
-    assert aboard.session.foreign[9, 1] >= 2
+    assert aboard.session.routing.foreign[9, 1] >= 2
     assert parameters.read("ATC_STR_RAT_P") != 66.0
 
 

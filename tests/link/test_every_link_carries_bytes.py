@@ -13,9 +13,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.clock import Deadline, WallClock
 from gcs_autotune.errors import LinkLost
-from gcs_autotune.link import MemoryLink, mavsdk_link, returning
-from gcs_autotune.link.child import ChildLink
-from gcs_autotune.link.wire import Framer
+from gcs_autotune.link import MemoryLink
+from gcs_autotune.link.transports import mavsdk as mavsdk_link
+from gcs_autotune.link.transports import transport as returning
+from gcs_autotune.link.transports.sitl_process import SitlProcess
+from gcs_autotune.mavlink import Framer
 
 
 @pytest.fixture
@@ -88,7 +90,7 @@ def test_a_burst_of_a_thousand_messages_arrives_whole_and_in_order_both_ways(end
         while framer.bad_bytes == 0 and len(came) < at + 50:
             came += [f.message.param_id for f in framer.feed(ends.ours.read(PATIENCE))]
     assert came == [f"P{n}" for n in range(1000)]
-    if not isinstance(ends.ours, MemoryLink | ChildLink):
+    if not isinstance(ends.ours, MemoryLink | SitlProcess):
         for at in range(0, 1000, 50):
             for one in frames[at : at + 50]:
                 ends.ours.write(one)
@@ -117,7 +119,7 @@ def test_reading_and_writing_after_closing_is_a_lost_link_and_closing_twice_is_n
 @every
 def test_it_says_what_it_is_and_whether_its_time_is_simulated(ends: Ends, request: pytest.FixtureRequest) -> None:
     assert ends.ours.description
-    assert ends.ours.is_simulated == isinstance(ends.ours, MemoryLink | ChildLink)
+    assert ends.ours.is_simulated == isinstance(ends.ours, MemoryLink | SitlProcess)
     assert ends.ours.carrier.startswith("MAVSDK 4") == ("mavsdk" in request.node.name)
     assert ends.ours.trouble == ""
 

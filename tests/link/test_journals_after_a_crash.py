@@ -11,7 +11,7 @@ import pytest
 
 from gcs_autotune.errors import BadFile, PreconditionFailed
 from gcs_autotune.link import Journal
-from gcs_autotune.link import journal as journal_module
+from gcs_autotune.link.parameters import journal as journal_module
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.link import Session
-from gcs_autotune.link.latency import Latency, least_period
+from gcs_autotune.link.vehicle.latency import Latency, least_period
 
 
 class Listening:

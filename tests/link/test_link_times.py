@@ -16,9 +16,9 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
-from gcs_autotune.link.bandwidth import Demand, plan
-from gcs_autotune.link.beat import Beat
-from gcs_autotune.link.stamps import gyro_lag
+from gcs_autotune.link.vehicle.bandwidth import Demand, plan
+from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
+from gcs_autotune.link.vehicle.watchdog import gyro_lag
 
 WANTED = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
 ALL = 10 * 40 + 40 * 33 + 10 * 54 + 10 * 40 + 5 * 32
@@ -118,14 +118,14 @@ def test_a_simulator_on_double_speed_is_timed_in_its_own_seconds(boat: ScriptedV
 
 def test_a_beat_counts_its_pauses() -> None:
     clock = ManualClock()
-    beat = Beat(clock)
+    send_rate = SendRate(clock)
     for pause in (0.1, 0.1, 0.4, 0.1):
-        beat.strike()
+        send_rate.count()
         clock.advance(pause)
-    beat.rest()
+    send_rate.suspend()
     clock.advance(100.0)
-    beat.strike()
-    assert (beat.rate, beat.longest) == (pytest.approx(5.0), pytest.approx(0.4))
+    send_rate.count()
+    assert (send_rate.rate, send_rate.longest) == (pytest.approx(5.0), pytest.approx(0.4))
 
 
 def test_a_gyro_filter_of_four_hertz_is_56_ms_late() -> None:
@@ -185,7 +185,7 @@ def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
     assert any(
         "radio: signal 180 over noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
     )
-    assert craft.company.stations == {}
+    assert craft.other_stations.stations == {}
 
 
 def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:

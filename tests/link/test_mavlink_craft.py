@@ -64,7 +64,7 @@ def test_a_vehicle_of_another_kind_is_refused_by_name() -> None:
 def test_the_id_the_vehicle_obeys_is_adopted_and_said(boat: ScriptedVehicle) -> None:
     boat.parameters["MAV_GCS_SYSID"] = 252
     craft = board(boat)
-    assert craft.session.source_system == 252
+    assert craft.session.port.system == 252
     assert any("system 252" in note for note in craft.session.notes)
     craft.arm()
     craft.send(Actuate(N=0.5))
@@ -74,7 +74,7 @@ def test_the_id_the_vehicle_obeys_is_adopted_and_said(boat: ScriptedVehicle) -> 
 
 def test_the_older_name_of_that_parameter_works_too(rov: ScriptedVehicle) -> None:
     rov.parameters["SYSID_MYGCS"] = 250
-    assert board(rov).session.source_system == 250
+    assert board(rov).session.port.system == 250
 
 
 def test_telemetry_too_slow_to_steer_by_puts_the_rates_back(boat: ScriptedVehicle) -> None:
@@ -164,7 +164,7 @@ def test_overrides_flow_at_25_hz_whatever_the_control_rate(flying: MavlinkCraft,
 def test_a_vehicle_whose_time_runs_fast_still_gets_its_overrides_in_time(
     flying: MavlinkCraft, boat: ScriptedVehicle
 ) -> None:
-    flying._driver._duty.period = 1e9
+    flying._streamer._task.period = 1e9
     before = boat.count("RC_CHANNELS_OVERRIDE")
     flying.session.pause(5.0)
     assert boat.count("RC_CHANNELS_OVERRIDE") - before >= 24

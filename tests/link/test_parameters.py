@@ -11,7 +11,7 @@ from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import LinkLost, NoReply, ParameterMissing, ParameterNotAccepted, UsageError
 from gcs_autotune.link import MemoryLink, Parameters, Session
-from gcs_autotune.link.parameters import same_float32
+from gcs_autotune.link.parameters.client import same_float32
 
 
 def connect(boat: ScriptedVehicle, **link: Any) -> Parameters:

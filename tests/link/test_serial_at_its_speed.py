@@ -10,7 +10,7 @@ from scripted_vehicle import ScriptedVehicle
 from benchmarks.throttled_pty import ThrottledPty
 from gcs_autotune.errors import LinkLost
 from gcs_autotune.link import Parameters, Session
-from gcs_autotune.link.serial_port import SerialPort
+from gcs_autotune.link.transports.serial_port import SerialPort
 
 
 @pytest.mark.parametrize("baud", [57600, 115200])
@@ -24,7 +24,7 @@ def test_a_parameter_list_longer_than_the_buffers_comes_whole_in_the_time_it_tak
         rate = (link.down.passed - passed) / (link.clock.now() - begun)
         assert rate <= 1.05 * baud / 10
         session.pause(1.0)
-        assert session.bad_data == 0
+        assert session.port.bad_data == 0
 
 
 def test_a_cable_pulled_in_the_middle_of_a_frame_is_a_lost_link() -> None:

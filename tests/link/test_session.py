@@ -12,9 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ROV, ScriptedVehicle
 
 from gcs_autotune.errors import BadFile, CannotOpenLink, LinkLost, NoVehicle, OperatorStopped, UsageError
-from gcs_autotune.link import MemoryLink, Parameters, Session, TlogWriter, read_tlog
-from gcs_autotune.link.texts import TextLog
-from gcs_autotune.link.wire import Framer
+from gcs_autotune.link import MemoryLink, Parameters, Session
+from gcs_autotune.mavlink import Framer, TextLog, TlogWriter, read_tlog
 
 
 class Babbler:
@@ -88,7 +87,7 @@ def test_with_a_choice_only_the_chosen_one_is_listened_to() -> None:
     assert (vehicle.system, vehicle.vehicle_type) == (7, 12)
     session.pause(3.0)
     assert session.custom_mode == 19
-    assert session.foreign[1, 1] >= 3
+    assert session.routing.foreign[1, 1] >= 3
 
 
 def test_a_system_id_that_is_not_there_lists_who_is() -> None:
@@ -153,27 +152,27 @@ def test_a_shield_keeps_the_stop_until_it_is_down(boat: ScriptedVehicle) -> None
     pressed = False
     session = Session(MemoryLink(boat), interrupt=lambda: pressed)
     session.discover()
-    with session.shielded():
+    with session.operator.shielded():
         pressed = True
         session.pump()
         pressed = False
-        with session.shielded():
+        with session.operator.shielded():
             session.pump()
         session.pump()
-    assert session.stop_asked
+    assert session.operator.asked
     with pytest.raises(OperatorStopped):
         session.pump()
 
 
 def test_a_shield_can_raise_on_leaving(boat: ScriptedVehicle) -> None:
     session = Session(MemoryLink(boat), interrupt=lambda: True)
-    with pytest.raises(OperatorStopped), session.shielded(raise_after=True):
+    with pytest.raises(OperatorStopped), session.operator.shielded(raise_after=True):
         session.pump()
 
 
 def test_an_error_inside_a_shield_is_not_replaced(boat: ScriptedVehicle) -> None:
     session = Session(MemoryLink(boat), interrupt=lambda: True)
-    with pytest.raises(CannotOpenLink), session.shielded(raise_after=True):
+    with pytest.raises(CannotOpenLink), session.operator.shielded(raise_after=True):
         raise CannotOpenLink("first")
 
 
@@ -228,7 +227,7 @@ def test_a_frame_in_noise_is_found_however_it_is_cut(noise: bytes, cut: int) -> 
 def test_a_false_start_does_not_swallow_the_frames_behind_it(boat: ScriptedVehicle) -> None:
     session = Session(MemoryLink(Babbler(b"\xfd\xff\x00" + _FRAME)))
     assert session.discover(timeout=4.0).system == 1
-    assert session.bad_data == 1
+    assert session.port.bad_data == 1
 
 
 @pytest.mark.parametrize("spoil", range(1, len(_FRAME)))
@@ -317,7 +316,7 @@ def test_a_machine_that_was_away_does_not_take_its_own_absence_for_the_vehicles(
         boat.mute.add("HEARTBEAT")
         clock.ahead += 30.0
         session.pump()
-        assert session.silence < 1.0
+        assert session.liveness.silence < 1.0
         with pytest.raises(LinkLost, match="silent for"):
             for _ in range(20):
                 clock.ahead += 0.4

@@ -14,10 +14,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import BadFile, LinkLost, SigningMismatch, UsageError
-from gcs_autotune.link import MemoryLink, Parameters, Session, SigningKey, read_tlog
-from gcs_autotune.link.signing import EPOCH, LINK_ID, UNITS_PER_SECOND, Refusal, Signer
-from gcs_autotune.link.stamp_store import StampStore
-from gcs_autotune.link.wire import Framer, Packer
+from gcs_autotune.link import MemoryLink, Parameters, Session
+from gcs_autotune.mavlink import Framer, Packer, SigningKey, read_tlog
+from gcs_autotune.mavlink.signing import EPOCH, LINK_ID, UNITS_PER_SECOND, Refusal, Signer, StampStore
 
 SECRET = bytes(range(100, 132))
 NOW = 1_800_000_000.0
@@ -181,10 +180,10 @@ def test_both_signing_they_talk_and_nothing_is_refused_once_the_clocks_agree(tmp
     with Session(MemoryLink(boat), signing=KEY, tlog=tmp_path / "a.tlog") as session:
         session.discover()
         Parameters(session).write("ATC_STR_RAT_P", 0.5)
-        refused = session.refused
+        refused = session.port.refused
         session.pause(5.0)
     assert boat.parameters["ATC_STR_RAT_P"] == 0.5
-    assert session.refused == refused < 20
+    assert session.port.refused == refused < 20
     assert SECRET not in (tmp_path / "a.tlog").read_bytes()
     assert {r.frame.raw[2] for r in read_tlog(tmp_path / "a.tlog")} == {1}
 
@@ -214,7 +213,7 @@ def test_forgeries_in_the_vehicles_name_change_nothing_and_are_counted() -> None
     session = Session(MemoryLink(boat), signing=KEY)
     session.discover()
     parameters = Parameters(session)
-    before = session.refused
+    before = session.port.refused
     for message in (
         mavlink.MAVLink_heartbeat_message(11, 3, 128, 4, 4, 3),
         mavlink.MAVLink_param_value_message(b"ATC_STR_RAT_P", 66.0, 9, 100, 3),
@@ -222,7 +221,7 @@ def test_forgeries_in_the_vehicles_name_change_nothing_and_are_counted() -> None
         boat.send_as(1, 1, message)
     session.pause(0.5)
     assert (session.armed, session.custom_mode) == (False, 0)
-    assert session.refused == before + 2
+    assert session.port.refused == before + 2
     assert parameters.read("ATC_STR_RAT_P") != 66.0
     demanding(boat, b"n" * 32)
     with pytest.raises(LinkLost, match=r"silent for 5.*refused: \d+ messages signed with another key"):

@@ -12,12 +12,12 @@ import pytest
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import BadFile, NotAsFound, TelemetryFault, UsageError
 from gcs_autotune.link import Session
-from gcs_autotune.link.hearing import Hearing
-from gcs_autotune.link.neutral import await_neutral
-from gcs_autotune.link.param_value import as_float32, encoded, same_float32
-from gcs_autotune.link.params_file import load_params
-from gcs_autotune.link.telemetry import Telemetry
-from gcs_autotune.link.watchdog import Watchdog
+from gcs_autotune.link.liveness import Liveness
+from gcs_autotune.link.parameters.exchange import as_float32, encoded, same_float32
+from gcs_autotune.link.vehicle.actuation_check import await_neutral
+from gcs_autotune.link.vehicle.telemetry import Telemetry
+from gcs_autotune.link.vehicle.watchdog import Watchdog
+from gcs_autotune.mavlink import load_params
 
 # --- neutral --------------------------------------------------------------------------------
 
@@ -74,7 +74,7 @@ def test_outputs_that_are_not_heard_are_asked_for_and_never_taken_for_neutral() 
 
 def test_only_what_was_listened_to_counts_as_silence() -> None:
     """Half a second from pump to pump at most: longer, it was we who were away."""
-    hearing = Hearing(100.0)
+    hearing = Liveness(100.0)
     hearing.count(100.4)
     assert (hearing.listened, hearing.silence) == (pytest.approx(0.4), pytest.approx(0.4))
     hearing.count(160.4)

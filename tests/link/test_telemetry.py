@@ -14,11 +14,9 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, TelemetryFault
 from gcs_autotune.firmware import FIRMWARE, Output, ServoMap, read_servo_map
 from gcs_autotune.link import Commands, MemoryLink, Parameters, Rates, Session
-from gcs_autotune.link.overrides import RcChannel, read_override_map
-from gcs_autotune.link.recorder import Recorder
-from gcs_autotune.link.stamps import BootClock, Unwrapper
-from gcs_autotune.link.telemetry import Telemetry
-from gcs_autotune.link.watchdog import Watchdog
+from gcs_autotune.link.vehicle.telemetry import Recorder, Telemetry
+from gcs_autotune.link.vehicle.vehicle_config import RcChannel, read_override_map
+from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
 from gcs_autotune.trial import Mark
 
 ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]

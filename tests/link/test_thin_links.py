@@ -13,9 +13,9 @@ from benchmarks.throttled_pty import ThrottledPty
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
-from gcs_autotune.link.bandwidth import Demand, least
-from gcs_autotune.link.latency import Latency
-from gcs_autotune.link.queueing import is_queueing
+from gcs_autotune.link.vehicle.bandwidth import Demand, least
+from gcs_autotune.link.vehicle.congestion import is_queueing
+from gcs_autotune.link.vehicle.latency import Latency
 from gcs_autotune.workflow.aboard import SHOWN_BY, telemetry_rates
 from sitl import open_vehicle
 

@@ -15,12 +15,15 @@ from link_ends import ECHO_CHILD, LOCAL, Echo, free_port
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import CannotOpenLink, LinkLost, UnknownName, UsageError
-from gcs_autotune.link import BACKENDS, TRANSPORTS, MemoryLink, mavsdk_link, open_link, returning, serial_port, tcp, udp
-from gcs_autotune.link import child as child_module
-from gcs_autotune.link.address import HostPort, parse_host_port
-from gcs_autotune.link.child import ChildLink
-from gcs_autotune.link.tcp import TcpIn, TcpOut
-from gcs_autotune.link.udp import UdpIn
+from gcs_autotune.link import BACKENDS, TRANSPORTS, MemoryLink, open_link
+from gcs_autotune.link.transports import mavsdk as mavsdk_link
+from gcs_autotune.link.transports import serial_port, tcp, udp
+from gcs_autotune.link.transports import sitl_process as child_module
+from gcs_autotune.link.transports import transport as returning
+from gcs_autotune.link.transports.address import HostPort, parse_host_port
+from gcs_autotune.link.transports.sitl_process import SitlProcess
+from gcs_autotune.link.transports.tcp import TcpIn, TcpOut
+from gcs_autotune.link.transports.udp import UdpIn
 
 
 def test_udpout_to_nobody_is_silence() -> None:
@@ -111,7 +114,7 @@ def test_a_lossy_memory_link_loses_the_same_frames_for_the_same_seed() -> None:
 
 
 def test_the_child_is_granted_time_and_answers_with_the_time_reached() -> None:
-    with ChildLink([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
+    with SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
         link.write(b"abc")
         assert link.read(0.05) == b"abc"
         assert link.clock.now() == pytest.approx(0.05)
@@ -122,19 +125,19 @@ def test_the_child_is_granted_time_and_answers_with_the_time_reached() -> None:
 
 
 def test_the_child_is_in_a_session_of_its_own_so_that_ctrl_c_spares_it() -> None:
-    with ChildLink([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
+    with SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
         assert os.getsid(link._child.pid) != os.getsid(0)
 
 
 def test_closing_ends_and_reaps_even_a_child_that_will_not_listen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(child_module, "_GRACE", 0.05)
-    link = ChildLink([sys.executable, "-S", ECHO_CHILD, "--stubborn"], "sitl:echo")
+    link = SitlProcess([sys.executable, "-S", ECHO_CHILD, "--stubborn"], "sitl:echo")
     link.close()
     assert link._child.returncode is not None
 
 
 def test_a_child_that_hangs_is_a_lost_link(monkeypatch: pytest.MonkeyPatch) -> None:
-    link = ChildLink([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
+    link = SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
     monkeypatch.setattr(child_module, "_PATIENCE", 0.05)
     monkeypatch.setattr(child_module, "_GRACE", 0.05)
     link.write(b"hang")
@@ -143,7 +146,7 @@ def test_a_child_that_hangs_is_a_lost_link(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_childs_last_words_are_in_the_error() -> None:
-    with ChildLink([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
+    with SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
         link.write(b"crash")
         with pytest.raises(LinkLost, match="hull breached"):
             link.read(0.1)
@@ -151,16 +154,16 @@ def test_the_childs_last_words_are_in_the_error() -> None:
 
 def test_an_unknown_simulated_vehicle_shows_the_simulators_own_message() -> None:
     with pytest.raises(UnknownName, match="Did you mean charlie") as caught:
-        ChildLink([sys.executable, "-S", ECHO_CHILD, "--unknown"], "sitl:charly")
+        SitlProcess([sys.executable, "-S", ECHO_CHILD, "--unknown"], "sitl:charly")
     assert caught.value.nearest == ("charlie", "charles")
     assert caught.value.name == "charly"
 
 
 def test_a_simulator_that_does_not_start_is_said_so() -> None:
     with pytest.raises(CannotOpenLink, match="exit code 7"):
-        ChildLink([sys.executable, "-c", "raise SystemExit(7)"], "sitl:x")
+        SitlProcess([sys.executable, "-c", "raise SystemExit(7)"], "sitl:x")
     with pytest.raises(CannotOpenLink, match="cannot start"):
-        ChildLink(["/no/such/program"], "sitl:x")
+        SitlProcess(["/no/such/program"], "sitl:x")
 
 
 def test_sitl_uris_start_the_simulator_with_all_they_say(monkeypatch: pytest.MonkeyPatch) -> None:

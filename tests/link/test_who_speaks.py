@@ -11,12 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import LinkLost, NotAsFound
-from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft, udp
-from gcs_autotune.link.address import HostPort
-from gcs_autotune.link.peer import Peer
-from gcs_autotune.link.udp import UdpIn
-from gcs_autotune.link.wire import Framer
+from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
+from gcs_autotune.link.liveness import HeldSender
+from gcs_autotune.link.transports import udp
+from gcs_autotune.link.transports.address import HostPort
+from gcs_autotune.link.transports.udp import UdpIn
 from gcs_autotune.manoeuvres import visit
+from gcs_autotune.mavlink import Framer
 from gcs_autotune.watch import SilentWatcher
 
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
@@ -98,7 +99,7 @@ def test_a_vehicle_that_comes_back_from_another_port_is_known_by_its_board(
 ) -> None:
     link.home = "10.0.0.1:50123"
     craft.session.pause(6.0)
-    assert craft.session.silence < 1.0
+    assert craft.session.liveness.silence < 1.0
     assert [n for n in craft.session.notes if "50123" in n] == [
         f"the vehicle now sends from 10.0.0.1:50123, not {HOME} (restarted?): its board tells no id, "
         "its firmware is the same"
@@ -119,7 +120,7 @@ def test_another_vehicle_in_its_place_is_not_taken_for_it(
 def numbered(numbers: list[int]) -> list[str]:
     """What is told of frames of these sequence numbers, from one address."""
     notes: list[str] = []
-    peer, mouth, framer = Peer(notes), mavlink.MAVLink(None, srcSystem=1, srcComponent=1), Framer()
+    peer, mouth, framer = HeldSender(notes), mavlink.MAVLink(None, srcSystem=1, srcComponent=1), Framer()
     for number in numbers:
         mouth.seq = number % 256
         for frame in framer.feed(DISARMED.pack(mouth)):

@@ -1,4 +1,4 @@
-"""From a tape to channels, one sample at a time."""
+"""From a store to channels, one sample at a time."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from gcs_autotune.logs.channels import motion_channels
-from gcs_autotune.logs.tape import Tape
+from gcs_autotune.logs.sample_store import SampleStore
 
 NORTH, EAST = (1.0, 0.0), (0.0, 1.0)
 
 
-def tape(heading: float, wander: float, *, over: tuple[float, float] = NORTH, source: str = "local") -> Tape:
+def store(heading: float, wander: float, *, over: tuple[float, float] = NORTH, source: str = "local") -> SampleStore:
     """Heading samples at whole tenths, to either side of *heading* by turns; velocity over ground half-way between."""
-    found = Tape("log", "ms")
+    found = SampleStore("log", "ms")
     for k in range(40):
         psi = heading + (wander if k % 2 else -wander)
         found.take(0.1 * k, {"attitude.phi": 0.0, "attitude.theta": 0.0, "attitude.psi": math.remainder(psi, math.tau)})
@@ -39,7 +39,7 @@ def tape(heading: float, wander: float, *, over: tuple[float, float] = NORTH, so
 def test_velocity_over_ground_is_turned_by_the_heading_also_where_that_crosses_south(
     heading: float, over: tuple[float, float], ahead: float, to_starboard: float, source: str
 ) -> None:
-    channels, sources = motion_channels(tape(heading, 0.05, over=over, source=source))
+    channels, sources = motion_channels(store(heading, 0.05, over=over, source=source))
     inside = channels["u"].t <= channels["psi"].t[-1]
     assert inside.sum() == 39
     assert channels["u"].values[inside] == pytest.approx(np.full(39, ahead), abs=2e-3)
@@ -49,13 +49,13 @@ def test_velocity_over_ground_is_turned_by_the_heading_also_where_that_crosses_s
 
 
 def test_the_heading_itself_stays_as_it_was_recorded() -> None:
-    channels, _ = motion_channels(tape(math.pi, 0.05))
+    channels, _ = motion_channels(store(math.pi, 0.05))
     assert np.abs(channels["psi"].values).max() <= math.pi
     assert np.ptp(channels["psi"].values) > 6.0
 
 
 def test_a_source_with_too_few_samples_or_none_that_move_gives_way_to_the_next() -> None:
-    found = tape(0.0, 0.05, source="gps")
+    found = store(0.0, 0.05, source="gps")
     for k in range(30):
         found.take(0.1 * k, {"ekf.x": 5.0, "ekf.y": 5.0})
     for k in range(19):
@@ -67,7 +67,7 @@ def test_a_source_with_too_few_samples_or_none_that_move_gives_way_to_the_next()
 
 @pytest.mark.parametrize(("moves", "expected"), [(True, "control"), (False, "global")])
 def test_a_depth_that_moves_is_taken_before_one_that_stands_still(moves: bool, expected: str) -> None:
-    found = Tape("log", "ms")
+    found = SampleStore("log", "ms")
     for k in range(30):
         found.take(0.1 * k, {"global.z": 2.0, "global.w": 0.0})
         found.take(0.1 * k, {"control.z": 2.0 + 0.1 * k * moves})
@@ -78,7 +78,7 @@ def test_a_depth_that_moves_is_taken_before_one_that_stands_still(moves: bool, e
 
 @pytest.mark.parametrize("count", [19, 20])
 def test_speed_is_read_off_the_first_source_that_has_enough_when_no_velocity_is_there(count: int) -> None:
-    found = Tape("log", "ms")
+    found = SampleStore("log", "ms")
     for k in range(30):
         if k < count:
             found.take(0.1 * k, {"hud.U": 1.5})

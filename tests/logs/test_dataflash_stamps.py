@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.logs.dataflash_stamps import strays_of
+from gcs_autotune.logs.dataflash import strays_of
 
 T = 100.0 + 0.1 * np.arange(40)
 

@@ -14,8 +14,8 @@ from log_writing import BOAT, Tlog, beats, parameters, sail, swing
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import BadFile, NotInformative
-from gcs_autotune.link import read_tlog
 from gcs_autotune.logs import cut_runs, load_runs, record
+from gcs_autotune.mavlink import read_tlog
 from gcs_autotune.trial import Trial
 
 QGC = (

@@ -12,7 +12,7 @@ from log_writing import BOAT, Tlog, beats, parameters, sail, swing
 
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.logs import cut_runs, record, survey
-from gcs_autotune.logs.dataflash_binary import BinaryLog
+from gcs_autotune.logs.dataflash_format import BinaryLog
 
 CASES = 60
 

@@ -95,7 +95,7 @@ def test_the_simulators_truth_is_listed_and_never_read(tmp_path: Path) -> None:
     found = record(log.write(tmp_path / "sim.tlog"))
     assert found is not None
     assert "SIMSTATE" in found.census.seen
-    assert float(np.max(np.abs(found.tapes[0].series("attitude.psi")[1]))) < 1.0
+    assert float(np.max(np.abs(found.stores[0].series("attitude.psi")[1]))) < 1.0
 
 
 def test_the_second_estimate_stands_in_for_the_first(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from log_writing import swing
 from pymavlink import DFReader
 
 from gcs_autotune.logs import load_runs, record
-from gcs_autotune.logs.dataflash_binary import BinaryLog
+from gcs_autotune.logs.dataflash_format import BinaryLog
 
 REAL = Path(__file__).parents[2] / "../shared/data/ardusub_logs/small.BIN"
 
@@ -84,8 +84,8 @@ def test_a_damaged_stamp_is_left_out_and_a_sparse_log_is_not_damage(tmp_path: Pa
         board.row("MSG", t, 0, 0, "still here")
     log = record(board.write(tmp_path / "a.bin"))
     assert log.meta["damaged_stamps"] == 1
-    assert [t for t, text in log.tapes[0].texts if text == "still here"] == [300.0, 410.0, 520.0]
-    assert log.tapes[0].span == pytest.approx((100.0, 119.95))
+    assert [t for t, text in log.stores[0].texts if text == "still here"] == [300.0, 410.0, 520.0]
+    assert log.stores[0].span == pytest.approx((100.0, 119.95))
 
 
 def test_values_no_craft_can_have_are_left_out_and_counted(tmp_path: Path) -> None:

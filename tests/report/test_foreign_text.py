@@ -14,7 +14,7 @@ from rich.console import Console
 from gcs_autotune.cli import main
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.foreign_text import quoted, visible
-from gcs_autotune.link.texts import TextLog
+from gcs_autotune.mavlink import TextLog
 from gcs_autotune.report.canvas import new_axes, pens, to_svg
 from gcs_autotune.report.html import render_report
 from gcs_autotune.report.live import TerminalWatcher

@@ -6,7 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import SigningMismatch
-from gcs_autotune.link import MemoryLink, Parameters, Session, SigningKey
+from gcs_autotune.link import MemoryLink, Parameters, Session
+from gcs_autotune.mavlink import SigningKey
 from sitl import open_vehicle
 from sitl.__main__ import main
 from sitl.mavlink import Server

@@ -12,8 +12,8 @@ import pytest
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.link import load_params
 from gcs_autotune.manoeuvres import StepSettings
+from gcs_autotune.mavlink import load_params
 from gcs_autotune.trial import Channel, Trial, save_trial
 from gcs_autotune.workflow.given_gains import load_gains, step_of
 

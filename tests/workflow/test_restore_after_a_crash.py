@@ -13,7 +13,7 @@ from benchmarks.faults import Berth, Case, Fault, Killed, play
 from benchmarks.faults.case import FLEET
 from gcs_autotune.errors import NotAsFound, OperatorStopped, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.link import Commands, Journal, ParameterLoan, Parameters, Session
+from gcs_autotune.link import Commands, Journal, Parameters, ParameterTransaction, Session
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
 from gcs_autotune.workflow.restore import _Restoring
@@ -40,7 +40,7 @@ def borrow(berth: Berth, path: Path, faults: tuple[Fault, ...] = (), **found: An
         try:
             commands.arm()
             commands.set_mode("GUIDED")
-            ParameterLoan(Parameters(session), journal).set(NEW)
+            ParameterTransaction(Parameters(session), journal).set(NEW)
         finally:
             journal.leave()
 

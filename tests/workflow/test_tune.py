@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import OperatorStopped, UsageError, WrongVehicle
-from gcs_autotune.link import Journal, load_params, read_tlog
+from gcs_autotune.link import Journal
+from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
 
 from .harbour import Answers, Harbour

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from gcs_autotune.link import Journal, load_params
+from gcs_autotune.link import Journal
+from gcs_autotune.mavlink import load_params
 
 from .harbour import Harbour
 

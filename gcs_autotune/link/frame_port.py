@@ -1,0 +1,169 @@
+"""Frames out and in over one transport: packed, signed and logged; received ones only when they are to be believed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from gcs_autotune.clock import Clock
+from gcs_autotune.errors import BadFile
+from gcs_autotune.link.transports.transport import Transport
+from gcs_autotune.mavlink import (
+    LINK_ID,
+    Frame,
+    Framer,
+    Message,
+    Packer,
+    Signer,
+    SigningKey,
+    StampStore,
+    TlogWriter,
+    refusals,
+)
+
+__all__ = ["SIMULATED_EPOCH", "FramePort", "time_base"]
+
+SIMULATED_EPOCH = 1_577_836_800.0
+"""2020-01-01 00:00 UTC [s]. Chosen: simulated records count from here, so equal seeds give equal bytes."""
+_STALE_PARTIAL = 0.5
+"""Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
+_MOST_SENDERS = 16
+"""Chosen: senders whose unfinished frames are kept."""
+_SECRET = ("SETUP_SIGNING",)
+"""Messages that hold a signing key: never logged, whoever sent them."""
+
+
+class FramePort:
+    """The port of a session. ``signer`` is None without a key; ``sent`` counts bytes.
+
+    Parameters
+    ----------
+    tlog : where to log every frame, both directions; None for no log.
+    notes : where things worth telling the operator are added.
+    """
+
+    def __init__(
+        self, transport: Transport, packer: Packer, tlog: Path | None, signing: SigningKey | None, notes: list[str]
+    ) -> None:
+        self._transport = transport
+        self._notes = notes
+        self._framers: dict[str, Framer] = {}
+        self.packer = packer
+        self.signer = self._begin_signing(signing) if signing else None
+        self._tlog = TlogWriter(tlog, time_base(transport)) if tlog else None
+        self._last_bytes = transport.clock.now()
+        self.sent = 0
+
+    def _begin_signing(self, key: SigningKey) -> Signer:
+        store = None if self._transport.is_simulated else StampStore()
+        signer = Signer(key, time_base(self._transport), store)
+        self.packer.sign_with(key.secret, LINK_ID, signer.next_stamp)
+        if store and store.trouble:
+            self._notes.append(store.trouble)
+        return signer
+
+    @property
+    def system(self) -> int:
+        """The system id we send as."""
+        return self.packer.system
+
+    @system.setter
+    def system(self, value: int) -> None:
+        self.packer.system = value
+
+    @property
+    def bad_data(self) -> int:
+        """Stretches of received bytes that were no MAVLink frame."""
+        return sum(framer.bad_data for framer in self._framers.values())
+
+    @property
+    def bad_bytes(self) -> int:
+        """How many bytes those were."""
+        return sum(framer.bad_bytes for framer in self._framers.values())
+
+    @property
+    def refused(self) -> int:
+        """Frames that were not signed with our key, or too long ago; 0 without a key."""
+        return self.signer.refused.total() if self.signer else 0
+
+    @property
+    def refusals(self) -> str:
+        """How many those were and why; empty when there were none."""
+        return refusals(self.signer)
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the connection and its messages, in brackets; empty when nothing is."""
+        said = "; ".join(filter(None, (self._transport.trouble, self.refusals)))
+        return f" ({said})" if said else ""
+
+    def send(self, message: Message) -> None:
+        """Send one message, and log it."""
+        frame = self.packer.pack(message)
+        if message.get_type() not in _SECRET:
+            self._log(frame)
+        self.sent += len(frame)
+        self._transport.write(frame)
+
+    def frames(self, data: bytes) -> Iterator[Frame]:
+        """Yield the believable frames that *data* completes, each logged as it is handed over."""
+        for frame in self._framed(data):
+            if self.signer is not None and not self.signer.believes(frame):
+                continue
+            if frame.name not in _SECRET:
+                self._log(frame.raw)
+            yield frame
+
+    def _framed(self, data: bytes) -> list[Frame]:
+        now = self._transport.clock.now()
+        if data:
+            self._last_bytes = now
+            return self._framer(self._transport.origin).feed(data)
+        if now - self._last_bytes > _STALE_PARTIAL:
+            return [frame for framer in self._framers.values() if framer.pending for frame in framer.flush()]
+        return []
+
+    def _framer(self, origin: str) -> Framer:
+        """Return the framer of what comes from *origin*: half a frame of one sender is not continued by another."""
+        if origin not in self._framers and len(self._framers) >= _MOST_SENDERS:
+            del self._framers[next(iter(self._framers))]
+        return self._framers.setdefault(origin, Framer(origin))
+
+    def flush_log(self) -> None:
+        """Bring the log to the disk."""
+        self._log(b"")
+
+    def _log(self, frame: bytes) -> None:
+        """Log *frame*, or flush when it is empty. A full disk ends the log, never the clean-up of a vehicle."""
+        if self._tlog is None:
+            return
+        try:
+            self._tlog.write(frame) if frame else self._tlog.flush()
+        except BadFile as error:
+            self._notes.append(f"{error}; from here on nothing is logged")
+            with suppress(BadFile):
+                self._tlog.close()
+            self._tlog = None
+
+    def close(self) -> None:
+        """Close the log and the transport."""
+        try:
+            if self._tlog:
+                self._tlog.close()
+        except BadFile as error:
+            self._notes.append(str(error))
+        finally:
+            self._transport.close()
+
+
+def time_base(transport: Transport) -> Callable[[], float]:
+    """Return the clock that a log of *transport* is stamped with [s since 1970]."""
+    if transport.is_simulated:
+        return _simulated(transport.clock)
+    return time.time
+
+
+def _simulated(clock: Clock) -> Callable[[], float]:
+    return lambda: SIMULATED_EPOCH + clock.now()

@@ -1,0 +1,155 @@
+"""Whom we hear, and for how long he has been silent, counted in time that was spent listening.
+
+The sender that was found first is held to; another one under the vehicle's ids is told of, not believed. MAVLink ids
+are claims. What tells senders apart is where their bytes come from (an address and port, on UDP) and their running
+sequence numbers. A vehicle that has restarted, or whose radio has reconnected, may come from another port: when the one
+held to has fallen silent, another is asked for its board's id, and held to when that is the vehicle's.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from gcs_autotune.mavlink import Frame, VehicleIdentity, firmware_version, unique_id
+
+__all__ = ["GONE", "HeldSender", "Liveness"]
+
+_LONGEST_PUMP = 0.5
+"""Chosen: of a longer time from pump to pump [s] this much counts as listened: then it was we who were away (a machine
+that is busy or was suspended), and what has come meanwhile is still to be read."""
+_WORTH_KEEPING = 0.5
+_KEPT = 50
+
+
+class Liveness:
+    """The time listened and the last word heard.
+
+    Attributes
+    ----------
+    listened : seconds of link time spent pumping.
+    last_heard : what ``listened`` was when the vehicle was last heard.
+    """
+
+    def __init__(self, now: float) -> None:
+        self._last_pump = now
+        self.listened = 0.0
+        self.last_heard = 0.0
+        self._word = 0.0
+        self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+
+    @property
+    def silence(self) -> float:
+        """Seconds spent listening since the vehicle was last heard."""
+        return self.listened - self.last_heard
+
+    def count(self, now: float) -> None:
+        """We have just listened, at link time *now* [s]: count the time since we did so last."""
+        self.listened += min(now - self._last_pump, _LONGEST_PUMP)
+        self._last_pump = now
+
+    @property
+    def unheard(self) -> float:
+        """The same, whatever silence is borne."""
+        return self.listened - self._word
+
+    def longest(self, span: float) -> float:
+        """Return the longest silence [s] that ended within the last *span* [s] listened."""
+        return max((silence for end, silence in self._silences if end >= self.listened - span), default=0.0)
+
+    def heard(self) -> None:
+        """The vehicle has just said something."""
+        if self.unheard > _WORTH_KEEPING:
+            self._silences.append((self.listened, self.unheard))
+        self.last_heard = self._word = self.listened
+
+    def bear(self, silence: float) -> None:
+        """Count the silence from *silence* [s] ahead: so long the vehicle may still be quiet."""
+        self.last_heard = self.listened + silence
+
+
+GONE = 3.0
+"""Chosen [s]: three heartbeats; so long a sender must have been silent before another may take its place."""
+_VOICES = 16
+"""Sequences followed at once: every loss begins one."""
+_TURNS = 5
+"""Chosen: a sequence that has gone on so often after another one spoke is not alone."""
+_MOST_STRANGERS = 20
+
+
+class _Voice:
+    """A run of sequence numbers; ``turns`` is how often it has begun to speak."""
+
+    def __init__(self) -> None:
+        self.turns = 0
+
+
+class HeldSender:
+    """The sender held to.
+
+    Attributes
+    ----------
+    origin : where its bytes come from; empty where a link does not tell.
+    notes : things worth telling the operator.
+    """
+
+    def __init__(self, notes: list[str]) -> None:
+        self.origin = ""
+        self._notes = notes
+        self._suspects: dict[str, str] = {}
+        self._strangers: set[str] = set()
+        self._voices: dict[int, _Voice] = {}
+        self._last: _Voice | None = None
+        self._two_told = False
+
+    def is_held(self, frame: Frame) -> bool:
+        """Whether *frame*, under the vehicle's ids, comes from the sender held to."""
+        return frame.origin == self.origin
+
+    def hear(self, frame: Frame) -> None:
+        """Follow the sequence numbers of the sender held to; tell, once, of two that interleave, and of strangers."""
+        if self._suspects:
+            self._tell_of_strangers()
+        sequence = frame.raw[4] if frame.raw[0] == 0xFD else frame.raw[2]
+        voice = self._voices.pop(sequence, None) or _Voice()
+        if voice is not self._last:
+            voice.turns += 1
+        self._last = self._voices[(sequence + 1) % 256] = voice
+        if len(self._voices) > _VOICES:
+            del self._voices[next(iter(self._voices))]
+        if voice.turns > _TURNS and not self._two_told:
+            self._two_told = True
+            self._notes.append(
+                "two senders speak under the vehicle's system id on this connection (their sequence numbers "
+                "interleave): another program that says it is the vehicle, or a router that joins two links to it. "
+                "Use a signed link if you do not know the other"
+            )
+
+    def note_stranger(self, frame: Frame) -> None:
+        """Note somebody else who says that he is the vehicle; he is told of, once, when that is heard after him."""
+        if frame.origin not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+            self._suspects[frame.origin] = f"system {frame.system}, component {frame.component}"
+
+    def _tell_of_strangers(self) -> None:
+        for origin, ids in self._suspects.items():
+            self._strangers.add(origin)
+            self._notes.append(
+                f"somebody else, at {origin}, says that he is the vehicle ({ids}), which is at {self.origin}: he is "
+                "not believed. Give one of the two another system id, or use a signed link"
+            )
+        self._suspects.clear()
+
+    def may_be(self, frame: Frame, known: VehicleIdentity) -> bool:
+        """Whether *frame* is a stranger's AUTOPILOT_VERSION that shows him to be the *known* vehicle come back."""
+        if frame.name != "AUTOPILOT_VERSION":
+            return False
+        if known.uid:
+            return unique_id(frame.message) == known.uid
+        return not unique_id(frame.message) and firmware_version(frame.message) == known.version
+
+    def hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
+        """From now on hold to the sender at *origin*; the *known* vehicle has moved there."""
+        if known is not None:
+            how = "its board's id is the same" if known.uid else "its board tells no id, its firmware is the same"
+            self._notes.append(f"the vehicle now sends from {origin}, not {self.origin} (restarted?): {how}")
+        self.origin = origin
+        self._suspects.pop(origin, None)

@@ -1,0 +1,305 @@
+"""The vehicle's parameters: read by name, written and read back, watched for others' hands.
+
+ArduPilot packs every value as a float (C cast), says nothing about unknown names, echoes what it stored and
+saves at once. So: ask by name, repeat, compare the echo, read back, and treat a difference as a refusal. What is read
+to be reckoned with is checked (``firmware.values``); what is only compared or put back is taken ``as_is``.
+
+What is to be put back later must have been there, so it is read until confirmed. A stale duplicate, or a value forged
+under the vehicle's id, comes beside the right answers, not instead of them: a value counts when it was heard twice, and
+more often than any other, since we began to ask.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted, TelemetryFault
+from gcs_autotune.firmware import checked, checked_all
+from gcs_autotune.foreign_text import quoted
+from gcs_autotune.link.parameters.exchange import (
+    REPLY,
+    Intrusion,
+    ParamExchange,
+    ParamWatch,
+    as_float32,
+    encoded,
+    read_list,
+    same_float32,
+)
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message
+
+__all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
+
+_ROUNDS = 8
+"""Chosen: askings before contradicting answers are given up on."""
+_ENOUGH = 2
+
+
+def read_confirmed(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
+    """Return the values of *names*, each confirmed by a second answer and not outvoted by other answers.
+
+    Raises
+    ------
+    ParameterMissing, NoReply
+        As ``Parameters.read_all``.
+    TelemetryFault
+        The answers go on contradicting each other.
+    """
+    wanted = list(dict.fromkeys(names))
+    votes: dict[str, Counter[float]] = {name: Counter() for name in wanted}
+
+    def count(message: Message) -> None:
+        name, value = str(message.param_id), float(message.param_value)
+        if name in votes:
+            votes[name][math.nan if math.isnan(value) else value] += 1  # one object, so that it is one key
+
+    stop = parameters.session.listen("PARAM_VALUE", count)
+    try:
+        for _ in range(_ROUNDS):
+            pending = [name for name in wanted if _winner(votes[name]) is None]
+            if not pending:
+                break
+            parameters.read_all(pending, as_is=True)
+    finally:
+        stop()
+    return {name: _decided(name, votes[name]) for name in wanted}
+
+
+def _decided(name: str, votes: Mapping[float, int]) -> float:
+    value = _winner(votes)
+    if value is None:
+        heard = ", ".join(f"{v:g}" for v in sorted(votes))
+        raise TelemetryFault(
+            f"{name} is answered with contradicting values ({heard}): somebody else answers under the vehicle's system "
+            "id, or the link repeats old messages. Nothing is written; disconnect the other one, or use a signed link"
+        )
+    return value
+
+
+def _winner(votes: Mapping[float, int]) -> float | None:
+    """Return the value heard at least twice and more often than any other; None while there is none."""
+    ranked = sorted(votes.items(), key=lambda item: -item[1])
+    if not ranked or ranked[0][1] < _ENOUGH or (len(ranked) > 1 and ranked[1][1] == ranked[0][1]):
+        return None
+    return ranked[0][0]
+
+
+_TRIES = 3
+
+
+class Parameters:
+    """The parameters of a session's vehicle.
+
+    Attributes
+    ----------
+    session : the session they are read and written through.
+    known : last value heard of every name; ``types`` : as what type (MAV_PARAM_TYPE).
+    intrusions : watched parameters that somebody else changed.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self._exchange = ParamExchange(session)
+        self._watch = ParamWatch(session, self._exchange)
+        self.known: dict[str, float] = self._exchange.known
+        self.types: dict[str, int] = self._exchange.types
+        self.intrusions: list[Intrusion] = self._watch.intrusions
+
+    # --- reading ------------------------------------------------------------------------------------------
+
+    def read(self, name: str) -> float:
+        """Return the value of one parameter.
+
+        Raises
+        ------
+        ParameterMissing
+            The vehicle answers nothing under that name.
+        """
+        return self.read_all([name])[name]
+
+    def read_all(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
+        """Return the values of several parameters, asked for without waiting for each.
+
+        Raises
+        ------
+        ParameterMissing
+            When one or more of them do not exist; the message names all of those.
+        NoReply
+            The vehicle no longer answers such questions at all, not even for a name that it has.
+        PreconditionFailed
+            One has a value that no vehicle can mean, and is not wanted *as_is*.
+        """
+        wanted = list(dict.fromkeys(names))
+        found = self.read_existing(wanted, as_is=as_is)
+        missing = [name for name in wanted if name not in found]
+        if missing:
+            self._check_answers(missing)
+            raise ParameterMissing(
+                f"{self.session.vehicle} has no parameter {', '.join(missing)}; "
+                "its firmware is older, newer or built without that feature",
+                name=missing[0],
+            )
+        return found
+
+    def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
+        """Return the values of those of *names* that the vehicle has.
+
+        Three tries of a second each; six when some answers come only after a second try, since the link loses messages.
+
+        Raises
+        ------
+        PreconditionFailed
+            One has a value that no vehicle can mean, and is not wanted *as_is*.
+        """
+        wanted, heard = list(dict.fromkeys(names)), self._exchange
+        for name in wanted:
+            encoded(name)
+        heard.forget(wanted)
+        tries = _TRIES
+        for k in range(2 * _TRIES):
+            pending = [name for name in wanted if not heard.settled(name)]
+            if not pending or k == tries:
+                break
+            heard.ask(pending)
+            if k > 0 and any(name in heard.fresh for name in pending):
+                tries = 2 * _TRIES
+        found = {name: heard.fresh[name] for name in wanted if name in heard.fresh}
+        return found if as_is else checked_all(found)
+
+    def read_confirmed(self, names: Iterable[str]) -> dict[str, float]:
+        """Return the values of *names*, each confirmed by a second answer (:mod:`gcs_autotune.link.surely`).
+
+        Raises
+        ------
+        ParameterMissing, NoReply
+            As :meth:`read_all`.
+        TelemetryFault
+            The answers go on contradicting each other.
+        """
+        return read_confirmed(self, names)
+
+    def _check_answers(self, missing: Collection[str]) -> None:
+        """Tell a vehicle that has no such parameter from one that has stopped answering."""
+        known = next((name for name in self.known if name not in missing), None)
+        if known is not None and not self.read_existing([known], as_is=True):
+            raise NoReply(
+                f"{self.session.vehicle} is heard, but no longer answers when asked for parameters "
+                f"({', '.join(missing)}); is it restarting, or the link too slow?"
+            )
+
+    def read_first(self, names: Iterable[str]) -> tuple[str, float]:
+        """Return the first of several alternative names that exists, with its value.
+
+        Raises
+        ------
+        ParameterMissing
+            When none does.
+        PreconditionFailed
+            It has a value that no vehicle can mean.
+        """
+        wanted, heard = list(names), self._exchange
+        heard.forget(wanted)
+        for _ in range(_TRIES):
+            for name in wanted:
+                heard.request(name)
+            self.session.wait_for(lambda: heard.first(wanted), REPLY)
+            found = heard.first(wanted)
+            if found:
+                return found, checked(found, heard.fresh[found])
+        raise ParameterMissing(f"{self.session.vehicle} has none of {', '.join(wanted)}", name=wanted[0])
+
+    def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
+        """Return, of each group of alternative names, the one that exists (the first, if several) with its value.
+
+        A group is not asked for again once one of its names has answered, so names this vehicle does not have cost no
+        waiting. Groups of which nothing exists are missing in the answer; ``PreconditionFailed`` for a value that no
+        vehicle can mean.
+        """
+        wanted, heard = [list(dict.fromkeys(group)) for group in groups], self._exchange
+        heard.forget(name for group in wanted for name in group)
+        for _ in range(_TRIES):
+            heard.ask_any([group for group in wanted if not heard.any_settled(group)])
+        found = (heard.first(group) for group in wanted)
+        return checked_all({name: heard.fresh[name] for name in found if name is not None})
+
+    def read_full(self, timeout: float = 120.0) -> dict[str, float]:
+        """Return every parameter: the whole list, then what was lost of it by index.
+
+        Raises
+        ------
+        NoReply
+            The list did not come, or stayed incomplete.
+        """
+        return read_list(self.session, self._exchange, timeout)
+
+    # --- writing ------------------------------------------------------------------------------------------
+
+    def write(self, name: str, value: float) -> None:
+        """Set one parameter, read it back and make sure that it is set.
+
+        Raises
+        ------
+        ParameterNotAccepted
+            The vehicle holds something else afterwards.
+        ParameterMissing
+            The vehicle answers nothing under that name.
+        UsageError
+            The value is not a finite number a 32-bit float can hold.
+        """
+        wanted = as_float32(name, value)
+        with self._watch.writing(name):
+            for _ in range(_TRIES):
+                is_echoed = self._set(name, wanted)
+                found = self.read_confirmed([name])[name]
+                if same_float32(found, wanted):
+                    break
+                if not is_echoed:
+                    raise self._not_accepted(name, wanted, found)
+            else:
+                raise self._not_accepted(name, wanted, found)
+        self._watch.wrote(name, found)
+
+    def _not_accepted(self, name: str, wanted: float, found: float) -> ParameterNotAccepted:
+        return ParameterNotAccepted(
+            f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}; "
+            "it may be read-only, whole-numbered, or held by another ground station",
+            name=name,
+            wanted=wanted,
+            found=found,
+        )
+
+    def _set(self, name: str, value: float) -> bool:
+        """Send PARAM_SET until its echo carries *value*; return whether it did."""
+        heard = self._exchange
+        for _ in range(_TRIES):
+            heard.set(name, value)
+            self.session.wait_for(
+                lambda: True if name in heard.refused or self._is_echoed(name, value) else None, REPLY
+            )
+            if self._is_echoed(name, value):
+                return True
+            if name in heard.refused:
+                return False
+        return False
+
+    def _is_echoed(self, name: str, value: float) -> bool:
+        fresh = self._exchange.fresh
+        return name in fresh and same_float32(fresh[name], value)
+
+    def _why(self, name: str) -> str:
+        since = self.session.clock.now() - 2.0 * _TRIES * REPLY
+        texts = [t for t in self.session.texts.recent(since, at_most=20) if name in t]
+        return f" (it says: {quoted(texts[-1:])})" if texts else ""
+
+    # --- watching -----------------------------------------------------------------------------------------
+
+    def watch(self, values: Mapping[str, float]) -> None:
+        """From now on, note in :attr:`intrusions` when one of these changes without us."""
+        self._watch.add(values)
+
+    def unwatch(self, names: Collection[str]) -> None:
+        """Stop watching these."""
+        self._watch.drop(names)

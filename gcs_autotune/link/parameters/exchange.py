@@ -1,0 +1,275 @@
+"""Questions about parameters, and the answers heard to them: PARAM_REQUEST_READ, PARAM_VALUE, PARAM_ERROR.
+
+One by one, or the whole list, then what was lost of it by index; and what is heard unasked: that somebody else wrote a
+parameter that we rely on.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.errors import NoReply, UsageError
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = [
+    "IN_FLIGHT",
+    "REPLY",
+    "Intrusion",
+    "ParamExchange",
+    "ParamWatch",
+    "as_float32",
+    "encoded",
+    "read_list",
+    "same_float32",
+]
+
+_NAME = 16
+
+
+def same_float32(a: float, b: float) -> bool:
+    """Whether two numbers are the same 32-bit float, give or take its last bits."""
+    if a == b or (math.isnan(a) and math.isnan(b)):
+        return True
+    return math.isfinite(a) and math.isfinite(b) and abs(a - b) <= 4.0 * 2.0**-24 * max(abs(a), abs(b))
+
+
+def encoded(name: str) -> bytes:
+    """Return *name* as it goes on the wire.
+
+    Raises
+    ------
+    UsageError
+        No parameter can be called that.
+    """
+    if not (0 < len(name) <= _NAME and name.isascii()):
+        raise UsageError(f"'{name}' is no parameter name: 1 to {_NAME} plain letters")
+    return name.encode("ascii")
+
+
+def as_float32(name: str, value: float) -> float:
+    """Return *value* as the parameter called *name* would hold it.
+
+    Raises
+    ------
+    UsageError
+        It is not a finite number a 32-bit float can hold.
+    """
+    try:
+        wanted = float(struct.unpack("<f", struct.pack("<f", value))[0])
+    except OverflowError:
+        wanted = float("inf")
+    if wanted - wanted != 0.0:
+        raise UsageError(f"{name} = {value} cannot be written: it is not a finite 32-bit number")
+    return wanted
+
+
+REPLY = 1.0
+"""Chosen: seconds to wait for one answer."""
+IN_FLIGHT = 10
+"""Chosen: requests outstanding at once; a slow radio's buffer holds about that many."""
+_NO_INDEX = 65535
+
+
+class ParamExchange:
+    """One session's questions and answers.
+
+    Attributes
+    ----------
+    known : last value heard of every name; ``types`` : as what type (MAV_PARAM_TYPE).
+    fresh : what was answered since it was last forgotten, by name; ``refused`` : what the vehicle says it has not.
+    indices : place in the vehicle's list -> name; ``count`` : how long that list is, 0 when it has not been told.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self.known: dict[str, float] = {}
+        self.types: dict[str, int] = {}
+        self.fresh: dict[str, float] = {}
+        self.refused: set[str] = set()
+        self.indices: dict[int, str] = {}
+        self.count = 0
+        session.listen("PARAM_VALUE", self._on_value)
+        session.listen("PARAM_ERROR", self._on_error)
+
+    def _on_value(self, message: Message) -> None:
+        name = str(message.param_id)
+        self.known[name] = self.fresh[name] = float(message.param_value)
+        self.types[name] = int(message.param_type)
+        if message.param_index != _NO_INDEX and message.param_index < message.param_count:
+            self.indices[int(message.param_index)] = name
+            self.count = int(message.param_count)
+
+    def _on_error(self, message: Message) -> None:
+        self.refused.add(str(message.param_id))
+
+    def forget(self, names: Iterable[str]) -> None:
+        """From now on only what is heard anew of *names* counts."""
+        for name in names:
+            self.fresh.pop(name, None)
+            self.refused.discard(name)
+
+    def settled(self, name: str) -> bool:
+        """Whether *name* has been answered, with a value or a refusal."""
+        return name in self.fresh or name in self.refused
+
+    def any_settled(self, group: Sequence[str]) -> bool:
+        """Whether one of alternative names has a value, or all of them were refused."""
+        return any(n in self.fresh for n in group) or all(n in self.refused for n in group)
+
+    def first(self, names: Iterable[str]) -> str | None:
+        """Return the first of *names* that has a value."""
+        return next((name for name in names if name in self.fresh), None)
+
+    def ask(self, names: Sequence[str]) -> None:
+        """Ask for *names*, a few at a time, and give each group a second after its last answer."""
+        for start in range(0, len(names), IN_FLIGHT):
+            group = names[start : start + IN_FLIGHT]
+            for name in group:
+                self.request(name)
+            self._session.wait_for(partial(self._all_settled, group), REPLY)
+
+    def ask_any(self, groups: Sequence[Sequence[str]]) -> None:
+        """Ask for one name of each of *groups* of alternative ones, likewise."""
+        for start in range(0, len(groups), IN_FLIGHT // 2):
+            batch = groups[start : start + IN_FLIGHT // 2]
+            for name in (name for group in batch for name in group):
+                self.request(name)
+            self._session.wait_for(partial(self._each_settled, batch), REPLY)
+
+    def _all_settled(self, names: Collection[str]) -> bool | None:
+        return True if all(self.settled(name) for name in names) else None
+
+    def _each_settled(self, groups: Sequence[Sequence[str]]) -> bool | None:
+        return True if all(self.any_settled(group) for group in groups) else None
+
+    def request(self, name: str) -> None:
+        """Ask for one parameter; do not wait."""
+        self._request(encoded(name), -1)
+
+    def request_index(self, index: int) -> None:
+        """Ask for the parameter in one place of the list; do not wait."""
+        self._request(b"", index)
+
+    def request_list(self) -> None:
+        """Ask for all of them; do not wait."""
+        self._session.send(mavlink.MAVLink_param_request_list_message(*self._vehicle()))
+
+    def set(self, name: str, value: float) -> None:
+        """Send PARAM_SET, and forget what was answered about *name* before; do not wait."""
+        vehicle = self._vehicle()
+        self.forget([name])
+        self._session.send(
+            mavlink.MAVLink_param_set_message(*vehicle, encoded(name), value, mavlink.MAV_PARAM_TYPE_REAL32)
+        )
+
+    def _request(self, name: bytes, index: int) -> None:
+        self._session.send(mavlink.MAVLink_param_request_read_message(*self._vehicle(), name, index))
+
+    def _vehicle(self) -> tuple[int, int]:
+        vehicle = self._session.vehicle
+        if vehicle is None:
+            raise NoReply("parameters were asked for before a vehicle was found; discover one first")
+        return vehicle.system, vehicle.component
+
+
+_QUIET = 1.5
+"""Chosen: seconds without anything new after which what is missing is asked for."""
+
+
+def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:
+    """Return every parameter, by name; errors as those of ``Parameters.read_full``."""
+    exchange.fresh, exchange.indices, exchange.count = {}, {}, 0
+    deadline = Deadline.after(session.clock, timeout)
+    exchange.request_list()
+    while not deadline.expired and not _is_whole(exchange):
+        heard = len(exchange.indices)
+        session.wait_for(partial(_progress, exchange, heard), _QUIET)
+        if len(exchange.indices) == heard:
+            _fill_gaps(exchange)
+    if not _is_whole(exchange):
+        raise NoReply(
+            f"the parameter list of {session.vehicle} stayed incomplete "
+            f"({len(exchange.indices)} of {exchange.count or 'unknown'}) after {timeout:g} s; try a faster link"
+        )
+    return {name: exchange.fresh[name] for name in sorted(exchange.fresh)}
+
+
+def _is_whole(exchange: ParamExchange) -> bool:
+    return exchange.count > 0 and len(exchange.indices) >= exchange.count
+
+
+def _progress(exchange: ParamExchange, seen: int) -> bool | None:
+    return True if len(exchange.indices) != seen else None
+
+
+def _fill_gaps(exchange: ParamExchange) -> None:
+    if not exchange.count:
+        exchange.request_list()
+        return
+    gaps = [i for i in range(exchange.count) if i not in exchange.indices]
+    for index in gaps[:IN_FLIGHT]:
+        exchange.request_index(index)
+
+
+Intrusion = tuple[str, float, float]
+"""(name, the value we left there, the value somebody else wrote)."""
+
+
+class ParamWatch:
+    """``intrusions`` : watched parameters that somebody else changed."""
+
+    def __init__(self, session: Session, exchange: ParamExchange) -> None:
+        self._exchange = exchange
+        self._watched: dict[str, float] = {}
+        self._suspected: dict[str, float] = {}
+        self._busy: set[str] = set()
+        self.intrusions: list[Intrusion] = []
+        session.listen("PARAM_VALUE", self._on_value)
+
+    def add(self, values: Mapping[str, float]) -> None:
+        """From now on these are to stay what they are said to be."""
+        self._watched.update(values)
+
+    def drop(self, names: Collection[str]) -> None:
+        """These are watched no more."""
+        for name in names:
+            self._watched.pop(name, None)
+            self._suspected.pop(name, None)
+
+    @contextmanager
+    def writing(self, name: str) -> Iterator[None]:
+        """While inside, *name* is being written by us."""
+        self._busy.add(name)
+        try:
+            yield
+        finally:
+            self._busy.discard(name)
+
+    def wrote(self, name: str, value: float) -> None:
+        """We have written *name*: if it is watched, this is what it is to stay."""
+        if name in self._watched:
+            self._watched[name] = value
+
+    def _on_value(self, message: Message) -> None:
+        name = str(message.param_id)
+        if name in self._watched and name not in self._busy:
+            self._judge(name, float(message.param_value))
+
+    def _judge(self, name: str, value: float) -> None:
+        """A late echo of our own looks like an intrusion; only one that is confirmed by asking counts."""
+        expected = self._watched[name]
+        if same_float32(value, expected):
+            self._suspected.pop(name, None)
+        elif name in self._suspected and same_float32(value, self._suspected[name]):
+            self.intrusions.append((name, expected, value))
+            self._watched[name] = value
+            del self._suspected[name]
+        else:
+            self._suspected[name] = value
+            self._exchange.request(name)

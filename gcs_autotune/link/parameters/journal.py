@@ -1,0 +1,328 @@
+"""What was borrowed from the vehicle, on disk before the first write, so that a power cut loses nothing.
+
+JSON lines, each forced to the disk before the next step. Events in order: ``opened`` (vehicle, link, mode,
+armed, fingerprint), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value), then ``kept``
+(values) or ``returned`` (name, value), and ``closed``; ``resumed`` where a restore goes on with it. Whoever writes
+holds a lock on the file, which the system lets go of when the program dies in whatever way. Reading one back, torn
+tails are expected.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from gcs_autotune.errors import BadFile, PreconditionFailed
+from gcs_autotune.mavlink import VehicleIdentity
+
+__all__ = ["Journal", "JournalState", "good_length", "read_journal"]
+
+
+@dataclass(frozen=True, slots=True)
+class JournalState:
+    """What a journal says.
+
+    ``vehicle``, ``link``, ``mode``, ``armed``, ``fingerprint`` : how things were found. ``debts`` : name -> old value
+    of what was written and neither returned nor kept; ``written`` : name -> the values we wrote there. ``opened`` is
+    False when not even the first line reached the disk: then nothing was touched.
+    """
+
+    vehicle: Mapping[str, Any] = field(default_factory=dict)
+    link: str = ""
+    mode: str = ""
+    armed: bool | None = None
+    fingerprint: Mapping[str, float] = field(default_factory=dict)
+    debts: Mapping[str, float] = field(default_factory=dict)
+    written: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    closed: bool = False
+    opened: bool = False
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether there is nothing left to put back."""
+        return not self.opened or (self.closed and not self.debts)
+
+
+def read_journal(path: Path) -> JournalState:
+    """Return what the journal at *path* says; damage at its end, as a power cut leaves it, is ignored.
+
+    Raises
+    ------
+    BadFile
+        When it cannot be read, or is damaged before its end.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadFile(f"the journal {path} cannot be read: {error.strerror}") from error
+    lines = data.split(b"\n")
+    events = [_event(line) for line in lines]
+    last = max((i for i, event in enumerate(events) if event is not None), default=-1)
+    for number, (line, event) in enumerate(zip(lines[: last + 1], events, strict=False), start=1):
+        if event is None and line.strip():
+            raise BadFile(
+                f"the journal {path}, line {number}, is damaged; put the old values back with `gcs-autotune params "
+                "restore` and the parameters_before.param beside it"
+            )
+    return _replay(path, [event for event in events if event is not None])
+
+
+def good_length(data: bytes) -> int:
+    """Return how many bytes of a journal are whole lines, the last one perhaps without its end."""
+    good = position = 0
+    for line in data.split(b"\n"):
+        position += len(line)
+        if _event(line) is not None:
+            good = min(position + 1, len(data))
+        position += 1
+    return good
+
+
+def _event(line: bytes) -> dict[str, Any] | None:
+    """Return the event of a line; None when it is damaged or empty."""
+    try:
+        event = json.loads(line.decode("utf-8"))
+    except (ValueError, RecursionError):
+        return None
+    return event if isinstance(event, dict) and isinstance(event.get("event"), str) else None
+
+
+def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
+    head: dict[str, Any] = {}
+    lent: dict[str, float] = {}
+    debts: dict[str, float] = {}
+    written: dict[str, tuple[float, ...]] = {}
+    closed = opened = False
+    try:
+        for event in events:
+            closed = event["event"] == "closed"
+            match event["event"]:
+                case "opened":
+                    head, opened = head or event, True
+                case "lent":
+                    lent[str(event["name"])] = float(event["value"])
+                case "writing":
+                    name = str(event["name"])
+                    debts.setdefault(name, lent[name])
+                    written[name] = (*written.get(name, ()), float(event["value"]))
+                case "returned":
+                    debts.pop(event["name"], None)
+                    written.pop(event["name"], None)
+                case "kept":
+                    for name in event["values"]:
+                        debts.pop(name, None)
+                        written.pop(name, None)
+        found = JournalState(
+            dict(head.get("vehicle", {})),
+            str(head.get("link", "")),
+            str(head.get("mode", "")),
+            head.get("armed"),
+            {str(n): float(v) for n, v in head.get("fingerprint", {}).items()},
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise BadFile(f"the journal {path} holds an event that makes no sense: {error!r}") from error
+    return replace(found, debts=debts, written=written, closed=closed, opened=opened)
+
+
+try:
+    import fcntl
+except ImportError:  # pragma: no cover - Windows has neither locks of this kind nor folders to force
+    fcntl = None  # type: ignore[assignment]
+
+
+SCHEMA = 1
+_ANCESTORS = 3
+"""Folders whose entries are forced to the disk: the run's, and those that may have been made for it."""
+
+
+def _wall_stamp() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+class Journal:
+    """Writes a journal.
+
+    Parameters
+    ----------
+    path : the file; created, or appended to.
+    vehicle, link, mode, armed : how things were found, for whoever restores later.
+    fingerprint : parameters to know the vehicle again by, when it has no unique id.
+    stamp : the time to write beside each event.
+
+    Raises
+    ------
+    PreconditionFailed
+        When the file cannot be written, or another program is writing it; then no parameter may be changed.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        vehicle: VehicleIdentity | None = None,
+        link: str = "",
+        mode: str = "",
+        armed: bool | None = None,
+        fingerprint: Mapping[str, float] | None = None,
+        stamp: Callable[[], str] = _wall_stamp,
+    ) -> None:
+        self._open(path, stamp)
+        try:
+            self.record(
+                "opened",
+                schema=SCHEMA,
+                vehicle=vehicle.to_dict() if vehicle else {},
+                link=link,
+                mode=mode,
+                armed=armed,
+                fingerprint=dict(fingerprint or {}),
+            )
+            _sync_folders(path)
+        except BaseException:
+            self.leave()
+            raise
+
+    @classmethod
+    def resume(cls, path: Path, stamp: Callable[[], str] = _wall_stamp) -> Self:
+        """Go on with the journal of a run that was cut off; a last line cut short is taken away.
+
+        Raises
+        ------
+        PreconditionFailed
+            The run is still going on in another program, or the file cannot be written.
+        BadFile
+            It is damaged before its end.
+        """
+        read_journal(path)
+        journal = cls.__new__(cls)
+        journal._open(path, stamp)
+        try:
+            journal._mend()
+            journal.record("resumed")
+        except BaseException:
+            journal.leave()
+            raise
+        return journal
+
+    def _open(self, path: Path, stamp: Callable[[], str]) -> None:
+        self._path = path
+        self._stamp = stamp
+        try:
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        if fcntl is None:
+            return
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self.leave()
+            if error.errno in (errno.EACCES, errno.EAGAIN):
+                raise PreconditionFailed(
+                    f"the journal {path} is being written by another program: the run it belongs to is still going on. "
+                    "Stop that one first (Ctrl-C puts the vehicle back by itself)"
+                ) from error
+            raise self._unwritable(error) from error
+
+    def _mend(self) -> None:
+        """Take away what a power cut left of a last line; end a whole one that lacks only its end."""
+        try:
+            data = self._path.read_bytes()
+            length = good_length(data)
+            if length < len(data):
+                os.ftruncate(self._descriptor, length)
+            if length and data[length - 1 : length] != b"\n":
+                os.write(self._descriptor, b"\n")
+            _sync(self._descriptor)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self._path
+
+    def record(self, event: str, **details: Any) -> None:
+        """Append one event and force it to the disk; either the whole line is there, or none of it.
+
+        Raises
+        ------
+        PreconditionFailed
+            When it cannot be written (a full disk, say).
+        """
+        line = json.dumps({"event": event, "time": self._stamp(), **details}) + "\n"
+        data = line.encode()
+        try:
+            end = os.fstat(self._descriptor).st_size
+            try:
+                if os.write(self._descriptor, data) != len(data):
+                    raise OSError(errno.ENOSPC, "the line was cut short; the disk is full")
+                _sync(self._descriptor)
+            except OSError:
+                with suppress(OSError):
+                    os.ftruncate(self._descriptor, end)
+                raise
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def close(self) -> None:
+        """Record that we are done, and close the file."""
+        try:
+            self.record("closed")
+        finally:
+            self.leave()
+
+    def leave(self) -> None:
+        """Close the file as it is: what is still owed is for ``gcs-autotune restore``. Leaving twice does nothing."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+    def _unwritable(self, error: OSError) -> PreconditionFailed:
+        return PreconditionFailed(
+            f"the journal {self._path} cannot be written ({error.strerror or error}), so no parameter may be "
+            "changed: free some disk space or choose another folder"
+        )
+
+    @staticmethod
+    def open_debts(path: Path) -> dict[str, float]:
+        """Return name -> old value of everything written and neither returned nor kept."""
+        return dict(read_journal(path).debts)
+
+    @staticmethod
+    def read(path: Path) -> JournalState:
+        """Return what the journal at *path* says; what a power cut left of its last line is ignored.
+
+        Raises
+        ------
+        BadFile
+            When it cannot be read, or is damaged before its end.
+        """
+        return read_journal(path)
+
+
+def _sync(descriptor: int) -> None:
+    os.fsync(descriptor)
+    full = getattr(fcntl, "F_FULLFSYNC", None)
+    if full is not None:  # pragma: no cover - macOS: only this reaches the platter
+        fcntl.fcntl(descriptor, full)
+
+
+def _sync_folders(path: Path) -> None:
+    """Make the new file's name, and its folders' names, survive a power cut too, where the system can."""
+    if os.name != "posix":
+        return
+    for folder in list(path.absolute().parents)[:_ANCESTORS]:
+        with suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)

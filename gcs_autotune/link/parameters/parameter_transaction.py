@@ -1,0 +1,197 @@
+"""Parameters changed for a while: the old values are on disk first, and go back in reverse order unless kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import TracebackType
+from typing import Self
+
+from gcs_autotune.errors import AutotuneError, LinkLost, NoReply, NotAsFound, ParameterNotAccepted, PreconditionFailed
+from gcs_autotune.firmware import checked_all
+from gcs_autotune.link.parameters.client import Parameters, same_float32
+from gcs_autotune.link.parameters.journal import Journal
+
+__all__ = ["ParameterTransaction"]
+
+_PATIENCE = 30.0
+"""Chosen: seconds that giving back waits for a vehicle that has fallen silent; a boat behind a pier comes out again."""
+_ROUNDS = 3
+"""Chosen: a write of ours that was long under way may land after the old value was put back, so look and repeat."""
+
+
+class _Changed(AutotuneError):
+    """It was put back, and then changed again: a write that was long under way, or other hands."""
+
+
+class ParameterTransaction:
+    """Parameters in our hands for a while.
+
+    As a context manager it gives everything back on leaving, unless :meth:`keep` was called.
+
+    Attributes
+    ----------
+    old : name -> the value as found, of everything lent.
+    written : names written and not yet kept or given back, in order.
+    """
+
+    def __init__(self, parameters: Parameters, journal: Journal) -> None:
+        self._session = parameters.session
+        self._parameters = parameters
+        self._journal = journal
+        self.old: dict[str, float] = {}
+        self.written: list[str] = []
+        self._left: dict[str, float] = {}
+
+    def lend(self, names: Iterable[str]) -> dict[str, float]:
+        """Read and journal the values of *names* as found; return them.
+
+        Raises
+        ------
+        ParameterMissing, TelemetryFault
+            One of them does not exist, or is answered with contradicting values; then none is lent.
+        PreconditionFailed
+            One holds what could not be put back (not a number), or the journal cannot be written.
+        """
+        wanted = list(dict.fromkeys(names))
+        new = checked_all(self._parameters.read_confirmed([name for name in wanted if name not in self.old]))
+        for name, value in new.items():
+            self._journal.record("lent", name=name, value=value)
+            self.old[name] = value
+        self._parameters.watch(new)
+        return {name: self.old[name] for name in wanted}
+
+    def set(self, values: Mapping[str, float]) -> None:
+        """Write all of *values*, or, on any failure, put everything back as found and raise.
+
+        Raises
+        ------
+        ParameterNotAccepted, ParameterMissing, LinkError, OperatorStopped
+            What went wrong; everything is as found.
+        NotAsFound
+            What went wrong, and not everything could be put back.
+        """
+        self.lend(values)
+        try:
+            for name, value in values.items():
+                self._write(name, value)
+        except (AutotuneError, KeyboardInterrupt) as error:
+            self._give_back_after(error)
+            raise
+
+    def _write(self, name: str, value: float) -> None:
+        self._journal.record("writing", name=name, value=value)
+        if name in self.written:
+            self.written.remove(name)
+        self.written.append(name)
+        self._parameters.write(name, value)
+        self._left[name] = value
+        self._journal.record("written", name=name, value=value)
+
+    def _give_back_after(self, error: BaseException) -> None:
+        try:
+            self.give_back()
+        except NotAsFound as failure:
+            raise NotAsFound(f"{error}; and {failure}", differences=failure.differences) from error
+
+    def keep(self) -> dict[str, float]:
+        """Leave the new values in the vehicle for good, after reading them once more; return them.
+
+        Raises
+        ------
+        ParameterNotAccepted
+            It no longer holds what was written; nothing is kept.
+        """
+        kept = self._parameters.read_confirmed(self.written)
+        for name, value in kept.items():
+            left = self._left[name]
+            if not same_float32(value, left):
+                raise ParameterNotAccepted(
+                    f"{name} is {value:g}, but was proved with {left:g}: somebody else has changed it meanwhile",
+                    name=name,
+                    wanted=left,
+                    found=value,
+                )
+        self._journal.record("kept", values=kept)
+        self._release()
+        return kept
+
+    def give_back(self) -> None:
+        """Put every written parameter back as found, last first, and read them all again. The operator has to wait.
+
+        A vehicle that has fallen silent is waited for once.
+
+        Raises
+        ------
+        NotAsFound
+            When some could not be put back; ``differences`` says which and why. The others are back.
+        """
+        with self._session.operator.shielded():
+            failures = self._put_back()
+            if any(isinstance(error, LinkLost) for error in failures.values()) and self._session.outlast(_PATIENCE):
+                failures = self._put_back()
+        for name in self.written:
+            if name not in failures:
+                self._note_return(name)
+        self.written = [name for name in self.written if name in failures]
+        if failures:
+            names = ", ".join(f"{name} (was {self.old[name]:g})" for name in failures)
+            raise NotAsFound(
+                f"could not put back {names}; the old values are in {self._journal.path}: "
+                "run `gcs-autotune restore` with it when the vehicle answers again",
+                differences={n: f"should be {self.old[n]:g}: {error}" for n, error in failures.items()},
+            )
+        self._release()
+
+    def _put_back(self) -> dict[str, AutotuneError]:
+        """Write what differs and look again, until nothing differs; return what could not be done."""
+        failures: dict[str, AutotuneError] = {}
+        owed = list(reversed(self.written))
+        for _ in range(_ROUNDS):
+            for name in owed:
+                failures.pop(name, None)
+                try:
+                    self._parameters.write(name, self.old[name])
+                except AutotuneError as error:
+                    failures[name] = error
+            if any(isinstance(error, LinkLost) for error in failures.values()):
+                break
+            failures |= self._looked_at([name for name in self.written if name not in failures])
+            owed = [name for name, error in failures.items() if isinstance(error, (NoReply, _Changed))]
+            if not owed:
+                break
+        return failures
+
+    def _looked_at(self, names: list[str]) -> dict[str, AutotuneError]:
+        """Read *names* once more and return what does not hold the old value."""
+        try:
+            held = self._parameters.read_confirmed(names)
+        except AutotuneError as error:
+            return dict.fromkeys(names, error)
+        changed = {n: v for n, v in held.items() if not same_float32(v, self.old[n])}
+        return {n: _Changed(f"it holds {v:g} again after it was put back") for n, v in changed.items()}
+
+    def _note_return(self, name: str) -> None:
+        """A journal that has become unwritable must not stop us from giving back; it only says too much then."""
+        try:
+            self._journal.record("returned", name=name, value=self.old[name])
+        except PreconditionFailed as error:
+            self._session.notes.append(f"{name} is back, but the journal does not say so: {error}")
+
+    def _release(self) -> None:
+        self._parameters.unwatch(list(self.old))
+        self.written.clear()
+        self.old.clear()
+        self._left.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self.written:
+            self._release()
+        elif error is None:
+            self.give_back()
+        else:
+            self._give_back_after(error)

@@ -1,0 +1,153 @@
+"""Connection strings, as pymavlink, MAVProxy and MAVSDK users write them, to transports."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from urllib.parse import unquote
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.link.transports.address import HostPort, SerialName, parse_host_port, parse_serial
+from gcs_autotune.link.transports.mavsdk import MavsdkLink
+from gcs_autotune.link.transports.serial_port import SerialPort
+from gcs_autotune.link.transports.sitl_process import SitlArguments, open_sitl
+from gcs_autotune.link.transports.tcp import TcpIn, TcpOut
+from gcs_autotune.link.transports.transport import Transport
+from gcs_autotune.link.transports.udp import UdpIn, UdpOut
+from gcs_autotune.registry import lookup
+
+__all__ = ["BACKENDS", "TRANSPORTS", "LinkOptions", "open_link"]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkOptions:
+    """What a connection string may leave open: serial speed [baud] and the simulator's noise seed."""
+
+    baud: int = 115200
+    seed: int | None = None
+
+
+Opener = Callable[[str, LinkOptions], Transport]
+_ANYWHERE = ("", "0.0.0.0", "::")
+
+
+def _called(rest: str) -> HostPort:
+    return parse_host_port(rest, default_host="127.0.0.1", default_port=14550)
+
+
+def _called_tcp(rest: str) -> HostPort:
+    return parse_host_port(rest, default_host="127.0.0.1", default_port=5760)
+
+
+def _serial_name(rest: str, options: LinkOptions) -> SerialName:
+    return parse_serial(rest, default_baud=options.baud)
+
+
+def _flow_controlled(rest: str, options: LinkOptions) -> SerialName:
+    return parse_serial(rest, default_baud=options.baud, flow_control=True)
+
+
+def _sitl(rest: str, options: LinkOptions) -> Transport:
+    name, _, query = rest.partition("?")
+    given: dict[str, list[str]] = {key: [] for key in ("seed", "effect", "param", "model", "names")}
+    for piece in filter(None, query.split("&")):
+        key, equals, value = piece.partition("=")
+        if key not in given or not equals or not value:
+            raise UsageError(
+                f"'sitl:{rest}': what may follow the vehicle's name is ?seed=NUMBER, effect=SLUG[@PLACE].PARAM=VALUE, "
+                f"param=NAME=VALUE, names=GENERATION and model=FILE, joined by &; not '{piece}'"
+            )
+        given[key].append(unquote(value))
+    for key in ("seed", "model", "names"):
+        if len(given[key]) > 1:
+            raise UsageError(f"'sitl:{rest}': give one {key} only")
+    if any(not re.fullmatch(r"\d+", seed) for seed in given["seed"]):
+        raise UsageError(f"'sitl:{rest}': a seed is a whole number of 0 or more, not '{given['seed'][0]}'")
+    seed = int(given["seed"][0]) if given["seed"] else options.seed
+    model, names = (given[key][0] if given[key] else None for key in ("model", "names"))
+    return open_sitl(SitlArguments(name, seed, tuple(given["effect"]), tuple(given["param"]), model, names))
+
+
+def _no_lockstep(rest: str, options: LinkOptions) -> Transport:
+    name = rest.partition("?")[0]
+    raise UsageError(
+        f"sitl:{rest} keeps its own time, step by step with ours, and MAVSDK lives by the wall clock: leave --backend "
+        f"mavsdk out, or run the vehicle as a process (`gcs-autotune sitl {name} --listen udp:127.0.0.1:14550`) and "
+        "connect to udpout://127.0.0.1:14550"
+    )
+
+
+TRANSPORTS: Mapping[str, Opener] = {
+    "udpin": lambda rest, _: UdpIn(parse_host_port(rest)),
+    "udpout": lambda rest, _: UdpOut(_called(rest)),
+    "tcpout": lambda rest, _: TcpOut(_called_tcp(rest)),
+    "tcpin": lambda rest, _: TcpIn(parse_host_port(rest, default_port=5760)),
+    "serial": lambda rest, options: SerialPort(_serial_name(rest, options)),
+    "serial_flowcontrol": lambda rest, options: SerialPort(_flow_controlled(rest, options)),
+    "sitl": _sitl,
+}
+"""Scheme -> what opens it, with our own sockets and ports."""
+
+MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
+    "udpin": lambda rest, _: MavsdkLink("udpin", parse_host_port(rest)),
+    "udpout": lambda rest, _: MavsdkLink("udpout", _called(rest)),
+    "tcpout": lambda rest, _: MavsdkLink("tcpout", _called_tcp(rest)),
+    "tcpin": lambda rest, _: MavsdkLink("tcpin", parse_host_port(rest, default_port=5760)),
+    "serial": lambda rest, options: MavsdkLink("serial", _serial_name(rest, options)),
+    "serial_flowcontrol": lambda rest, options: MavsdkLink("serial", _flow_controlled(rest, options)),
+    "sitl": _no_lockstep,
+}
+"""The same over MAVSDK."""
+
+BACKENDS: Mapping[str, Mapping[str, Opener]] = {"pymavlink": TRANSPORTS, "mavsdk": MAVSDK_TRANSPORTS}
+"""What carries the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
+
+_BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
+
+
+def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend: str = "pymavlink") -> Transport:
+    """Open the connection that *uri* describes.
+
+    ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` calls; ``tcp:HOST:PORT`` (or ``tcpout:``) calls,
+    ``tcpin:HOST:PORT`` listens; ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port
+    (``serial_flowcontrol:`` with its RTS and CTS wires); ``sitl:NAME`` starts the embedded simulator, and what follows
+    a ``?`` is told to it, joined by ``&``:
+    ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` hides effects behind the wire
+    (as ``gcs-autotune sitl --effect``), ``model=FILE`` flies a model file, ``param=NAME=VALUE`` sets a parameter
+    before boot, ``names=4.7`` gives it that firmware's parameter names; a ``&`` in a value is written ``%26``.
+
+    MAVSDK's ``scheme://`` is accepted too, with every *backend*. Its old ``udp://`` means two things: it calls a host
+    that is named, and listens on ``udp://:PORT`` and ``udp://0.0.0.0:PORT``.
+
+    Parameters
+    ----------
+    baud : serial speed when the string has none.
+    seed : the simulator's noise seed when the string has none.
+    backend : a name in ``BACKENDS``.
+
+    Raises
+    ------
+    UsageError, UnknownName
+        The string cannot be understood; unknown scheme, backend, simulated vehicle or effect; the backend cannot do it.
+    CannotOpenLink
+        It can, but the port or address cannot be had; the message says why and what to try.
+    """
+    options = LinkOptions(baud, seed)
+    table = lookup(BACKENDS, backend, "backend")
+    if _BARE_DEVICE.match(uri):
+        return table["serial"](uri, options)
+    scheme, colon, rest = uri.strip().partition(":")
+    if not colon:
+        raise UsageError(
+            f"'{uri}' is not a connection; write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
+            "/dev/ttyUSB0,57600 or sitl:charlie"
+        )
+    rest, has_slashes = rest.removeprefix("//"), rest.startswith("//")
+    scheme = scheme.lower()
+    if scheme == "udp":
+        calls = has_slashes and rest.partition(":")[0] not in _ANYWHERE
+        scheme = "udpout" if calls else "udpin"
+    elif scheme == "tcp":
+        scheme = "tcpout"
+    return lookup(table, scheme, "kind of connection")(rest, options)

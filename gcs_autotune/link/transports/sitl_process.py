@@ -1,0 +1,178 @@
+"""A simulated vehicle in a child process, in lock-step over its standard input and output (decision 1)."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gcs_autotune.errors import AutotuneError, CannotOpenLink, LinkLost, UnknownName, UsageError
+from gcs_autotune.link.transports.transport import SteppedTransport
+
+__all__ = ["SitlArguments", "SitlProcess", "open_sitl"]
+
+_HEAD = struct.Struct("<dI")
+_PATIENCE = 30.0
+"""Chosen: wall seconds a step may take before the child is held to be stuck (a first import is slow)."""
+_GRACE = 2.0
+_USAGE = 2
+"""The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, a file it cannot fly."""
+
+
+@dataclass(frozen=True, slots=True)
+class SitlArguments:
+    """What the embedded simulator is to fly: vehicle *name*, noise *seed* (its own when None), and behind the wire
+    ``effects`` (each ``SLUG[@PLACE].PARAM=VALUE,...``), ``parameters`` set before boot (``NAME=VALUE``) and the path of
+    a ``model`` file instead of the vehicle's own hull, ``names`` the firmware generation whose parameter names it has.
+    All as the simulator's command line has them.
+    """
+
+    name: str
+    seed: int | None = None
+    effects: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    model: str | None = None
+    names: str | None = None
+
+    @property
+    def arguments(self) -> list[str]:
+        """The simulator's command line."""
+        line = [self.name, "--lockstep"]
+        if self.seed is not None:
+            line += ["--seed", str(self.seed)]
+        line += [f"--effect={text}" for text in self.effects]
+        line += [f"--param={text}" for text in self.parameters]
+        if self.names is not None:
+            line.append(f"--firmware-names={self.names}")
+        return line if self.model is None else [*line, f"--model={self.model}"]
+
+    @property
+    def uri(self) -> str:
+        """The connection string for it, but for the seed."""
+        told = [*(f"effect={e}" for e in self.effects), *(f"param={p}" for p in self.parameters)]
+        if self.model is not None:
+            told.append(f"model={self.model}")
+        if self.names is not None:
+            told.append(f"names={self.names}")
+        return f"sitl:{self.name}{'?' if told else ''}{'&'.join(t.replace('&', '%26') for t in told)}"
+
+
+class SitlProcess(SteppedTransport):
+    """Start *command* and grant it time. It gets a session of its own, so Ctrl-C at the terminal spares it."""
+
+    repeat_period = 0.1
+    """Nothing is lost or late here, and every repetition is a grant of its own that costs time."""
+
+    def __init__(self, command: Sequence[str], description: str, *, quantum: float = 0.1) -> None:
+        super().__init__(description, quantum)
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in _close
+        try:
+            self._child = subprocess.Popen(
+                list(command),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._log,
+                bufsize=0,
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._log.close()
+            raise CannotOpenLink(f"cannot start {command[0]}: {error.strerror}") from error
+        try:
+            self._step(0.0, b"")
+        except LinkLost as error:
+            said, code = self._last_words(), self._child.poll()
+            self.close()
+            raise _not_started(description, said, code) from error
+
+    def _step(self, grant: float, outgoing: bytes) -> tuple[float, bytes]:
+        self._send(_HEAD.pack(grant, len(outgoing)) + outgoing)
+        reached, count = _HEAD.unpack(self._receive(_HEAD.size))
+        return float(reached), self._receive(count)
+
+    def _send(self, data: bytes) -> None:
+        assert self._child.stdin is not None
+        try:
+            while data:
+                data = data[os.write(self._child.stdin.fileno(), data) :]
+        except OSError as error:
+            raise self._died() from error
+
+    def _receive(self, count: int) -> bytes:
+        assert self._child.stdout is not None
+        descriptor = self._child.stdout.fileno()
+        data = bytearray()
+        while len(data) < count:
+            if os.name == "posix" and not select.select([descriptor], [], [], _PATIENCE)[0]:
+                raise self.lost(f"the simulator has not answered for {_PATIENCE:g} s", "start again")
+            piece = os.read(descriptor, count - len(data))
+            if not piece:
+                raise self._died()
+            data += piece
+        return bytes(data)
+
+    def _died(self) -> LinkLost:
+        try:
+            self._child.wait(_GRACE)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+        said = self._last_words()
+        return self.lost(f"the simulator ended{': ' + said if said else ''}", "start again")
+
+    def _last_words(self) -> str:
+        self._log.seek(0)
+        lines = self._log.read().decode(errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else ""
+
+    def _close(self) -> None:
+        try:
+            self._end_child()
+        finally:
+            self._log.close()
+
+    def _end_child(self) -> None:
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._child.stdin.close()
+        for signal in (None, self._child.terminate, self._child.kill):
+            if signal:
+                signal()
+            try:
+                self._child.wait(_GRACE)
+                break
+            except subprocess.TimeoutExpired:
+                continue
+        self._child.stdout.close()
+
+
+def _not_started(description: str, said: str, code: int | None) -> AutotuneError:
+    if code == _USAGE and said:
+        match = re.search(r"[Dd]id you mean (.*?)\?", said)
+        if match is None:
+            return UsageError(said)
+        nearest = re.split(r",\s*|\s+or\s+", match[1])
+        wrong = re.search(r"'(.*?)'", said)
+        name = wrong[1] if wrong else description.partition(":")[2]
+        return UnknownName(said, name=name, nearest=[n.strip("'\" ") for n in nearest])
+    return CannotOpenLink(
+        f"the simulator {description} did not start (exit code {code}): {said or 'it said nothing'}; "
+        "is the package installed whole?"
+    )
+
+
+def open_sitl(rehearsal: SitlArguments) -> SitlProcess:
+    """Start the embedded simulator and return the link to it.
+
+    Raises
+    ------
+    UnknownName, UsageError
+        There is no such vehicle, effect or parameter, or the model cannot be flown; the message is the simulator's own.
+    CannotOpenLink
+        It could not be started.
+    """
+    return SitlProcess([sys.executable, "-m", "sitl", *rehearsal.arguments], rehearsal.uri)

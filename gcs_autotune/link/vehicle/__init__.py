@@ -1,0 +1,1 @@
+"""The vehicle as manoeuvres fly it: handshake, telemetry in, set-points out, and watch over both."""

@@ -1,0 +1,147 @@
+"""Does the vehicle take our overrides, and do its outputs do what we say? Are they neutral when they should be?
+
+Every way of being deaf is silent in MAVLink: a wrong system id, an option bit, a switch, another station's stream, a
+safety button. So both halves of the way are looked at, and the cause of a failure is asked for and said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import NotAsFound, PreconditionFailed
+from gcs_autotune.firmware import Firmware, ServoMap
+from gcs_autotune.link.parameters.client import Parameters
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
+from gcs_autotune.link.vehicle.setpoint_streamer import FOLLOW_TIMEOUT, SetpointStreamer
+from gcs_autotune.link.vehicle.telemetry import Telemetry
+from gcs_autotune.link.vehicle.vehicle_config import why_deaf
+from gcs_autotune.mavlink import Message, message_number
+
+__all__ = ["TWITCH", "await_neutral", "check_outputs_follow", "check_overrides_taken", "read_outputs"]
+
+_TRIES = 10
+_WAIT = 0.5
+_ENOUGH = 2
+"""Chosen: the second message is used; the first may have been under way before what we look for."""
+
+
+def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
+    """Return the measured force fractions; empty when SERVO_OUTPUT_RAW is not heard within 5 s of asking."""
+    heard: list[Message] = []
+    stop = session.listen("SERVO_OUTPUT_RAW", lambda m: heard.append(m) if m.port == 0 else None)
+    try:
+        for _ in range(_TRIES):
+            session.request_message(message_number("SERVO_OUTPUT_RAW"))
+            if session.wait_for(lambda: True if len(heard) >= _ENOUGH else None, _WAIT):
+                break
+    finally:
+        stop()
+    if not heard:
+        return {}
+    return dict(servos.forces(tuple(getattr(heard[-1], f"servo{n}_raw") for n in range(1, 9))))
+
+
+_NEUTRAL = 0.03
+"""Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
+_TIMEOUT = 5.0
+_STALE_OUTPUTS = 0.5
+"""Chosen: seconds without any outputs after which they are asked for one by one."""
+_SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
+
+
+def await_neutral(session: Session, telemetry: Telemetry) -> None:
+    """Wait for neutral outputs; an autopilot that has restarted must be asked for them again.
+
+    Raises
+    ------
+    NotAsFound
+        They did not become neutral, or are not heard any more.
+    """
+    begun, deadline = telemetry.output_ticks, Deadline.after(session.clock, _TIMEOUT)
+    while not deadline.expired:
+        seen = telemetry.output_ticks
+        if session.wait_for(lambda: _is_neutral(telemetry, begun), min(_STALE_OUTPUTS, deadline.remaining)):
+            return
+        if telemetry.output_ticks == seen:
+            session.request_message(_SERVO_OUTPUT_RAW)
+    outputs = telemetry.outputs
+    stuck = {n: f"{f:+.2f} of full output" for n, f in outputs.items() if not abs(f) <= _NEUTRAL}
+    if not stuck:
+        stuck = {"outputs": "not heard any more"}
+    raise NotAsFound(
+        f"the actuators are not neutral after {_TIMEOUT:g} s: "
+        + ", ".join(f"{name} {what}" for name, what in stuck.items())
+        + "; take over by hand",
+        differences=stuck,
+    )
+
+
+def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
+    fresh = telemetry.output_ticks > begun + 1
+    still = all(abs(force) <= _NEUTRAL for force in telemetry.outputs.values())
+    return True if fresh and still else None
+
+
+TWITCH = 0.05
+"""Chosen: fraction of full output by which the steering is moved, without thrust, to see that it obeys."""
+_LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
+
+
+def check_overrides_taken(
+    session: Session, streamer: SetpointStreamer, rc_monitor: RcMonitor, parameters: Parameters, firmware: Firmware
+) -> None:
+    """Send overrides that are as good as neutral and yet known again, and look for them in RC_CHANNELS.
+
+    Raises
+    ------
+    PreconditionFailed
+        They are not there, with the likely cause and its cure.
+    """
+    heard = rc_monitor.count
+    taken = streamer.probe_override()
+    if not taken and rc_monitor.count > heard:
+        raise PreconditionFailed(
+            f"the vehicle does not take our overrides: RC_CHANNELS shows {streamer.differing}. "
+            + why_deaf(parameters, firmware, session.port.system)
+        )
+    if not taken:
+        session.notes.append(
+            "the vehicle sends no RC_CHANNELS: that it takes our overrides is seen at its outputs only"
+        )
+    streamer.rest()
+    session.wait_for(lambda: streamer.is_obeyed or None, 1.0)
+
+
+def check_outputs_follow(
+    streamer: SetpointStreamer, telemetry: Telemetry, observe: Callable[[], object], mode: str
+) -> None:
+    """Twitch the steering by 5 % each way, without thrust, and look for that in SERVO_OUTPUT_RAW.
+
+    observe : waits for the next control tick; commands go out on ticks, so that the loop is timed as it will be used.
+
+    Raises
+    ------
+    PreconditionFailed
+        The output does not follow.
+    """
+    for level in _LEVELS:
+        streamer.command(Actuate(N=level))
+        deadline = Deadline.after(streamer.clock, FOLLOW_TIMEOUT)
+        while not abs(telemetry.outputs.get("N", math.nan) - level) < 0.5 * TWITCH:
+            if deadline.expired:
+                raise _deaf_outputs(level, streamer, telemetry, mode)
+            observe()
+
+
+def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:
+    output = telemetry.outputs.get("N", math.nan)
+    what = "RC_CHANNELS shows our overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
+    return PreconditionFailed(
+        f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it "
+        f"({output:+.0%} in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch "
+        "(BRD_SAFETY_DEFLT), and that no failsafe is active"
+    )

@@ -1,0 +1,146 @@
+"""How to share what a link carries among the messages we want: in order of need, and not all of it.
+
+A 57600 baud telemetry radio has room for three to four kilobytes a second at best, half of that on a bad day. When it
+is full, something is lost, and it is not for chance to decide what.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gcs_autotune.link.vehicle.latency import least_period
+
+__all__ = ["CHATTER", "FASTER", "USUAL_SIZE", "Demand", "least", "plan", "shortfall"]
+
+FASTER = "Use a faster link (a higher baud rate, a better radio), or close what else uses this one"
+USUAL_SIZE = 40.0
+"""Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
+
+_SHARE = 0.8
+"""Chosen: of what a full link was seen to carry; the rest is for commands, parameters and its bad moments."""
+
+_ORDER = (
+    "ATTITUDE",
+    "SERVO_OUTPUT_RAW",
+    "GLOBAL_POSITION_INT",
+    "LOCAL_POSITION_NED",
+    "RC_CHANNELS",
+    "SYS_STATUS",
+    "VFR_HUD",
+)
+"""Most needed first: what we steer by, what we did, where we are, who else steers, the battery, the speed."""
+
+_FLOORS: Mapping[str, float] = {
+    "ATTITUDE": 5.0,
+    "SERVO_OUTPUT_RAW": 10.0,
+    "GLOBAL_POSITION_INT": 2.0,
+    "LOCAL_POSITION_NED": 2.0,
+    "RC_CHANNELS": 2.0,
+    "SYS_STATUS": 0.5,
+    "VFR_HUD": 1.0,
+}
+"""Message -> Hz that are given to it before any gets more. Chosen: a relay needs five attitudes a second, its
+switchings are dated by the outputs; a boat at 2 m/s moves a metre between two positions; a stick is noticed in two
+seconds."""
+
+_FLOOR = 0.5
+
+CHATTER = frozenset(
+    {
+        "AHRS",
+        "AHRS2",
+        "AHRS3",
+        "BATTERY_STATUS",
+        "DISTANCE_SENSOR",
+        "EKF_STATUS_REPORT",
+        "ESC_TELEMETRY_1_TO_4",
+        "ESC_TELEMETRY_5_TO_8",
+        "GIMBAL_DEVICE_ATTITUDE_STATUS",
+        "GPS2_RAW",
+        "HWSTATUS",
+        "MEMINFO",
+        "NAV_CONTROLLER_OUTPUT",
+        "POWER_STATUS",
+        "RANGEFINDER",
+        "RAW_IMU",
+        "RC_CHANNELS_SCALED",
+        "SCALED_IMU2",
+        "SCALED_IMU3",
+        "SCALED_PRESSURE",
+        "SCALED_PRESSURE3",
+        "SIMSTATE",
+        "TERRAIN_REPORT",
+        "VIBRATION",
+    }
+)
+"""Messages that ArduPilot streams by default and that a tune can do without for its few minutes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """A message that is wanted at ``rate`` [Hz] and takes ``size`` bytes; ``needed`` [Hz] is the least that will do."""
+
+    name: str
+    rate: float
+    size: float
+    needed: float = 0.0
+
+    @property
+    def floor(self) -> float:
+        """What it gets before any other gets more [Hz]."""
+        return min(self.rate, max(self.needed, _FLOORS.get(self.name, _FLOOR)))
+
+
+def least(demands: Sequence[Demand]) -> float:
+    """Return the bytes per second that the floors of *demands* take: with less room nothing can be flown."""
+    return sum(d.floor * d.size for d in demands)
+
+
+def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str:
+    """Return the numbers of a link that carries *carried* [bytes/s] where *demands* need more; *about* before theirs.
+
+    What it carries is turned into the quickest oscillation it could show, every message thinned alike.
+    """
+    needed, wanted = least(demands), ", ".join(f"{d.name} {d.floor:.3g} Hz" for d in demands)
+    period = least_period(math.nan, next((d.floor for d in demands if d.name == "ATTITUDE"), 0.0))
+    said = f"it carries {carried:.0f} bytes/s, and an experiment needs at least {about}{needed:.0f} ({wanted})"
+    if not 0.0 < carried < needed or period <= 0.0:
+        return said
+    return (
+        f"{said} to show an oscillation of {period:.1f} s; what it carries would show none quicker than "
+        f"{period * needed / carried:.1f} s"
+    )
+
+
+def plan(
+    demands: Sequence[Demand], chatter: Mapping[str, float], capacity: float
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the rates [Hz] that fit, and which messages of the *chatter* have to be turned off for them.
+
+    chatter : message -> bytes per second of what is streamed without our asking. capacity : bytes per second.
+
+    What is streamed anyway is left alone as long as there is room for the floors.
+    """
+    room = _SHARE * capacity - sum(chatter.values())
+    hushed: list[str] = []
+    floors = least(demands)
+    for name in sorted(chatter, key=lambda n: -chatter[n]):
+        if room >= floors:
+            break
+        room += chatter[name]
+        hushed.append(name)
+    rates = {d.name: d.floor for d in demands}
+    room -= floors
+    for d in sorted(demands, key=_rank):
+        if room <= 0.0:
+            break
+        extra = min(d.rate - d.floor, room / d.size)
+        rates[d.name] += extra
+        room -= extra * d.size
+    return rates, tuple(hushed)
+
+
+def _rank(demand: Demand) -> int:
+    return _ORDER.index(demand.name) if demand.name in _ORDER else len(_ORDER)

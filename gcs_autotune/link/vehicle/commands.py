@@ -1,0 +1,190 @@
+"""Commands to the autopilot, repeated until answered, their effect confirmed by its heartbeat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.errors import ArmingRefused, CommandDenied, ModeRefused, NoReply
+from gcs_autotune.firmware import Firmware
+from gcs_autotune.foreign_text import quoted
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message, enum_name, mavlink
+from gcs_autotune.registry import lookup
+
+__all__ = ["Commands"]
+
+_REPLY = 1.5
+_TRIES = 3
+_IN_PROGRESS_PATIENCE = 10.0
+_HEARTBEAT_PATIENCE = 3.5
+"""Chosen: three heartbeats; a mode change shows in the next one or not at all."""
+_TEXT_DELAY = 0.5
+"""Chosen: the STATUSTEXT that explains a refusal may come after the COMMAND_ACK."""
+_EXPLAINS = ("Arm:", "PreArm:")
+
+
+class Commands:
+    """The commands we give.
+
+    Parameters
+    ----------
+    session : with a vehicle found.
+    firmware : whose modes have the names we use.
+    """
+
+    def __init__(self, session: Session, firmware: Firmware) -> None:
+        self._session = session
+        self._firmware = firmware
+
+    @property
+    def mode(self) -> str:
+        """The vehicle's present mode, by name."""
+        return self._firmware.mode_name(self._session.custom_mode)
+
+    def command_long(self, command: int, *values: float, timeout: float = _REPLY, tries: int = _TRIES) -> None:
+        """Send COMMAND_LONG until it is answered; ``IN_PROGRESS`` is waited on.
+
+        Raises
+        ------
+        CommandDenied
+            Answered with anything but accepted; ``result`` is the MAV_RESULT.
+        NoReply
+            Never answered.
+        """
+        answers: list[Message] = []
+        stop = self._session.listen("COMMAND_ACK", lambda m: answers.append(m) if self._ours(m, command) else None)
+        try:
+            for confirmation in range(tries):
+                self._session.send(self._message(command, confirmation, values))
+                if self._session.wait_for(lambda: True if answers else None, timeout):
+                    break
+            result = self._final_result(answers, command, timeout * tries)
+        finally:
+            stop()
+        if result != mavlink.MAV_RESULT_ACCEPTED:
+            raise CommandDenied(
+                f"the vehicle answered {enum_name('MAV_CMD', command)} with {enum_name('MAV_RESULT', result)}"
+                f"{self._said(self._session.clock.now() - _REPLY)}",
+                command=command,
+                result=result,
+            )
+
+    def _final_result(self, answers: list[Message], command: int, waited: float) -> int:
+        while answers:
+            result = int(answers[-1].result)
+            if result != mavlink.MAV_RESULT_IN_PROGRESS:
+                return result
+            if not self._session.wait_for(partial(_longer, answers, len(answers)), _IN_PROGRESS_PATIENCE):
+                raise NoReply(f"{enum_name('MAV_CMD', command)} went into progress and never finished; try again")
+        raise NoReply(
+            f"no answer to {enum_name('MAV_CMD', command)} within {waited:g} s; "
+            "the link may be losing much, or the autopilot ignores our system id"
+        )
+
+    def _ours(self, ack: Message, command: int) -> bool:
+        addressed = int(getattr(ack, "target_system", 0))
+        return bool(ack.command == command and addressed in (0, self._session.port.system))
+
+    def _message(self, command: int, confirmation: int, values: Sequence[float]) -> Message:
+        vehicle = self._session.vehicle
+        if vehicle is None:
+            raise NoReply("a command was given before a vehicle was found; discover one first")
+        params = [float(v) for v in values] + [0.0] * (7 - len(values))
+        return mavlink.MAVLink_command_long_message(vehicle.system, vehicle.component, command, confirmation, *params)
+
+    # --- modes --------------------------------------------------------------------------------------------
+
+    def set_mode(self, mode: str) -> None:
+        """Change the flight mode and wait until a HEARTBEAT shows it.
+
+        Raises
+        ------
+        UnknownName
+            The firmware has no mode of that name.
+        ModeRefused
+            The vehicle said no, or did not take it up; the message has its last words.
+        """
+        number = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode")
+        begun = self._session.clock.now()
+        try:
+            self.command_long(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number))
+        except CommandDenied as error:
+            self._session.pause(_TEXT_DELAY)
+            raise ModeRefused(f"mode {mode} was refused{self._said(begun)}; it stays in {self.mode}") from error
+        taken = self._session.wait_for(
+            lambda: True if self._session.custom_mode == number else None, _HEARTBEAT_PATIENCE
+        )
+        if not taken:
+            raise ModeRefused(f"mode {mode} was accepted, but the vehicle is in {self.mode}{self._said(begun)}")
+
+    # --- arming -------------------------------------------------------------------------------------------
+
+    def arm(self) -> None:
+        """Arm and wait until a HEARTBEAT shows it.
+
+        Raises
+        ------
+        ArmingRefused
+            With the vehicle's own reasons.
+        """
+        begun, count = self._session.clock.now(), self._session.texts.count
+        try:
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        except CommandDenied as error:
+            self._session.pause(_TEXT_DELAY)
+            raise self._arming_refused(count, begun) from error
+        if not self._session.wait_for(lambda: self._session.armed or None, _HEARTBEAT_PATIENCE):
+            raise self._arming_refused(count, begun)
+
+    def arm_patiently(self, patience: float, pause: float) -> None:
+        """Arm, trying for *patience* [s] and waiting *pause* [s] between, while the pre-arm checks settle.
+
+        Raises
+        ------
+        ArmingRefused
+            With the vehicle's own reasons of the last time.
+        """
+        deadline = Deadline.after(self._session.clock, patience)
+        while True:
+            try:
+                self.arm()
+                return
+            except ArmingRefused:
+                if deadline.expired:
+                    raise
+                self._session.pause(pause)
+
+    def disarm(self) -> None:
+        """Disarm and wait until a HEARTBEAT shows it.
+
+        Raises
+        ------
+        CommandDenied
+            The vehicle will not disarm (it may be moving).
+        """
+        self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        if not self._session.wait_for(lambda: None if self._session.armed else True, _HEARTBEAT_PATIENCE):
+            raise CommandDenied(
+                "the vehicle accepted the command to disarm but is still armed; disarm it by hand",
+                command=mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+                result=mavlink.MAV_RESULT_ACCEPTED,
+            )
+
+    def _arming_refused(self, count: int, begun: float) -> ArmingRefused:
+        said = [text.text for text in self._session.texts.since(count)]
+        earlier = [text.text for text in self._session.texts]
+        reasons = [t for t in said if t.startswith(_EXPLAINS)] or said
+        reasons = reasons or [t for t in earlier if t.startswith(_EXPLAINS)][-3:]
+        reasons = list(dict.fromkeys(reasons))
+        why = quoted(reasons) or "it did not say why"
+        return ArmingRefused(f"the vehicle will not arm: {why}. Cure that and try again", reasons=reasons)
+
+    def _said(self, since: float) -> str:
+        texts = self._session.texts.recent(since)
+        return f" (it says: {quoted(texts)})" if texts else ""
+
+
+def _longer(answers: Sequence[Message], count: int) -> bool | None:
+    return True if len(answers) > count else None

@@ -1,0 +1,177 @@
+"""Does anything wait on the way? The round trip of TIMESYNC tells: it grows while a queue does.
+
+*Down*: nothing was answered; has the vehicle no such thing, or had the answer no room? An autopilot sends what it
+streams by default before anybody asks for less. A line of 4800 baud is full with it: the answers wait behind seconds of
+telemetry or are dropped, and a vehicle looks as if it lacked what it has.
+
+*Up*: is there room for all that will be said? Asked before anything is armed. A radio, a serial port or a router that
+is given more than it passes holds the rest back, seconds of it, before anything is lost: commands come late, then not
+at all. So the busiest minute is rehearsed: neutral overrides, as many bytes a second as targets and overrides together
+will take, while telemetry comes down at the rates that will be flown with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.errors import AutotuneError, TelemetryFault
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.bandwidth import FASTER, USUAL_SIZE, Demand, least, shortfall
+from gcs_autotune.link.vehicle.latency import Latency
+from gcs_autotune.link.vehicle.setpoint_streamer import SetpointStreamer
+
+__all__ = ["DRAIN", "QUEUE", "UplinkLoad", "await_empty", "check_answers_come", "check_uplink", "is_queueing"]
+
+QUEUE = 0.25
+"""Chosen [s]: a round trip that is longer by this than the quickest known waits in a queue; jitter is mostly less."""
+DRAIN = 10.0
+"""Chosen [s]: what still waits after so long is not worth waiting for."""
+
+
+def is_queueing(latency: Latency, since: float) -> bool:
+    """Whether all that was asked at or after *since* [s of link time] came back later than it does without a queue."""
+    trips = [trip for _, trip in latency.trips(since)]
+    return bool(trips) and min(trips) - latency.quickest > QUEUE
+
+
+def await_empty(session: Session, latency: Latency) -> bool:
+    """Wait until what was held back has come through, at most ``DRAIN``; return whether it has.
+
+    A vehicle that answers no TIMESYNC is taken to have no queue.
+    """
+    deadline = Deadline.after(session.clock, DRAIN)
+    while latency.answered and not deadline.expired:
+        asked = session.clock.now()
+        latency.ask()
+        session.wait_for(lambda since=asked: latency.trips(since) or None, deadline.remaining)  # type: ignore[misc]
+        if latency.trips(asked) and not is_queueing(latency, asked):
+            return True
+    return not latency.answered
+
+
+_LATE = 1.0
+"""Chosen [s]: no radio or mobile network of use takes so long there and back without a queue."""
+_ASKING = 0.5
+_SECONDS = 4.0
+"""Chosen: what is heard in so long is what the link carries, to a few per cent."""
+_PATIENCE = 20.0
+"""Chosen [s]: what an autopilot's buffer of 2 kB takes at 1200 baud."""
+
+
+def check_answers_come(
+    session: Session, wanted: Mapping[str, float], first: Mapping[str, float], error: AutotuneError
+) -> None:
+    """Return when the link has room for answers, or when that cannot be told.
+
+    Parameters
+    ----------
+    wanted : message -> rate [Hz] that an experiment asks for. first : message -> least rate [Hz], above the usual.
+    error : what not being answered was taken for.
+
+    Raises
+    ------
+    TelemetryFault
+        What is asked comes back a second later or more, because the link is full; with what it carries and what an
+        experiment needs.
+    """
+    latency, begun, before = Latency(session), session.clock.now(), session.routing.traffic.total()
+    deadline = Deadline.after(session.clock, _SECONDS)
+    while not deadline.expired:
+        latency.ask()
+        session.pause(min(_ASKING, deadline.remaining))
+        if latency.quickest <= _LATE:
+            return
+    carried = (session.routing.traffic.total() - before) / (session.clock.now() - begun)
+    session.wait_for(lambda: latency.answered or None, _PATIENCE)
+    if not latency.quickest > _LATE:
+        return
+    demands = [Demand(name, rate, USUAL_SIZE, first.get(name, 0.0)) for name, rate in wanted.items()]
+    if carried < least(demands):
+        said = f"the link is too slow: {shortfall(carried, demands, 'about ')}"
+    else:
+        said = f"the link is full: it carries {carried:.0f} bytes/s"
+    raise TelemetryFault(
+        f"{said}. An answer takes {latency.quickest:.1f} s behind what the vehicle streams anyway. {FASTER}; nothing "
+        "was armed"
+    ) from error
+
+
+_UPLINK_SECONDS = 2.0
+"""Chosen: with a tenth less room than bytes the queue grows by more than ``QUEUE`` in so long."""
+_UPLINK_ASKING = 0.2
+_LATE_HALF = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class UplinkLoad:
+    """``sent`` bytes per second went up; ``grown`` [s] is how much longer the round trip was towards the end, and
+    ``carried`` [bytes/s] what the link passed meanwhile, by how quickly that grew.
+    """
+
+    sent: float
+    grown: float
+    carried: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether no queue was left standing."""
+        return not self.grown > QUEUE
+
+
+def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency) -> None:
+    """Rehearse with neutral overrides; where they do not fit send fewer from now on.
+
+    Raises
+    ------
+    TelemetryFault
+        Not even those fit; with what was sent, what was carried, what is needed and what to do.
+    """
+    first = _load_uplink(session, streamer, latency)
+    if first.is_enough:
+        return
+    streamer.spare_the_link()
+    await_empty(session, latency)
+    second = _load_uplink(session, streamer, latency)
+    if not second.is_enough:
+        raise TelemetryFault(
+            f"the link is too slow upwards: of {second.sent:.0f} bytes/s that an experiment needs it carries "
+            f"{second.carried:.0f}, the rest waits longer and longer ({second.grown:.1f} s after "
+            f"{_UPLINK_SECONDS:g} s). Use a faster link (a higher baud rate, a better radio), or close what else uses "
+            "this one; nothing was armed"
+        )
+    session.notes.append(
+        f"the link carries {first.carried:.0f} of {first.sent:.0f} bytes/s upwards: overrides are sent 10 times a "
+        "second instead of 25"
+    )
+
+
+def _load_uplink(session: Session, streamer: SetpointStreamer, latency: Latency) -> UplinkLoad:
+    begun, sent_before = session.clock.now(), session.port.sent
+    streamer.crowd()
+    try:
+        deadline = Deadline.after(session.clock, _UPLINK_SECONDS)
+        while not deadline.expired:
+            latency.ask()
+            session.pause(min(_UPLINK_ASKING, deadline.remaining))
+    finally:
+        streamer.thin_out()
+    ended = session.clock.now()
+    sent = (session.port.sent - sent_before) / max(ended - begun, 1e-3)
+    late = begun + (1.0 - _LATE_HALF) * (ended - begun)
+    if not math.isfinite(latency.quickest):
+        return UplinkLoad(sent, 0.0, sent)  # it answers no TIMESYNC: nothing can be told
+    session.wait_for(lambda: latency.trips(late) or None, DRAIN)
+    return _judged(latency, begun, late, ended, sent)
+
+
+def _judged(latency: Latency, begun: float, late: float, ended: float, sent: float) -> UplinkLoad:
+    trips, last = latency.trips(begun), [trip for _, trip in latency.trips(late)]
+    grown = min(last) - latency.quickest if last else DRAIN
+    asked, took = np.array(trips).reshape(-1, 2).T
+    slope = float(np.polyfit(asked, took, 1)[0]) if len(trips) > 2 else grown / (ended - begun)
+    return UplinkLoad(sent, grown, sent / (1.0 + max(slope, 0.0)))

@@ -1,0 +1,225 @@
+"""From an open link to a craft that can be flown: find it, learn how it is wired, ask for telemetry; and know it again.
+
+A vehicle is known again best by the unique id of its board; else by parameters that hardly two vehicles share. Those
+are what a calibration left behind and which sensors were found: no tuning changes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from gcs_autotune.errors import AutotuneError, NoReply, ParameterMissing, PreconditionFailed, WrongVehicle
+from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for, read_servo_map
+from gcs_autotune.link.parameters.client import Parameters, same_float32
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.commands import Commands
+from gcs_autotune.link.vehicle.congestion import check_answers_come
+from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft
+from gcs_autotune.link.vehicle.rates import Rates
+from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig, read_override_map, read_rate_stick
+from gcs_autotune.link.vehicle.watchdog import gyro_lag
+from gcs_autotune.mavlink import VehicleIdentity, type_name
+
+__all__ = ["FINGERPRINT", "NEEDED_RATES", "WANTED_RATES", "difference", "fingerprint_of", "open_craft"]
+
+FINGERPRINT = (
+    "INS_ACCOFFS_X",
+    "INS_ACCOFFS_Y",
+    "INS_ACC_ID",
+    "COMPASS_DEV_ID",
+    "BARO1_DEVID",
+    "FRAME_CLASS",
+    "FRAME_CONFIG",
+    "CRUISE_SPEED",
+    "RC1_TRIM",
+    "RC3_TRIM",
+    "SERVO1_TRIM",
+    "SERVO1_FUNCTION",
+    "SERVO3_FUNCTION",
+    "BATT_CAPACITY",
+)
+"""Chosen: accelerometer calibration and device ids, which are a board's own; then what an owner sets once."""
+
+_SAME_KIND = ("system", "autopilot", "vehicle_type")
+
+
+def fingerprint_of(parameters: Parameters) -> dict[str, float]:
+    """Return the parameters to know this vehicle again by; none when its board has told a unique id."""
+    vehicle = parameters.session.vehicle
+    return {} if vehicle is not None and vehicle.uid else parameters.read_existing(FINGERPRINT, as_is=True)
+
+
+def difference(
+    known: Mapping[str, Any], fingerprint: Mapping[str, float], found: VehicleIdentity, parameters: Parameters
+) -> str:
+    """Return in words why the vehicle on this link is not the *known* one; empty when it is, as far as can be told.
+
+    known : identity as in a journal. fingerprint : its parameters, as from :func:`fingerprint_of`.
+    """
+    here = found.to_dict()
+    kinds = [
+        f"{key} {known[key]} there, {here[key]} here" for key in _SAME_KIND if known.get(key) not in (None, here[key])
+    ]
+    if kinds:
+        return "; ".join(kinds)
+    if known.get("uid"):
+        same = known["uid"] == found.uid
+        return "" if same else f"its board is {known['uid']} there, {found.uid or 'untold'} here"
+    held = parameters.read_existing(fingerprint, as_is=True)
+    strange = [
+        f"{n} {v:g} there, {held[n]:g} here"
+        for n, v in fingerprint.items()
+        if n in held and not same_float32(held[n], v)
+    ]
+    gone = [n for n in fingerprint if n not in held]
+    return "; ".join(strange + [f"{n} is not here" for n in gone])
+
+
+WANTED_RATES: Mapping[str, float] = {
+    "ATTITUDE": 10.0,
+    "SERVO_OUTPUT_RAW": 25.0,
+    "LOCAL_POSITION_NED": 10.0,
+    "GLOBAL_POSITION_INT": 10.0,
+    "RC_CHANNELS": 10.0,
+    "VFR_HUD": 5.0,
+    "SYS_STATUS": 1.0,
+}
+"""Message -> Hz asked for. ATTITUDE sets the control period."""
+
+NEEDED_RATES: Mapping[str, float] = {"ATTITUDE": 5.0, "SERVO_OUTPUT_RAW": 5.0}
+"""Message -> Hz without which no relay can be flown."""
+
+_FINE_STEP = 0.01
+"""Chosen: divides the period of every autopilot loop from 50 to 100 Hz, so a message's tick is met exactly."""
+
+_LATE = 0.03
+"""Chosen [s]: a gyro filter's lag that is worth a word."""
+_FULL_SPEED, _LOOP_RATE, _GYRO_FILTER = "WP_SPEED", "SCHED_LOOP_RATE", "INS_GYRO_FILTER"
+
+
+def open_craft(
+    session: Session,
+    *,
+    system_id: int | None = None,
+    timeout: float = 10.0,
+    wanted_rates: Mapping[str, float] = WANTED_RATES,
+    needed_rates: Mapping[str, float] = NEEDED_RATES,
+    first_rates: Mapping[str, float] | None = None,
+    arm_patience: float = 10.0,
+) -> MavlinkCraft:
+    """Discover the vehicle on *session* and return it, ready to be watched and commanded.
+
+    Adopts the ground-station id that the vehicle obeys; reads its wiring; requests and measures telemetry.
+    Nothing is written to the vehicle but message rates; ``craft.rates.restore()`` puts those back. *first_rates*: what
+    is served first where a link has no room for all (message -> Hz).
+
+    Raises
+    ------
+    NoVehicle, WrongVehicle
+        Nobody there, or nobody we can tune.
+    PreconditionFailed, ParameterMissing
+        It is wired or configured in a way that we cannot work with.
+    TelemetryFault
+        Its telemetry is too slow, or the link so full already that its answers do not come through.
+    """
+    identity = session.vehicle or session.discover(timeout, system_id)
+    firmware = _firmware(identity)
+    parameters, commands = Parameters(session), Commands(session, firmware)
+    try:
+        config = _read_config(session, parameters, firmware)
+    except (ParameterMissing, NoReply, PreconditionFailed) as error:
+        check_answers_come(session, wanted_rates, first_rates or {}, error)
+        raise
+    rates = Rates(session, commands, first_rates)
+    craft = MavlinkCraft(
+        session,
+        firmware,
+        config,
+        parameters=parameters,
+        commands=commands,
+        rates=rates,
+        arm_patience=arm_patience,
+    )
+    try:
+        rates.request(wanted_rates)
+        rates.fit(needed_rates, config.loop_period, craft.latency)
+        craft.keep_rates()
+        _note_late_rates(session, config.rate_lag)
+        if craft.other_stations.radio:
+            session.notes.append(f"telemetry radio: {craft.other_stations.radio}")
+        _follow_control_tick(craft, rates.granted["ATTITUDE"].granted if "ATTITUDE" in rates.granted else 0.0)
+    except AutotuneError:
+        rates.restore()
+        raise
+    return craft
+
+
+def _read_config(session: Session, parameters: Parameters, firmware: Firmware) -> VehicleConfig:
+    """Ask the vehicle whom it obeys, what it is and how it is wired."""
+    assert session.vehicle is not None
+    misfit = firmware.misfit(parameters.read_existing(case.parameter for case in firmware.unsuited))
+    if misfit:
+        raise WrongVehicle(f"{misfit}. Nothing was written or armed")
+    _adopt_gcs_id(session, parameters, firmware)
+    session.vehicle = _with_frame(session, parameters, firmware)
+    names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.kind == "boat" else [])]
+    told = parameters.read_existing(names)
+    return VehicleConfig(
+        read_override_map(parameters, firmware),
+        read_servo_map(parameters, firmware),
+        told.get(_FULL_SPEED, 0.0),
+        1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
+        gyro_lag(told.get(_GYRO_FILTER, 0.0)),
+        read_rate_stick(parameters, firmware),
+    )
+
+
+def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
+    """Let simulated time be granted from ATTITUDE to ATTITUDE; find its phase in small steps first."""
+    if rate <= 0.0:
+        return
+    transport, seen = craft.session.transport, craft.telemetry.ticks
+    transport.follow_tick(0.0, _FINE_STEP)
+    craft.session.wait_for(lambda: True if craft.telemetry.ticks > seen else None, 2.0 / rate)
+    transport.follow_tick(craft.clock.now(), 1.0 / rate)
+
+
+def _note_late_rates(session: Session, lag: float) -> None:
+    if lag >= _LATE:
+        session.notes.append(
+            f"the autopilot's gyro filter ({_GYRO_FILTER}) makes turn rates {1e3 * lag:.0f} ms late; they are dated "
+            "back, and the heading, which is not late, is fitted first"
+        )
+
+
+def _firmware(identity: VehicleIdentity) -> Firmware:
+    firmware = firmware_for(identity.autopilot, identity.vehicle_type)
+    if firmware is None:
+        known = ", ".join(f.name for f in FIRMWARE.values())
+        raise WrongVehicle(
+            f"{type_name(identity.vehicle_type)} with autopilot {identity.autopilot} (system {identity.system}) "
+            f"is not a vehicle we can tune; we know {known} on ArduPilot"
+        )
+    return firmware
+
+
+def _adopt_gcs_id(session: Session, parameters: Parameters, firmware: Firmware) -> None:
+    """Send as the system that the vehicle takes overrides from; from any other it ignores them silently."""
+    try:
+        name, value = parameters.read_first(firmware.gcs_id_parameters)
+    except ParameterMissing:
+        session.notes.append("the vehicle does not tell which ground station it obeys; we stay system 255")
+        return
+    if int(value) != session.port.system:
+        session.notes.append(f"{name} is {value:g}: from now on we are system {value:g}")
+        session.port.system = int(value)
+
+
+def _with_frame(session: Session, parameters: Parameters, firmware: Firmware) -> VehicleIdentity:
+    assert session.vehicle is not None
+    frame = None
+    if firmware.frame_parameter:
+        frame = int(parameters.read(firmware.frame_parameter))
+    return replace(session.vehicle, firmware=firmware.name, frame=frame)

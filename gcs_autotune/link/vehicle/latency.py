@@ -1,0 +1,241 @@
+"""How late things are on this link: there and back, from command to actuator, and round the whole loop.
+
+Three times, because three things go wrong. The *round trip* of TIMESYNC is the radio's own. *Command to servo* is the
+way up: from our sending an override to the autopilot's output moving, in the vehicle's own time. The *loop* is what a
+relay closed over the link has to live with: from the stamp of the attitude we acted on to the moment the output moved
+because of it. No clock has to be synchronised for the last one: both stamps are the vehicle's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = ["Latency", "LinkTimes", "least_period"]
+
+_KEPT = 200
+_TRUSTED = 5
+"""Chosen: answers among which the clocks are compared; at one a second no clock drifts by a millisecond meanwhile."""
+_STEP = 0.04
+"""Chosen: fraction of full output by which a command must change to be timed; keepers' small corrections do not."""
+_MOVED_SHARE, _MOVED_MOST = 0.3, 0.03
+"""Chosen: an output has moved when it has gone this share of the way, at most this far: a slewed throttle counts."""
+_NEVER = 2.0
+"""Chosen [s]: a command that has shown no effect for so long was lost or limited, and is not timed."""
+_REAL_TIME = 0.02
+"""A vehicle's clock this close to ours runs at our pace; a simulator on double speed does not."""
+_LAG_SHARE = 8.0
+"""Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
+swings in four: there half of every quarter is the craft's own)."""
+_SAMPLES = 8.0
+"""Chosen: attitudes per oscillation below which its amplitude is guesswork."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkTimes:
+    """Medians and 90 % quantiles [s of the vehicle's time; the round trip: of link time]; NaN when not measured.
+
+    Command to servo needs both clocks, so it is not measured on a simulator that runs at another speed.
+
+    ``samples`` command changes were timed; ``override_rate`` [Hz] overrides were sent at while commanding, with
+    ``override_gap`` [s] the longest pause between two.
+    """
+
+    round_trip: float = math.nan
+    round_trip_90: float = math.nan
+    command_to_servo: float = math.nan
+    command_to_servo_90: float = math.nan
+    loop: float = math.nan
+    loop_90: float = math.nan
+    samples: int = 0
+    override_rate: float = math.nan
+    override_gap: float = math.nan
+
+    def to_dict(self) -> dict[str, float]:
+        """Return what is known as plain data for JSON."""
+        return {name: value for name, value in asdict(self).items() if math.isfinite(value)}
+
+    def __str__(self) -> str:
+        """The loop first, with the part of it that is known; a message and its answer go another way round."""
+        parts = [
+            _part("whole loop", self.loop, self.loop_90),
+            _part("of it command to servo", self.command_to_servo, self.command_to_servo_90),
+            _part("a message and its answer", self.round_trip, self.round_trip_90),
+        ]
+        return ", ".join(p for p in parts if p) or "not measured"
+
+
+def _part(what: str, middle: float, late: float) -> str:
+    return f"{what} {1e3 * middle:.0f} ms (9 of 10 within {1e3 * late:.0f})" if math.isfinite(middle) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """A command whose effect has not been seen yet."""
+
+    before: float
+    wanted: float
+    seen: float
+    sent: float
+    since: float
+
+
+class Latency:
+    """Times everything that can be timed on a session, in passing.
+
+    Attributes
+    ----------
+    asked, answered : TIMESYNCs sent, and answered.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._open: dict[int, float] = {}
+        self._trips: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
+        self._quickest = self._middle = math.nan
+        self._pending: dict[str, _Pending] = {}
+        self._wanted: dict[str, float] = {}
+        self._up: deque[float] = deque(maxlen=_KEPT)
+        self._round: deque[float] = deque(maxlen=_KEPT)
+        self.asked = self.answered = 0
+        session.listen("TIMESYNC", self._on_timesync)
+
+    # --- there and back -----------------------------------------------------------------------------------
+
+    def ask(self) -> None:
+        """Send one TIMESYNC; the answer is taken when it comes."""
+        now = self._session.clock.now()
+        stamp = round(now * 1e9) + 1
+        if stamp not in self._open:
+            self._open[stamp] = now
+            self.asked += 1
+            self._session.send(mavlink.MAVLink_timesync_message(0, stamp))
+
+    def _on_timesync(self, m: Message) -> None:
+        """Requests (tc1 0) of the vehicle's own and answers to other stations are not for us."""
+        sent = self._open.pop(int(m.ts1), None) if m.tc1 else None
+        if sent is not None:
+            self.answered += 1
+            trip = self._session.clock.now() - sent
+            self._quickest = trip if math.isnan(self._quickest) else min(trip, self._quickest)
+            self._trips.append((sent, trip, float(m.tc1) * 1e-9))
+            self._middle = math.nan
+
+    def vehicle_time(self, t: float) -> float:
+        """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
+
+        Of the last few answers the quickest is trusted: the less time it took, the less can be wrong about its middle.
+        Of the last few only, because a simulator on a busy machine falls behind.
+        """
+        if not self._trips:
+            return math.nan
+        sent, trip, stamp = min(list(self._trips)[-_TRUSTED:], key=lambda entry: entry[1])
+        return stamp + self._pace() * (t - sent - 0.5 * trip)
+
+    def _pace(self) -> float:
+        """Return seconds of the vehicle's time per second of ours: 1, but for simulators on another speed."""
+        (t0, trip0, stamp0), (t1, trip1, stamp1) = self._trips[0], self._trips[-1]
+        span = t1 + 0.5 * trip1 - t0 - 0.5 * trip0
+        if span < 0.5:
+            return 1.0
+        pace = (stamp1 - stamp0) / span
+        return 1.0 if abs(pace - 1.0) < _REAL_TIME + 2.0 * max(trip0, trip1) / span else pace
+
+    # --- command to servo ---------------------------------------------------------------------------------
+
+    def commanded(self, wanted: Mapping[str, float], outputs: Mapping[str, float], seen: float) -> None:
+        """Take note of a command sent now.
+
+        wanted, outputs : force -> fraction of full output, as commanded and as last measured.
+        seen : the vehicle's stamp [s] of the attitude that the command answers.
+        """
+        now = self._session.clock.now()
+        for force, value in wanted.items():
+            before = self._wanted.get(force)
+            if before is not None and abs(value - before) < _STEP:
+                continue
+            self._wanted[force] = value
+            measured = outputs.get(force)
+            if before is None or measured is None or abs(value - measured) < _STEP:
+                self._pending.pop(force, None)
+            else:
+                self._pending[force] = _Pending(measured, value, seen, self.vehicle_time(now), seen)
+
+    def forget(self) -> None:
+        """Whatever comes now is not the effect of what we commanded last."""
+        self._pending.clear()
+        self._wanted.clear()
+
+    def moved(self, t: float, outputs: Mapping[str, float]) -> None:
+        """Take note of outputs measured; *t* [s] is when they changed to these values, by the vehicle's clock."""
+        for force, pending in list(self._pending.items()):
+            change = pending.wanted - pending.before
+            gone = math.copysign(1.0, change) * (outputs.get(force, pending.before) - pending.before)
+            if gone >= min(_MOVED_SHARE * abs(change), _MOVED_MOST):
+                self._round.append(t - pending.seen)
+                if math.isfinite(pending.sent) and self._pace() == 1.0:
+                    # Sent after the attitude that it answers was stamped, whatever the comparison of the clocks says.
+                    self._up.append(t - max(pending.sent, pending.seen))
+                del self._pending[force]
+            elif t - pending.since > _NEVER:
+                del self._pending[force]
+
+    # --- in numbers ---------------------------------------------------------------------------------------
+
+    @property
+    def loop(self) -> float:
+        """Median time [s] from an attitude's stamp to the output that answers it; NaN when not measured."""
+        return _quantile(self._round, 0.5)
+
+    def trips(self, since: float) -> tuple[tuple[float, float], ...]:
+        """Return (link time asked, round trip), both [s], of every answer to what was asked at or after *since* [s]."""
+        return tuple((sent, trip) for sent, trip, _ in self._trips if sent >= since)
+
+    @property
+    def quickest(self) -> float:
+        """Least round trip ever seen [s of link time]; NaN before any answer."""
+        return self._quickest
+
+    @property
+    def round_trip(self) -> float:
+        """Median round trip [s of link time]; NaN when not measured."""
+        if math.isnan(self._middle):
+            self._middle = _quantile([trip for _, trip, _ in self._trips], 0.5)
+        return self._middle
+
+    def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
+        """Return everything measured so far."""
+        trips = [trip for _, trip, _ in self._trips]
+        loop, late = _quantile(self._round, 0.5), _quantile(self._round, 0.9)
+        return LinkTimes(
+            _quantile(trips, 0.5),
+            _quantile(trips, 0.9),
+            min(_quantile(self._up, 0.5), loop) if self._up else math.nan,
+            min(_quantile(self._up, 0.9), late) if self._up else math.nan,
+            loop,
+            late,
+            len(self._round),
+            override_rate,
+            override_gap,
+        )
+
+
+def least_period(loop: float, rate: float) -> float:
+    """Return the shortest oscillation [s] that can be flown and still tell about the craft; 0 if nothing is known.
+
+    loop : its delay [s], NaN when not measured. rate : of the attitudes it is controlled at [Hz].
+    """
+    interval = 1.0 / rate if rate > 0.0 else 0.0
+    lag = loop + 0.5 * interval if math.isfinite(loop) else 0.0
+    return max(_LAG_SHARE * lag, _SAMPLES * interval)
+
+
+def _quantile(values: deque[float] | list[float], share: float) -> float:
+    return float(np.quantile(list(values), share)) if values else math.nan

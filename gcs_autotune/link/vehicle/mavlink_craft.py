@@ -1,0 +1,295 @@
+"""The craft that manoeuvres fly, over MAVLink."""
+
+from __future__ import annotations
+
+import math
+from contextlib import AbstractContextManager
+
+from gcs_autotune.clock import Clock
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.errors import AutotuneError, LinkLost, NotAsFound
+from gcs_autotune.firmware import Firmware, ServoMap
+from gcs_autotune.link.parameters.client import Parameters
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.actuation_check import await_neutral, check_outputs_follow, check_overrides_taken
+from gcs_autotune.link.vehicle.commands import Commands
+from gcs_autotune.link.vehicle.congestion import check_uplink
+from gcs_autotune.link.vehicle.interference_monitor import InterferenceMonitor, RateKeeper
+from gcs_autotune.link.vehicle.latency import Latency, LinkTimes, least_period
+from gcs_autotune.link.vehicle.other_stations import OtherStations
+from gcs_autotune.link.vehicle.rates import Rates
+from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
+from gcs_autotune.link.vehicle.setpoint_streamer import SetpointStreamer
+from gcs_autotune.link.vehicle.telemetry import Recorder, Telemetry, await_tick, observation
+from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
+from gcs_autotune.trial import Mark, Trial
+
+__all__ = ["MavlinkCraft", "VehicleConfig"]
+
+_PATIENCE = 30.0
+"""Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
+_WARM_UP = 1.0
+"""Seconds between two attempts to arm. Neutral overrides have flowed before the first: without an RC receiver Rover
+arms only when they do."""
+
+
+class MavlinkCraft:
+    """Implements :class:`gcs_autotune.craft.Craft` on a session. Made by :func:`open_craft`.
+
+    Attributes
+    ----------
+    session, parameters, commands, rates, latency, other_stations : the parts it is made of.
+    arm_patience : seconds of link time that :meth:`arm` keeps trying while the pre-arm checks settle.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        firmware: Firmware,
+        config: VehicleConfig,
+        *,
+        parameters: Parameters,
+        commands: Commands,
+        rates: Rates,
+        arm_patience: float = 10.0,
+    ) -> None:
+        self.session = session
+        self.parameters = parameters
+        self.commands = commands
+        self.rates = rates
+        self.arm_patience = arm_patience
+        self._firmware = firmware
+        self._config = config
+        self._recorder = Recorder()
+        self.telemetry = Telemetry(
+            session, config.servos, self._recorder, loop_period=config.loop_period, rate_lag=config.rate_lag
+        )
+        self.latency = Latency(session)
+        self.other_stations = OtherStations(session)
+        self._rc_monitor = RcMonitor(session)
+        self._streamer = SetpointStreamer(
+            session,
+            firmware,
+            config.overrides,
+            config.full_speed,
+            self.telemetry,
+            self.latency,
+            self._rc_monitor,
+            rate_stick=config.rate_stick,
+        )
+        self._interference = InterferenceMonitor(
+            session, firmware, parameters, self.other_stations, self._rc_monitor, self._streamer.send_rate
+        )
+        self._resting = True
+
+    def keep_rates(self) -> None:
+        """Rates have been fitted to the link: keep them, whatever other stations ask for, and spare a full link."""
+        RateKeeper(self.session, self.rates, self.other_stations).start()
+        if math.isfinite(self.rates.capacity):
+            self._streamer.spare_the_link()
+
+    @property
+    def firmware(self) -> Firmware:
+        """What kind of autopilot it is."""
+        return self._firmware
+
+    @property
+    def servos(self) -> ServoMap:
+        """How its servo outputs make forces."""
+        return self._config.servos
+
+    @property
+    def clock(self) -> Clock:
+        """The link's clock."""
+        return self.session.clock
+
+    @property
+    def mode(self) -> str:
+        """The present flight mode, by name."""
+        return self.commands.mode
+
+    @property
+    def armed(self) -> bool:
+        """Whether the vehicle is armed."""
+        return self.session.armed
+
+    def await_heartbeat(self) -> None:
+        """Wait for the next HEARTBEAT, after which :attr:`armed` and :attr:`mode` are of now; ``LinkLost`` if none."""
+        self.session.await_heartbeat()
+
+    @property
+    def skid(self) -> bool:
+        """Whether it steers by the difference of two thrusters."""
+        return self._config.servos.skid
+
+    # --- watching -----------------------------------------------------------------------------------------
+
+    def observe(self) -> Observation:
+        """Wait for the next ATTITUDE and return everything known at it.
+
+        Raises
+        ------
+        LinkLost, OperatorStopped
+            From the session.
+        TelemetryFault
+            NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
+        GuardTripped
+            While a command is in force: mode, arming or a borrowed parameter was changed, not by us.
+        """
+        await_tick(self.session, self.telemetry)
+        if self._streamer.active is not None:
+            self._interference.check()
+        return observation(self.session, self.telemetry, self.mode)
+
+    @property
+    def link_times(self) -> LinkTimes:
+        """How late things are on this link, as measured so far."""
+        return self.latency.times(self._streamer.send_rate.rate, self._streamer.send_rate.longest)
+
+    @property
+    def least_period(self) -> float:
+        """Shortest oscillation [s] that can be flown through this link and still tell about the craft; 0 if unknown."""
+        return least_period(self.latency.loop, self.rates.measured.get("ATTITUDE", 0.0))
+
+    # --- commanding ---------------------------------------------------------------------------------------
+
+    def send(self, command: Command) -> None:
+        """Put *command* on the wire and keep it in force until another one, :meth:`neutral` or :meth:`release`."""
+        if self._resting:
+            self._interference.take_over()
+            self._resting = False
+        self._streamer.command(command)
+
+    def set_mode(self, mode: str) -> None:
+        """Change the flight mode and wait until the heartbeat confirms it."""
+        self._interference.mode = None
+        self.commands.set_mode(mode)
+        self._interference.mode = self.session.custom_mode
+
+    def arm(self) -> None:
+        """Arm, with neutral overrides flowing, and make sure that the outputs do what we say.
+
+        Before: RC_CHANNELS must show our overrides, and the link must have room for all that will be sent. After: in
+        manual mode the steering is twitched by 5 % each way, without thrust, and SERVO_OUTPUT_RAW must follow; that
+        also times the way from command to servo.
+
+        Raises
+        ------
+        ArmingRefused
+            Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
+        PreconditionFailed
+            It is deaf to our overrides, or its outputs are; with the likely cause.
+        TelemetryFault
+            The link does not carry what would have to be sent; it was not armed.
+        """
+        try:
+            self.send(Actuate())
+            check_overrides_taken(self.session, self._streamer, self._rc_monitor, self.parameters, self._firmware)
+            check_uplink(self.session, self._streamer, self.latency)
+            self.commands.arm_patiently(self.arm_patience, _WARM_UP)
+            self._interference.armed = True
+            self.set_mode(self._firmware.manual_mode)
+            check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode)
+        except AutotuneError:
+            self._let_go()
+            raise
+
+    def disarm(self) -> None:
+        """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
+        self._interference.armed = None
+        self.commands.disarm()
+        self.release()
+
+    def neutral(self) -> None:
+        """Bring every actuator to neutral and check that by the measured outputs.
+
+        When the autopilot itself is steering, the rest mode ends that first. While the vehicle is armed neutral
+        overrides go on (without an RC receiver it would fall into its radio failsafe a second after the last one)
+        until :meth:`disarm` or :meth:`release`. The operator has to wait. A vehicle that has fallen
+        silent is waited for, once.
+
+        Raises
+        ------
+        NotAsFound
+            The outputs did not become neutral, or cannot be seen to be; the overrides are released.
+        LinkError
+            The vehicle cannot be heard; the neutral command was sent all the same.
+        """
+        with self.session.operator.shielded():
+            self._interference.change()
+            self._resting = True
+            try:
+                try:
+                    self._make_neutral()
+                except LinkLost:
+                    if not self.session.outlast(_PATIENCE):
+                        raise
+                    self._make_neutral()
+            except BaseException:
+                self._let_go()
+                raise
+            if not self.armed:
+                self.release()
+
+    def _make_neutral(self) -> None:
+        self._streamer.rest()
+        if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
+            self.commands.set_mode(self._firmware.rest_mode)
+        await_neutral(self.session, self.telemetry)
+
+    def release(self) -> None:
+        """Hand the sticks back to the RC receiver, and see by RC_CHANNELS that they are its own again.
+
+        Without a receiver there is nothing to see: the vehicle keeps the last value, which was neutral. The operator
+        has to wait.
+
+        Raises
+        ------
+        NotAsFound
+            RC_CHANNELS still shows our overrides; they end by themselves after RC_OVERRIDE_TIME.
+        """
+        if self._streamer.active is None:
+            return
+        with self.session.operator.shielded():
+            self._interference.change()
+            self._resting = True
+            if not self._streamer.let_go_visibly():
+                raise NotAsFound(
+                    "the overrides were released, but the vehicle still shows them; they end by themselves after "
+                    "RC_OVERRIDE_TIME (neutral until then). Is another station sending the same?",
+                    differences={"overrides": "still in force"},
+                )
+
+    def _let_go(self) -> None:
+        self._resting = True
+        self._interference.change()
+        self._streamer.let_go()
+
+    def shielded(self) -> AbstractContextManager[None]:
+        """While inside, the operator's stop is remembered but not raised."""
+        return self.session.operator.shielded()
+
+    # --- recording ----------------------------------------------------------------------------------------
+
+    def start_recording(self, name: str) -> None:
+        """Begin a new trial; everything heard from now on belongs to it."""
+        self._recorder.start(name)
+
+    def mark(self, mark: Mark) -> None:
+        """Attach an event to the running trial."""
+        self._recorder.mark(mark)
+
+    def stop_recording(self, ending: str, reason: str = "") -> Trial:
+        """End the running trial and return it."""
+        vehicle = self.session.vehicle
+        assert vehicle is not None
+        meta = {
+            "vehicle": vehicle.to_dict(),
+            "link": self.session.transport.description,
+            "firmware": self._firmware.name,
+            "outputs_dated": "midway",
+            "loop_period": self._config.loop_period,
+            "rate_lag": self._config.rate_lag,
+            "link_times": self.link_times.to_dict(),
+        }
+        return self._recorder.stop(ending, reason, meta)

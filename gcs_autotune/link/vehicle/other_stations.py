@@ -1,0 +1,148 @@
+"""Who else is on this link: other stations, and what they were heard to order.
+
+Nothing that they say is acted on. But when the vehicle does something that we did not ask for, the operator must
+know whose doing it was. Three traces tell: the orders themselves, where a router repeats them to everybody; the
+vehicle's COMMAND_ACK, which names the station it answers; and failing these, who was there at all.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Frame, Message, enum_name, mavlink, type_name
+
+__all__ = ["Order", "OtherStations"]
+
+_KEPT = 100
+_RECENT = 10.0
+"""Chosen [s]: a station that has said nothing for so long (ten heartbeats) is no suspect any more."""
+
+_TARGETS = {"MANUAL_CONTROL": "target"}
+"""Message -> field that names whom it is for, where that is not ``target_system``."""
+
+ORDERS = frozenset(
+    {
+        "COMMAND_INT",
+        "COMMAND_LONG",
+        "MANUAL_CONTROL",
+        "PARAM_SET",
+        "RC_CHANNELS_OVERRIDE",
+        "REQUEST_DATA_STREAM",
+        "SET_ATTITUDE_TARGET",
+        "SET_MODE",
+        "SET_POSITION_TARGET_GLOBAL_INT",
+        "SET_POSITION_TARGET_LOCAL_NED",
+    }
+)
+"""Messages by which a station makes a vehicle do something."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What somebody else was heard to order: link time [s], sender, message or MAV_CMD, a parameter's name."""
+
+    t: float
+    system: int
+    component: int
+    what: str
+    name: str = ""
+
+
+class OtherStations:
+    """The other stations on a session's link.
+
+    Attributes
+    ----------
+    stations : (system, component) -> what it says it is, e.g. ``GCS``; ``""`` before its first heartbeat.
+    orders : the last orders heard, oldest first.
+    radio : what a telemetry radio told of itself last (RADIO_STATUS), in words; empty when there is none.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._heard: dict[tuple[int, int], float] = {}
+        self.stations: dict[tuple[int, int], str] = {}
+        self.orders: deque[Order] = deque(maxlen=_KEPT)
+        self.radio = ""
+        session.routing.overhear(self._on_foreign)
+        session.listen("COMMAND_ACK", self._on_acknowledgement)
+
+    def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
+        """Return, in words, who ordered any of *kinds* (of the parameter *name*) since link time *since* [s]."""
+        fitting = self._ordered(kinds, since, name)
+        if fitting:
+            order = fitting[-1]
+            return f"{self._called(order.system, order.component)} sent {order.what}"
+        present = [
+            self._called(*ids) for ids, t in sorted(self._heard.items()) if self._session.clock.now() - t < _RECENT
+        ]
+        if present:
+            return f"also on this link: {', '.join(present)}"
+        return "nobody else is heard on this link, so it came by another one, or from aboard"
+
+    def has_ordered(self, kinds: Collection[str], since: float) -> bool:
+        """Whether anybody was heard to order any of *kinds* since link time *since* [s]."""
+        return bool(self._ordered(kinds, since))
+
+    def _ordered(self, kinds: Collection[str], since: float, name: str = "") -> list[Order]:
+        return [o for o in self.orders if o.t >= since and o.what in kinds and name in ("", o.name)]
+
+    def _called(self, system: int, component: int) -> str:
+        kind = self.stations.get((system, component), "")
+        return f"{kind or 'station'} (system {system}, component {component})"
+
+    def _on_foreign(self, frame: Frame) -> None:
+        if frame.name in ("RADIO_STATUS", "RADIO"):
+            self._on_radio(frame.message)
+            return
+        ids = frame.system, frame.component
+        self._heard[ids] = self._session.clock.now()
+        if frame.name == "HEARTBEAT":
+            self.stations[ids] = type_name(int(frame.message.type))
+        else:
+            self.stations.setdefault(ids, "")
+        if frame.name in ORDERS and self._is_for_our_vehicle(frame):
+            self._take(*ids, _spelled(frame.name, frame.message), str(getattr(frame.message, "param_id", "")))
+
+    def _on_radio(self, m: Message) -> None:
+        """A radio injects these in its own name; signal and noise are its own units, 255 unknown."""
+        self.radio = (
+            f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} aboard, {m.txbuf} % of its "
+            f"buffer free, {m.rxerrors} packets damaged"
+        )
+
+    def _is_for_our_vehicle(self, frame: Frame) -> bool:
+        vehicle = self._session.vehicle
+        target = getattr(frame.message, _TARGETS.get(frame.name, "target_system"), 0)
+        return vehicle is not None and target in (0, vehicle.system)
+
+    def _on_acknowledgement(self, ack: Message) -> None:
+        """The vehicle tells everybody on the link whom it has obeyed."""
+        system = int(getattr(ack, "target_system", 0))
+        if system not in (0, self._session.port.system) and ack.result == mavlink.MAV_RESULT_ACCEPTED:
+            component = self._component(system, int(getattr(ack, "target_component", 0)))
+            self._heard[system, component] = self._session.clock.now()
+            self.stations.setdefault((system, component), "")
+            self._take(system, component, _command_name(int(ack.command)))
+
+    def _component(self, system: int, told: int) -> int:
+        """Return the component told, or, where the vehicle names none, the one of that system that was heard."""
+        known = [component for of, component in self.stations if of == system]
+        return known[0] if told == 0 and len(known) == 1 else told
+
+    def _take(self, system: int, component: int, what: str, name: str = "") -> None:
+        self.orders.append(Order(self._session.clock.now(), system, component, what, name))
+
+
+def _spelled(name: str, message: Message) -> str:
+    return _command_name(int(message.command)) if name in ("COMMAND_LONG", "COMMAND_INT") else name
+
+
+def _command_name(number: int) -> str:
+    """Return a MAV_CMD's name; ArduPilot acknowledges the old SET_MODE by its message number."""
+    if number == mavlink.MAVLINK_MSG_ID_SET_MODE:
+        return "SET_MODE"
+    return enum_name("MAV_CMD", number)

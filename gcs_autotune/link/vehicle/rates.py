@@ -1,0 +1,306 @@
+"""Asking for message rates, and measuring what really comes.
+
+ArduPilot denies what its loop cannot send and keeps the old rate; radios have room for a few kilobytes a second and
+lose the rest. So a request is halved until it is granted, the result is measured on the vehicle's own clock, fitted to
+what the link was seen to carry (:mod:`gcs_autotune.link.vehicle.bandwidth`), and put back at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+from gcs_autotune.errors import AutotuneError, CommandDenied, NoReply, TelemetryFault
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.bandwidth import CHATTER, FASTER, USUAL_SIZE, Demand, least, plan, shortfall
+from gcs_autotune.link.vehicle.commands import Commands
+from gcs_autotune.link.vehicle.congestion import await_empty, is_queueing
+from gcs_autotune.link.vehicle.latency import Latency
+from gcs_autotune.mavlink import Message, mavlink, message_number
+
+__all__ = ["Granted", "Rates"]
+
+_SLOWEST = 1.0
+"""Hz below which halving gives up."""
+_SHORT = 0.8
+"""Chosen: a message that comes at less than this share of what was granted is being lost or held back."""
+_ROUNDS = 3
+"""Chosen: fittings before what is there has to do."""
+_OFF = -1
+_ROUNDING = 1e-3
+_ASKED = 2
+"""Chosen: times that a message is asked for by name before it is held not to exist aboard."""
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """One request: rates [Hz] asked and granted (0: refused), and the interval [us] before (0: default)."""
+
+    asked: float
+    granted: float
+    previous: int
+
+
+class Rates:
+    """The message rates of a session's vehicle.
+
+    Parameters
+    ----------
+    first : message -> rate [Hz] that it gets, on a link without room for all, before others get more than their least.
+
+    Attributes
+    ----------
+    granted : message name -> what came of the request.
+    measured : message name -> Hz, from the last :meth:`measure`.
+    capacity : bytes per second [of the vehicle's time] that the link was seen to carry when it was full; NaN when it
+        never was.
+    """
+
+    def __init__(self, session: Session, commands: Commands, first: Mapping[str, float] | None = None) -> None:
+        self._session = session
+        self._first = first or {}
+        self._commands = commands
+        self.granted: dict[str, Granted] = {}
+        self.measured: dict[str, float] = {}
+        self.capacity = math.nan
+        self._sizes: dict[str, float] = {}
+        self._carried = 0.0
+        self._chatter: dict[str, float] = {}
+
+    def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
+        """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether.
+
+        Raises
+        ------
+        TelemetryFault
+            Answers ceased to come: what was granted so far has filled the link.
+        """
+        begun, before_all = self._session.clock.now(), self._session.routing.traffic.total()
+        for name, rate in wanted.items():
+            before = self.granted.get(name)
+            previous = before.previous if before else self._previous_interval(name)
+            self.granted[name] = Granted(rate, 0.0, previous)
+            try:
+                self.granted[name] = Granted(rate, self._grant(name, rate), previous)
+            except NoReply as error:
+                carried = self._session.routing.traffic.total() - before_all
+                seconds = max(self._session.clock.now() - begun, 1e-3)
+                least_of_all = [Demand(n, hz, USUAL_SIZE, self._first.get(n, 0.0)) for n, hz in wanted.items()]
+                raise TelemetryFault(
+                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. With that {error}. "
+                    f"{FASTER}"
+                ) from error
+            if self.granted[name].granted < rate:
+                self._session.notes.append(
+                    f"{name}: asked for {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
+                )
+        return {name: self.granted[name].granted for name in wanted}
+
+    def fit(
+        self, needed: Mapping[str, float], loop_period: float = 0.0, latency: Latency | None = None
+    ) -> dict[str, float]:
+        """Measure, and ask for less, in order of need, until the link carries what is asked for.
+
+        Parameters
+        ----------
+        needed : message -> rate [Hz] without which nothing can be flown.
+        loop_period : of the autopilot [s]; one that sends at its loops only may round an interval up to whole loops.
+        latency : tells of messages that wait on the way.
+
+        Returns message -> Hz measured in the end.
+
+        Raises
+        ------
+        TelemetryFault
+            The link does not even carry what is needed, or stays full whatever is turned down, with the numbers.
+        """
+        for _ in range(_ROUNDS):
+            begun = self._session.clock.now()
+            measured = self.measure({})
+            if not (self._is_full(measured, loop_period) or self._is_holding_back(measured, latency, begun)):
+                break
+            self.capacity = self._carried
+            try:
+                self._ask_for_less({**needed, **self._first})
+            except NoReply as error:
+                self._session.notes.append(f"the link is too full even to say so: {error}")
+                measured = self._once_more(latency)
+                break
+            if latency is not None:
+                await_empty(self._session, latency)
+        else:
+            measured = self._once_more(latency)
+        self._demand(needed)
+        return measured
+
+    def _once_more(self, latency: Latency | None) -> dict[str, float]:
+        """Measure what is flown with."""
+        begun = self._session.clock.now()
+        measured = self.measure({})
+        if self._is_holding_back(measured, latency, begun):
+            raise TelemetryFault(
+                f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with everything "
+                f"turned down to what an experiment needs. {FASTER}"
+            )
+        return measured
+
+    def _is_holding_back(self, measured: Mapping[str, float], latency: Latency | None, begun: float) -> bool:
+        """Whether messages wait on the way, or one that exists found no room at all: asked for by name it comes."""
+        if latency is not None and is_queueing(latency, begun):
+            return True
+        missing = [n for n, g in self.granted.items() if g.granted > 0.0 and measured.get(n) == 0.0]
+        came: list[str] = []
+        stops = [self._session.listen(n, lambda m: came.append(m.get_type())) for n in missing]
+        try:
+            for _ in range(_ASKED if missing else 0):
+                for name in missing:
+                    self._session.request_message(message_number(name))
+                self._session.wait_for(lambda: came or None, 0.5)
+        finally:
+            for stop in stops:
+                stop()
+        return bool(came)
+
+    def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
+        """Whether something comes, but less often than granted (what does not come at all does not exist aboard)."""
+        return any(
+            0.0 < measured[n] < _SHORT * _at_loops(g.granted, loop_period)
+            for n, g in self.granted.items()
+            if n in measured
+        )
+
+    def _ask_for_less(self, floors: Mapping[str, float]) -> None:
+        sizes = {n: self._sizes.get(n, USUAL_SIZE) for n in self.granted}
+        demands = [
+            Demand(n, g.granted, sizes[n], floors.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
+        ]
+        if self.capacity < least(demands):
+            raise TelemetryFault(f"the link is too slow: {shortfall(self.capacity, demands)}. {FASTER}")
+        rates, hushed = plan(demands, self._chatter, self.capacity)
+        told = []
+        for name, rate in sorted(rates.items(), key=lambda item: -sizes[item[0]] * self.granted[item[0]].granted):
+            before = self.granted[name]
+            if rate < before.granted:
+                told.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")
+                self._set_interval(name, round(1e6 / rate))
+                self.granted[name] = replace(before, granted=rate)
+        for name in hushed:
+            told.append(f"{name} off")
+            self.granted[name] = Granted(0.0, 0.0, self._previous_interval(name))
+            self._set_interval(name, _OFF)
+        if told:
+            self._session.notes.append(f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told)}")
+
+    def _grant(self, name: str, rate: float) -> float:
+        while rate >= _SLOWEST:
+            try:
+                self._set_interval(name, round(1e6 / rate))
+                return rate
+            except CommandDenied:
+                rate /= 2.0
+        return 0.0
+
+    def _set_interval(self, name: str, interval: int) -> None:
+        self._commands.command_long(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_number(name)), float(interval))
+
+    def _previous_interval(self, name: str) -> int:
+        """Return the interval [us] in force; 0, which means the default, when the vehicle does not tell."""
+        number = message_number(name)
+        answers: list[Message] = []
+        stop = self._session.listen("MESSAGE_INTERVAL", lambda m: answers.append(m) if m.message_id == number else None)
+        try:
+            self._commands.command_long(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, float(number), tries=2)
+            self._session.wait_for(lambda: True if answers else None, 1.0)
+        except (CommandDenied, NoReply):
+            return 0
+        finally:
+            stop()
+        return int(answers[0].interval_us) if answers else 0
+
+    def measure(
+        self, required: Mapping[str, float], duration: float = 2.0, *, tolerance: float = 0.6
+    ) -> dict[str, float]:
+        """Count for *duration* [s of the vehicle's time]; return Hz of all messages asked for and required.
+
+        Parameters
+        ----------
+        required : message -> rate [Hz] that is needed; at least *tolerance* of it must be there.
+
+        Raises
+        ------
+        TelemetryFault
+            One comes too slowly, with the numbers, or no ATTITUDE comes to measure time by.
+        """
+        rates = self._count(duration, required)
+        self._demand(required, tolerance)
+        return rates
+
+    def _count(self, duration: float, required: Mapping[str, float]) -> dict[str, float]:
+        counts: Counter[str] = Counter()
+        stamps: list[float] = []
+        traffic = self._session.routing.traffic.copy()
+        watched = {*required, *self.granted}
+        stops = [self._session.listen(name, partial(_count, counts, name)) for name in watched]
+        stops.append(self._session.listen("ATTITUDE", lambda m: _append_later(stamps, m.time_boot_ms * 1e-3)))
+        try:
+            self._session.wait_for(lambda: _lasted(stamps, duration), 4.0 * duration)
+        finally:
+            for stop in stops:
+                stop()
+        n = len(stamps)
+        span = (stamps[-1] - stamps[0]) * n / (n - 1) if n > 1 else 0.0  # n messages stand for n periods
+        if span <= 0.0:
+            raise TelemetryFault(
+                "no ATTITUDE arrives although heartbeats do: is another ground station changing the stream rates?"
+            )
+        self.measured = {name: counts[name] / span for name in watched}
+        heard = self._session.routing.traffic - traffic
+        self._carried = heard.total() / span
+        self._sizes = {name: heard[name] / counts[name] for name in watched if counts[name]}
+        self._chatter = {n: size / span for n, size in heard.items() if n not in watched and n in CHATTER}
+        return self.measured
+
+    def _demand(self, required: Mapping[str, float], tolerance: float = 0.6) -> None:
+        rates = self.measured
+        slow = [
+            f"{n} {rates.get(n, 0.0):.1f} Hz of {hz:g}"
+            for n, hz in required.items()
+            if rates.get(n, 0.0) < tolerance * hz
+        ]
+        if slow:
+            room = f"; it carries {self.capacity:.0f} bytes/s" if math.isfinite(self.capacity) else ""
+            raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {FASTER}")
+
+    def restore(self) -> None:
+        """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""
+        with self._session.operator.shielded():
+            for name in reversed(list(self.granted)):
+                try:
+                    self._set_interval(name, self.granted[name].previous)
+                except AutotuneError as error:
+                    self._session.notes.append(f"the rate of {name} was not put back: {error}")
+        self.granted.clear()
+
+
+def _count(counts: Counter[str], name: str, _: Message) -> None:
+    counts[name] += 1
+
+
+def _at_loops(rate: float, loop_period: float) -> float:
+    """Return the rate [Hz] of an interval rounded up to whole loops."""
+    if rate <= 0.0 or loop_period <= 0.0:
+        return rate
+    return 1.0 / (math.ceil(1.0 / rate / loop_period - _ROUNDING) * loop_period)
+
+
+def _append_later(stamps: list[float], t: float) -> None:
+    """Keep a stamp unless it is older than the last: datagrams may come out of order, or twice."""
+    if not stamps or t > stamps[-1]:
+        stamps.append(t)
+
+
+def _lasted(stamps: list[float], duration: float) -> bool | None:
+    return True if len(stamps) > 1 and stamps[-1] - stamps[0] >= duration else None

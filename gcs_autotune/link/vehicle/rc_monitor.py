@@ -1,0 +1,136 @@
+"""The vehicle's RC input as it shows it, against what we send: are we obeyed, and is anybody else steering?
+
+RC_CHANNELS shows the overrides in force on channels that are overridden and the receiver's sticks on the others. So
+a driven channel that shows what nobody here has sent is another station's stick, and another channel that moves is a
+pilot's hand on the transmitter (his steering stick itself cannot be seen: our override hides it).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message
+
+__all__ = ["RcMonitor"]
+
+_WATCHED = 8
+"""Channels looked at: those a transmitter's sticks and main switches are on."""
+_SAME = 2
+"""Microseconds: what rounding may change."""
+_MOVED = 100
+"""Chosen [us]: a deliberate movement of a stick or switch; receivers jitter by a tenth of that."""
+_NO_PULSE = 800
+"""Microseconds below which a channel carries nothing."""
+_JUDGED, _TOO_MANY = 12, 3
+"""Chosen: that many of the last messages must disagree; one or two may have crossed our commands on the way. Another
+joystick is seen only in the gaps between our overrides: in step with them, in one message of three."""
+_MEMORY = 1.0
+"""Chosen [s of listening: when this machine stalls, nothing is held against the vehicle]: what was sent so long ago may
+still be on its way, beside what the link is known to take."""
+_PATIENCE = 3.0
+"""Chosen [s]: after that long without having been obeyed once, we are deaf."""
+
+
+class RcMonitor:
+    """Compares RC_CHANNELS with what was sent.
+
+    Attributes
+    ----------
+    shown : channel (1-based) -> PWM [us] in the last RC_CHANNELS.
+    has_receiver : whether an RC receiver delivers channels; None before the first message.
+    count : RC_CHANNELS heard.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._sent: deque[tuple[float, Mapping[int, int]]] = deque()
+        self._driven: Mapping[int, int] = {}
+        self._since = 0.0
+        self._verdicts: deque[tuple[int, int] | None] = deque(maxlen=_JUDGED)
+        self._at_rest: dict[int, int] = {}
+        self._strayed: dict[int, int] = {}
+        self._moved: tuple[int, int, int] | None = None
+        self.obeyed = False
+        self.shown: dict[int, int] = {}
+        self.has_receiver: bool | None = None
+        self.count = 0
+        self._memory = _MEMORY
+        session.listen("RC_CHANNELS", self._on_rc_channels)
+
+    def sent(self, values: Mapping[int, int], slack: float = 0.0) -> None:
+        """Take note of an override sent now: channel -> PWM [us], and of the link's *slack* [s], there and back."""
+        now = self._session.liveness.listened
+        self._memory = _MEMORY + slack
+        if not self._sent:
+            self._since = now
+        self._driven = values
+        if not self._sent or dict(self._sent[-1][1]) != dict(values):
+            self._sent.append((now, dict(values)))
+        while len(self._sent) > 1 and self._sent[1][0] < now - self._memory:
+            self._sent.popleft()
+
+    def forget(self) -> None:
+        """We are not commanding any more."""
+        self._sent.clear()
+        self._verdicts.clear()
+        self._at_rest.clear()
+        self._strayed.clear()
+        self._moved, self.obeyed = None, False
+
+    def show(self, values: Mapping[int, int]) -> bool:
+        """Whether the last RC_CHANNELS shows these values [us]."""
+        return bool(self.shown) and all(abs(self.shown[n] - pwm) <= _SAME for n, pwm in values.items())
+
+    @property
+    def moved_by_hand(self) -> tuple[int, int, int] | None:
+        """(channel, PWM [us] before, now) of a channel that we do not drive and that has moved; None if none has."""
+        return self._moved
+
+    @property
+    def departed(self) -> tuple[int, int, int] | None:
+        """(channel, PWM [us] we sent, PWM shown) when the vehicle keeps showing what we did not send."""
+        if not self._sent:
+            return None
+        wrong = [v for v in self._verdicts if v is not None]
+        late = self._session.liveness.listened - self._since > _PATIENCE + self._memory
+        if len(wrong) < _TOO_MANY or not (self.obeyed or late):
+            return None
+        channel, shown = wrong[-1]
+        return channel, self._driven[channel], shown
+
+    def _on_rc_channels(self, m: Message) -> None:
+        self.shown = {n: int(getattr(m, f"chan{n}_raw")) for n in range(1, 17)}
+        self.has_receiver = m.chancount > 0
+        self.count += 1
+        if self._sent:
+            self._judge()
+            self._look_for_a_hand()
+
+    def _judge(self) -> None:
+        verdict = next(
+            (
+                (channel, self.shown[channel])
+                for channel in self._driven
+                if not any(abs(self.shown[channel] - values[channel]) <= _SAME for _, values in self._sent)
+            ),
+            None,
+        )
+        self.obeyed = self.obeyed or verdict is None
+        self._verdicts.append(verdict)
+
+    def _look_for_a_hand(self) -> None:
+        if not self.has_receiver:
+            return
+        for channel in range(1, _WATCHED + 1):
+            pwm = self.shown[channel]
+            if channel in self._driven or pwm < _NO_PULSE:
+                continue
+            rest = self._at_rest.setdefault(channel, pwm)
+            if abs(pwm - rest) <= _MOVED:
+                self._strayed.pop(channel, None)
+            elif channel in self._strayed:
+                self._moved = channel, rest, pwm
+            else:
+                self._strayed[channel] = pwm

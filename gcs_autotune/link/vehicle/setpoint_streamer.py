@@ -1,0 +1,316 @@
+"""Overrides and set-points out: what is commanded stays commanded, 25 times a second, until somebody lets go."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+
+from gcs_autotune.clock import Clock
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, TurnRateTarget
+from gcs_autotune.firmware import Firmware
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.latency import Latency
+from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
+from gcs_autotune.link.vehicle.telemetry import Telemetry
+from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = ["ATTITUDE_TARGETS", "FOLLOW_TIMEOUT", "SendRate", "SetpointStreamer", "depth_target", "turn_rate_target"]
+
+_IGNORE_BODY_RATES = 0b111
+_IGNORE_THRUST = 1 << 6
+_YAW_RATE_ONLY = 0b10000011
+"""ATTITUDE_TARGET_TYPEMASK: body roll and pitch rate and the attitude ignored, yaw rate and thrust in force."""
+_ONLY_Z = 0b110111111011
+"""POSITION_TARGET_TYPEMASK: ignore all but z (the force bit says acceleration, which is ignored)."""
+_HALF = 0.5
+"""Thrust that means "neither up nor down" to ArduSub, should it look."""
+
+
+def _quaternion(psi: float) -> list[float]:
+    """Return (w, x, y, z) of a level attitude with heading *psi* [rad]."""
+    half = math.remainder(psi, 2.0 * math.pi) / 2.0
+    return [math.cos(half), 0.0, 0.0, math.sin(half)]
+
+
+def _attitude(ids: tuple[int, int], psi: float, mask: int, thrust: float) -> Message:
+    return mavlink.MAVLink_set_attitude_target_message(0, *ids, mask, _quaternion(psi), 0.0, 0.0, 0.0, thrust)
+
+
+def _share(speed: float, full_speed: float) -> float:
+    return max(-1.0, min(1.0, speed / full_speed)) if full_speed > 0.0 else 0.0
+
+
+def turn_rate_target(ids: tuple[int, int], target: TurnRateTarget, full_speed: float) -> Message:
+    """Return what asks a Rover in GUIDED for a turn rate and a speed."""
+    thrust = _share(target.speed, full_speed)
+    nothing = _quaternion(0.0)
+    return mavlink.MAVLink_set_attitude_target_message(0, *ids, _YAW_RATE_ONLY, nothing, 0.0, 0.0, target.r, thrust)
+
+
+def _boat(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
+    """Rover in GUIDED: heading from the quaternion, thrust as a fraction of WP_SPEED, both needed."""
+    return _attitude(ids, target.psi, _IGNORE_BODY_RATES, _share(target.speed, full_speed))
+
+
+def _rov(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
+    """Sub in ALT_HOLD: attitude for five seconds per message while the depth loop goes on."""
+    return _attitude(ids, target.psi, _IGNORE_BODY_RATES | _IGNORE_THRUST, _HALF)
+
+
+ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float], Message]] = {
+    "boat": _boat,
+    "rov": _rov,
+}
+"""Kind of vehicle (``Firmware.kind``) -> how a heading is asked of it."""
+
+
+def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
+    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth below the estimator's origin, which is how ArduSub takes it.
+
+    In ALT_HOLD it reads the altitude alone, from its origin, whatever frame the message names.
+    """
+    nothing = [0.0] * 8
+    return mavlink.MAVLink_set_position_target_global_int_message(
+        0, *ids, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, _ONLY_Z, 0, 0, -target.z, *nothing
+    )
+
+
+_WORTH_KEEPING = 0.02
+"""Seconds: shorter ones never matter."""
+_KEPT = 200
+_TELLING = 1.0
+"""Seconds of sending after which the pace of the vehicle's time can be told."""
+
+
+class SendRate:
+    """Counts what is sent while it should be, on the link's clock.
+
+    Attributes
+    ----------
+    longest : longest pause between two [s]; NaN before the second.
+    pace : seconds of the vehicle's time per second of the link's, 1 until it can be told; more in a simulation that
+        runs ahead.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._last = math.nan
+        self._count = 0
+        self._time = 0.0
+        self._pauses: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+        self._begun = (math.nan, math.nan)
+        self.longest = math.nan
+        self.pace = 1.0
+
+    @property
+    def rate(self) -> float:
+        """Mean rate [Hz]; NaN before the second."""
+        return self._count / self._time if self._time > 0.0 else math.nan
+
+    def pause_since(self, t: float) -> float:
+        """Return the longest pause [s] that ended after link time *t* [s]; 0 without any."""
+        return max((pause for end, pause in self._pauses if end >= t), default=0.0)
+
+    def count(self, vehicle_time: float = math.nan) -> None:
+        """One is sent now; the vehicle's last stamp says *vehicle_time* [s]."""
+        now = self._clock.now()
+        self._keep_pace(now, vehicle_time)
+        if not math.isnan(self._last):
+            pause = now - self._last
+            self._count += 1
+            self._time += pause
+            self.longest = max(pause, self.longest) if not math.isnan(self.longest) else pause
+            if pause > _WORTH_KEEPING:
+                self._pauses.append((now, pause))
+        self._last = now
+
+    def _keep_pace(self, now: float, vehicle_time: float) -> None:
+        begun, then = self._begun
+        if not vehicle_time >= then:  # the first, or its clock ran back
+            self._begun = (now, vehicle_time)
+        elif now - begun > _TELLING:
+            self.pace = (vehicle_time - then) / (now - begun)
+
+    def suspend(self) -> None:
+        """For a while nothing is to be sent."""
+        self._last = math.nan
+
+
+_NARROW_REFRESH = 0.1
+"""Chosen: seconds of link time after which the active command is repeated where there is no room for more."""
+_STALE = 0.15
+"""Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
+_SYNC_PERIOD = 1.0
+"""Seconds between two TIMESYNCs."""
+_CROWD = 3
+"""An override and a target together take less than three overrides (30 and at most 53 bytes, unsigned)."""
+_REPEATS = 5
+"""Releases sent at once: losing five in a row is rare even where every second one is lost."""
+FOLLOW_TIMEOUT = 3.0
+"""Chosen [s]: longer than any healthy link takes, shorter than an operator's patience."""
+
+
+class SetpointStreamer:
+    """Sends overrides and targets, keeps them in force, and hands the sticks back.
+
+    Attributes
+    ----------
+    clock : the link's.
+    active : the command in force, None when the sticks are not ours.
+    send_rate : how regularly overrides really go out.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        firmware: Firmware,
+        overrides: OverrideMap,
+        full_speed: float,
+        telemetry: Telemetry,
+        latency: Latency,
+        rc_monitor: RcMonitor,
+        *,
+        rate_stick: RateStick | None = None,
+    ) -> None:
+        assert session.vehicle is not None
+        self._session = session
+        self._firmware = firmware
+        self._overrides = overrides
+        self._full_speed = full_speed
+        self._telemetry = telemetry
+        self._latency = latency
+        self._rc_monitor = rc_monitor
+        self._rate_stick = rate_stick
+        self._ids = (session.vehicle.system, session.vehicle.component)
+        self._probing = False
+        self._copies = 1
+        self._sparing = False
+        self._sent = self._sent_t = -math.inf
+        self.clock = session.clock
+        self.active: Command | None = None
+        self.send_rate = SendRate(session.clock)
+        self._task = session.every(session.transport.repeat_period, self._refresh)
+        session.every(_SYNC_PERIOD, latency.ask)
+        session.listen("ATTITUDE", lambda _: self._refresh_in_vehicle_time())
+        session.listen("SERVO_OUTPUT_RAW", lambda _: latency.moved(telemetry.output_since, telemetry.outputs))
+
+    def spare_the_link(self) -> None:
+        """Send ten overrides a second instead of twenty-five: there is no room for more."""
+        self._task.period, self._sparing = _NARROW_REFRESH, True
+
+    def crowd(self) -> None:
+        """From now on send every override as often as to fill what overrides and targets together will take."""
+        self._copies = _CROWD
+
+    def thin_out(self) -> None:
+        """End that."""
+        self._copies = 1
+
+    def command(self, command: Command) -> None:
+        """Put *command* on the wire and keep it in force; on a link to be spared not again when just sent."""
+        if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
+            return
+        self.active = command
+        wanted = command if isinstance(command, Actuate) else Actuate()
+        forces = {force: getattr(wanted, force) for force in self._overrides.channels}
+        self._latency.commanded(forces, self._telemetry.outputs, self._telemetry.t)
+        self._transmit(command)
+
+    def rest(self) -> None:
+        """Neutral, repeatedly: the first may be lost."""
+        self._latency.forget()
+        self.active = Actuate()
+        for _ in range(_REPEATS):
+            self._transmit(self.active)
+
+    def probe_override(self) -> bool:
+        """Stream overrides that are as good as neutral until RC_CHANNELS shows them; return whether it did."""
+        self._probing, self.active = True, Actuate()
+        try:
+            self._transmit(self.active)
+            return self._session.wait_for(lambda: self.shows_probe or None, FOLLOW_TIMEOUT) is not None
+        finally:
+            self._probing = False
+
+    @property
+    def shows_probe(self) -> bool:
+        """Whether RC_CHANNELS shows what :meth:`probe_override` sends."""
+        return self._rc_monitor.show(self._overrides.probe)
+
+    @property
+    def is_obeyed(self) -> bool:
+        """Whether RC_CHANNELS shows the overrides of the active command."""
+        return self._rc_monitor.show(self._values(self.active)) if self.active is not None else False
+
+    @property
+    def differing(self) -> str:
+        """Channels that do not show what :meth:`probe_override` sends, in words."""
+        shown = self._rc_monitor.shown
+        return ", ".join(
+            f"channel {n} {shown.get(n, 0)} us for {pwm}" for n, pwm in self._overrides.probe.items() if pwm != shown[n]
+        )
+
+    def let_go(self) -> None:
+        """Hand the sticks back to the RC receiver, if there is one."""
+        self.active = None
+        self._rc_monitor.forget()
+        self._latency.forget()
+        self.send_rate.suspend()
+        for _ in range(_REPEATS):
+            self._release()
+
+    def let_go_visibly(self) -> bool:
+        """Let go, and see by RC_CHANNELS that the sticks are the receiver's again; return whether they are.
+
+        Without a receiver there is nothing to see: the vehicle keeps the last value, which is neutral.
+        """
+        marked = bool(self._rc_monitor.has_receiver) and self.probe_override()
+        self.let_go()
+        return not marked or self._session.wait_for(self._is_released, FOLLOW_TIMEOUT) is not None
+
+    def _is_released(self) -> bool | None:
+        """Whether the probe values are gone; if not, the releases may have been lost."""
+        if not self.shows_probe:
+            return True
+        self._release()
+        return None
+
+    def _release(self) -> None:
+        self._session.send(self._overrides.release(*self._ids))
+
+    def _refresh(self) -> None:
+        if self.active is not None:
+            self._transmit(self.active)
+
+    def _refresh_in_vehicle_time(self) -> None:
+        """A simulator that runs ahead of the wall clock lets overrides expire by its own time."""
+        if self._telemetry.t - self._sent_t > _STALE:
+            self._refresh()
+
+    def _values(self, command: Command) -> Mapping[int, int]:
+        if self._probing:
+            return self._overrides.probe
+        if isinstance(command, TurnRateTarget) and self._rate_stick is not None:
+            gain = self._telemetry.value("pilot_gain")
+            return self._overrides.values(Actuate(N=self._rate_stick.deflection(command.r, gain)))
+        return self._overrides.values(command if isinstance(command, Actuate) else Actuate())
+
+    def _transmit(self, command: Command) -> None:
+        """Send the command; targets go with neutral overrides, which tell the failsafes that we are there."""
+        self._task.postpone()
+        self.send_rate.count(self._telemetry.t)
+        self._sent, self._sent_t = self.clock.now(), self._telemetry.t
+        values, trip = self._values(command), self._latency.round_trip
+        self._rc_monitor.sent(values, 2.0 * trip if math.isfinite(trip) else 0.0)
+        for _ in range(self._copies):
+            self._session.send(self._overrides.message(values, *self._ids))
+        if isinstance(command, HeadingTarget):
+            encode = ATTITUDE_TARGETS[self._firmware.kind]
+            self._session.send(encode(self._ids, command, self._full_speed))
+        elif isinstance(command, TurnRateTarget) and self._rate_stick is None:
+            self._session.send(turn_rate_target(self._ids, command, self._full_speed))
+        elif isinstance(command, DepthTarget):
+            below_origin = DepthTarget(command.z + self._telemetry.depth_offset)
+            self._session.send(depth_target(self._ids, below_origin))

@@ -1,0 +1,330 @@
+"""MAVLink telemetry to SI signals with the vehicle's own stamps. Degrees, centimetres and PWM end here.
+
+Every sample goes into the trial that is being recorded as it came, nothing resampled; at the next control tick
+everything known of the craft is one observation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.errors import TelemetryFault
+from gcs_autotune.firmware import ServoMap
+from gcs_autotune.frames import flat, to_body
+from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
+from gcs_autotune.mavlink import Message
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Channel, Mark, Trial
+
+__all__ = ["UNITS", "Recorder", "Telemetry", "await_tick", "observation"]
+
+UNITS: Mapping[str, str] = {
+    **{name: unit for name, (unit, _) in SIGNALS.items()},
+    **dict.fromkeys("XYZKMN", "1"),
+    "battery": "V",
+    "battery_remaining": "1",
+    "pressure": "Pa",
+}
+"""Channel -> unit. Forces are fractions of full actuator output here."""
+
+
+class Recorder:
+    """Takes samples while a trial runs, and drops them otherwise."""
+
+    def __init__(self) -> None:
+        self._name: str | None = None
+        self._samples: dict[str, tuple[list[float], list[float]]] = {}
+        self._marks: list[Mark] = []
+        self.late = 0
+
+    def start(self, name: str) -> None:
+        """Begin a new trial; what an unfinished one held is dropped."""
+        self._name = name
+        self._samples, self._marks, self.late = {}, [], 0
+
+    def take(self, t: float, values: Mapping[str, float]) -> None:
+        """Add samples stamped *t* [s]; one older than the last of its channel is counted as late and left out."""
+        if self._name is None:
+            return
+        for name, value in values.items():
+            times, column = self._samples.setdefault(name, ([], []))
+            if times and t < times[-1]:
+                self.late += 1
+                continue
+            times.append(t)
+            column.append(value)
+
+    def mark(self, mark: Mark) -> None:
+        """Add an event."""
+        if self._name is not None:
+            self._marks.append(mark)
+
+    def stop(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
+        """End the trial and return it; an empty one when none was running."""
+        channels = {
+            name: Channel(name, UNITS.get(name, "1"), np.array(times), np.array(column))
+            for name, (times, column) in self._samples.items()
+        }
+        name, self._name = self._name or "", None
+        details = {**meta, "late_samples": self.late} if self.late else dict(meta)
+        return Trial(name, channels, tuple(self._marks), ending, reason, details)
+
+
+_SAME_MOMENT = 0.005
+"""Chosen: seconds between two messages that tell of one estimate."""
+_PREFER_LOCAL = 2.0
+"""Chosen: seconds that GLOBAL_POSITION_INT waits for LOCAL_POSITION_NED before it becomes the position."""
+_UNKNOWN_VOLTAGE = 65535
+_LONGEST_GAP = 0.5
+"""Chosen [s]: after a longer silence of the outputs their change is dated by its own message."""
+
+
+class Telemetry:
+    """Listens to a session and keeps the latest value of every signal.
+
+    Position ``x``, ``y`` and velocity come from LOCAL_POSITION_NED, or from GLOBAL_POSITION_INT when the former
+    is not there; never from both, because their origins differ. ``z`` is minus GLOBAL_POSITION_INT's
+    relative altitude (LOCAL_POSITION_NED's when there is no other).
+
+    Turn rates have passed the autopilot's gyro filter and are late by ``rate_lag`` [s]; they are recorded at the time
+    they were true, so that they go with the angles, which are not late. ``loop_period`` [s] is the autopilot's.
+
+    Attributes
+    ----------
+    latest : signal -> last value (names of ``sname.SIGNALS``, ``battery``, ``battery_remaining``, ``pressure``).
+    t : stamp [s] of the last ATTITUDE. ticks : how many came.
+    outputs, output_t : measured force fractions and their stamp. output_ticks : how many came.
+    output_since : when they came to be so [s], as near as the messages tell.
+    """
+
+    def __init__(
+        self, session: Session, servos: ServoMap, recorder: Recorder, *, loop_period: float = 0.0, rate_lag: float = 0.0
+    ) -> None:
+        self._servos = servos
+        self._loop_period = loop_period
+        self._rate_lag = rate_lag
+        self._recorder = recorder
+        self._clock = BootClock()
+        self._unwrapper = Unwrapper()
+        self._origin: tuple[float, float] | None = None
+        self._position_source = ""
+        self._global_since = math.nan
+        self._depth_source = ""
+        self.watchdog = Watchdog(session.clock)
+        self.latest: dict[str, float] = {}
+        self.outputs: dict[str, float] = {}
+        self.output_t = math.nan
+        self.output_since = math.nan
+        self.depth_offset = 0.0
+        """Depth below the estimator's origin less depth below home [m]; the two are centimetres or more apart."""
+        self._local_z = (math.nan, math.nan)
+        self.output_ticks = 0
+        self.t = math.nan
+        self.ticks = 0
+        for name, reader in self._readers().items():
+            session.listen(name, reader)
+
+    def _readers(self) -> Mapping[str, Callable[[Message], None]]:
+        return {
+            "ATTITUDE": self._attitude,
+            "SERVO_OUTPUT_RAW": self._servo_output,
+            "LOCAL_POSITION_NED": self._local_position,
+            "GLOBAL_POSITION_INT": self._global_position,
+            "VFR_HUD": self._vfr_hud,
+            "SCALED_PRESSURE2": self._pressure,
+            "SYS_STATUS": self._sys_status,
+            "NAMED_VALUE_FLOAT": self._named_value,
+        }
+
+    def value(self, name: str) -> float:
+        """Return the latest value of a signal, NaN when there is none."""
+        return self.latest.get(name, math.nan)
+
+    def _take(self, t: float, values: Mapping[str, float]) -> None:
+        self.latest.update(values)
+        self._recorder.take(t, values)
+
+    def _attitude(self, m: Message) -> None:
+        t = self._clock.from_ms(m.time_boot_ms)
+        if not self.watchdog.see_stamp(t):
+            return
+        attitude = (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
+        self.watchdog.see_attitude(t, attitude)
+        if not math.isfinite(m.yaw):
+            return
+        self.t = t
+        self.ticks += 1
+        psi = self._unwrapper.unwrap(m.yaw)
+        self._take(t, {"phi": m.roll, "theta": m.pitch, "psi": psi})
+        self._take(t - self._rate_lag, {"p": m.rollspeed, "q": m.pitchspeed, "r": m.yawspeed})
+
+    def _servo_output(self, m: Message) -> None:
+        t = self._clock.from_us(m.time_usec)
+        if m.port != 0 or math.isnan(t):
+            return
+        pwms = (
+            m.servo1_raw,
+            m.servo2_raw,
+            m.servo3_raw,
+            m.servo4_raw,
+            m.servo5_raw,
+            m.servo6_raw,
+            m.servo7_raw,
+            m.servo8_raw,
+        )
+        forces = self._servos.forces(pwms)
+        self.watchdog.see_outputs(t, forces)
+        self._record_outputs(t, forces)
+        self.outputs, self.output_t = forces, t
+        self.output_ticks += 1
+
+    def _record_outputs(self, t: float, forces: Mapping[str, float]) -> None:
+        """Date a change of output midway between the first and the last moment it may have happened at.
+
+        That is one autopilot loop after the last message without it, and the first message with it: outputs change
+        at loops only, and a message carries those of its own loop. The later stamp would be late by half an
+        interval on average, which an identification of a craft with a two-second oscillation sees.
+        """
+        gap = t - self.output_t
+        midway = t - 0.5 * max(gap - self._loop_period, 0.0) if gap < _LONGEST_GAP else t
+        changed = {n: f for n, f in forces.items() if f != self.outputs.get(n)}
+        if changed:
+            self.output_since = midway
+        self._recorder.take(midway, changed)
+        self._recorder.take(t, {n: f for n, f in forces.items() if n not in changed})
+
+    def _local_position(self, m: Message) -> None:
+        t = self._clock.from_ms(m.time_boot_ms)
+        self._local_z = (t, m.z)
+        if self._position_source in ("", "local"):
+            self._position_source = "local"
+            self._take(t, {"x": m.x, "y": m.y, **self._velocity(t, m.vx, m.vy)})
+        if self._depth_source in ("", "local"):
+            self._depth_source = "local"
+            self._take(t, {"z": m.z, "w": m.vz})
+
+    def _global_position(self, m: Message) -> None:
+        t = self._clock.from_ms(m.time_boot_ms)
+        self._depth_source = "global"
+        if abs(t - self._local_z[0]) <= _SAME_MOMENT:
+            self.depth_offset = self._local_z[1] + m.relative_alt * 1e-3
+        self._take(t, {"z": -m.relative_alt * 1e-3, "w": m.vz * 1e-2})
+        has_fix = m.lat != 0 or m.lon != 0
+        if has_fix and self._use_global(t):
+            x, y = self._flat(m.lat * 1e-7, m.lon * 1e-7)
+            self._take(t, {"x": x, "y": y, **self._velocity(t, m.vx * 1e-2, m.vy * 1e-2)})
+
+    def _use_global(self, t: float) -> bool:
+        if self._position_source == "" and math.isnan(self._global_since):
+            self._global_since = t
+        if self._position_source == "" and t - self._global_since >= _PREFER_LOCAL:
+            self._position_source = "global"
+        return self._position_source == "global"
+
+    def _flat(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Return metres north and east of the first fix."""
+        if self._origin is None:
+            self._origin = (lat_deg, lon_deg)
+        return flat(lat_deg, lon_deg, self._origin)
+
+    def _velocity(self, t: float, north: float, east: float) -> dict[str, float]:
+        """Turn velocity over ground [m/s] into the body frame, with the heading carried forward to *t*."""
+        if not (math.isfinite(north) and math.isfinite(east)):
+            return {"U": math.nan, "u": math.nan, "v": math.nan}
+        psi = self.value("psi")
+        rate = self.value("r")
+        if math.isfinite(rate) and abs(t - self.t) < 1.0:
+            psi += rate * (t - self.t)
+        velocity = {"U": math.hypot(north, east)}
+        if math.isfinite(psi):
+            velocity["u"], velocity["v"] = to_body(north, east, psi)
+        return velocity
+
+    def _vfr_hud(self, m: Message) -> None:
+        if not self._position_source and self._clock.is_set:
+            self._take(self._clock.now, {"U": m.groundspeed})
+
+    def _pressure(self, m: Message) -> None:
+        self._take(self._clock.from_ms(m.time_boot_ms), {"pressure": m.press_abs * 100.0})
+
+    def _named_value(self, m: Message) -> None:
+        if m.name.rstrip("\0") == "PilotGain":
+            self.latest["pilot_gain"] = m.value
+
+    def _sys_status(self, m: Message) -> None:
+        values = {}
+        if m.voltage_battery not in (0, _UNKNOWN_VOLTAGE):
+            values["battery"] = m.voltage_battery * 1e-3
+        if m.battery_remaining >= 0:
+            values["battery_remaining"] = m.battery_remaining * 1e-2
+        if values and self._clock.is_set:
+            self._take(self._clock.now, values)
+        self.latest["prearm_ok"] = _prearm_ok(m)
+
+
+def _prearm_ok(m: Message) -> float:
+    """Return 1 when the pre-arm checks pass, 0 when they do not, NaN when the vehicle does not tell."""
+    bit = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+    if not m.onboard_control_sensors_enabled & bit:
+        return math.nan
+    return 1.0 if m.onboard_control_sensors_health & bit else 0.0
+
+
+_TICK_TIMEOUT = 3.0
+_UNHEARD = 2.0
+"""Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
+
+
+def await_tick(session: Session, telemetry: Telemetry) -> None:
+    """Pump until the next ATTITUDE.
+
+    Raises
+    ------
+    LinkLost, OperatorStopped
+        From the session.
+    TelemetryFault
+        NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
+    """
+    seen, begun = telemetry.ticks, session.liveness.listened
+    while telemetry.ticks == seen:
+        telemetry.watchdog.check()
+        if session.liveness.listened - begun > _TICK_TIMEOUT:
+            session.check_heard(_UNHEARD)
+            raise TelemetryFault(
+                f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
+                "ground station changing the stream rates?"
+            )
+        session.pump()
+    telemetry.watchdog.check()
+
+
+def observation(session: Session, telemetry: Telemetry, mode: str) -> Observation:
+    """Return what is known now of a craft in *mode*."""
+    value = telemetry.value
+    return Observation(
+        t=telemetry.t,
+        psi=value("psi"),
+        r=value("r"),
+        phi=value("phi"),
+        theta=value("theta"),
+        x=value("x"),
+        y=value("y"),
+        z=value("z"),
+        u=value("u"),
+        v=value("v"),
+        w=value("w"),
+        speed=value("U"),
+        output=telemetry.outputs,
+        output_t=telemetry.output_t,
+        armed=session.armed,
+        mode=mode,
+        battery_voltage=value("battery"),
+        battery_remaining=value("battery_remaining"),
+        age=session.liveness.silence,
+    )

@@ -1,0 +1,237 @@
+"""How a vehicle's inputs and outputs are connected, as read from its parameters.
+
+Force fractions become RC_CHANNELS_OVERRIDE so that the wanted fraction comes out of the autopilot's scaling. ArduSub's
+yaw stick in the stabilised modes is a turn rate, beyond a dead zone that the joystick gain scales.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import Firmware, ServoMap
+from gcs_autotune.link.parameters.client import Parameters
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = ["OverrideMap", "RateStick", "RcChannel", "VehicleConfig", "read_override_map", "read_rate_stick", "why_deaf"]
+
+_IGNORE = 65535
+_RELEASE = 0
+_CHANNELS = 8
+_SMALLEST = 1e-3
+"""Chosen: fractions below this are neutral; half a microsecond of 500."""
+_PROBE = 8
+"""Chosen [us]: seen in RC_CHANNELS, felt by nobody: inside a dead zone where there is one, else 2 % of a thruster that
+has its own; a receiver's trim is not likely to be off by just that on every channel."""
+_LONGEST_EXPIRY = 10.0
+"""Chosen [s]: a vehicle that obeys its last override for longer than this after the link broke is not flown."""
+_IGNORE_OVERRIDES = 2
+"""RC_OPTIONS bit 1."""
+_ENFORCE_SYSTEM = 1
+"""MAV_OPTIONS bit 0."""
+_OVERRIDE_SWITCH = 46
+"""RCn_OPTION: a switch that turns overrides off."""
+_RC_OPTION_CHANNELS = range(1, 17)
+
+
+@dataclass(frozen=True, slots=True)
+class RcChannel:
+    """One RC input as the autopilot scales it: PWM [us] limits, trim, dead zone, and sign."""
+
+    low: float
+    trim: float
+    high: float
+    dead_zone: float = 0.0
+    sign: float = 1.0
+
+    def pwm(self, fraction: float) -> int:
+        """Return the PWM [us] that the autopilot turns into *fraction* (-1..1, clipped)."""
+        wanted = self.sign * max(-1.0, min(1.0, fraction))
+        if abs(wanted) < _SMALLEST:
+            return round(self.trim)
+        limit = self.high if wanted > 0 else self.low
+        span = abs(limit - self.trim) - self.dead_zone
+        deflection = self.dead_zone + abs(wanted) * span
+        return round(self.trim + (deflection if wanted > 0 else -deflection))
+
+
+@dataclass(frozen=True, slots=True)
+class OverrideMap:
+    """Which RC channel (1-based) drives which force, and how; ``held``: channel -> PWM [us] it is kept at."""
+
+    channels: Mapping[str, tuple[int, RcChannel]]
+    held: Mapping[int, int] = field(default_factory=dict)
+
+    def values(self, command: Actuate) -> dict[int, int]:
+        """Return channel -> PWM [us] for *command*."""
+        driven = {n: channel.pwm(getattr(command, force)) for force, (n, channel) in self.channels.items()}
+        return {**self.held, **driven}
+
+    @property
+    def probe(self) -> dict[int, int]:
+        """Channel -> PWM [us] of an override that is as good as neutral, and yet known for ours when seen again."""
+        return {n: pwm + _PROBE for n, pwm in self.values(Actuate()).items()}
+
+    def message(self, values: Mapping[int, int], system: int, component: int) -> Message:
+        """Return the override that sets *values* (channel -> PWM [us]); the other channels are left alone."""
+        fields = [values.get(n, _IGNORE) for n in range(1, _CHANNELS + 1)]
+        return mavlink.MAVLink_rc_channels_override_message(system, component, *fields)
+
+    def release(self, system: int, component: int) -> Message:
+        """Return the override that hands the channels that we drive back to the RC receiver."""
+        return self.message(dict.fromkeys(self.values(Actuate()), _RELEASE), system, component)
+
+
+def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap:
+    """Ask the vehicle how it scales its RC inputs and return the map.
+
+    Raises
+    ------
+    PreconditionFailed
+        Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
+    """
+    told = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
+    _check_expiry(told.get("RC_OVERRIDE_TIME"))
+    if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
+        raise PreconditionFailed(
+            f"RC_OPTIONS is {told['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. "
+            f"Set it to {int(told['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
+        )
+    numbers = {force: _channel(told, firmware, force) for force in firmware.channels}
+    idle = [int(told.get(name, number)) for name, number in firmware.idle.items()]
+    fields = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
+    names = {n: [f"RC{n}_{field}" for field in fields] for n in numbers.values()}
+    trims = {n: f"RC{n}_TRIM" for n in idle if n not in names and 1 <= n <= _CHANNELS}
+    values = parameters.read_all([*(name for group in names.values() for name in group), *trims.values()])
+    channels = {}
+    for force, number in numbers.items():
+        low, trim, high, dead_zone, is_reversed = (values[name] for name in names[number])
+        dead_zone = dead_zone if firmware.manual_dead_zone else 0.0
+        if force in firmware.from_one_end and not told.keys() & set(firmware.rc_map.values()):
+            trim = _middle(number, low, trim, high, is_reversed != 0.0)
+        if not low + dead_zone < trim < high - dead_zone:
+            raise PreconditionFailed(
+                f"RC{number}_MIN {low:g}, TRIM {trim:g}, MAX {high:g}, DZ {dead_zone:g} leave no room on both "
+                "sides of neutral: calibrate the radio first"
+            )
+        sign = firmware.channel_signs[force] * (-1.0 if is_reversed else 1.0)
+        channels[force] = (number, RcChannel(low, trim, high, dead_zone, sign))
+    return OverrideMap(channels, {n: round(values[name]) for n, name in trims.items()})
+
+
+def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool) -> float:
+    """Return the neutral PWM [us] of a stick that counts from its trim, at its low end, to its high end."""
+    if trim != low or is_reversed:
+        turned = f", RC{number}_REVERSED 0" if is_reversed else ""
+        raise PreconditionFailed(
+            f"RC{number}_TRIM is {trim:g}: this firmware counts the throttle stick from there to RC{number}_MAX "
+            f"({high:g}), so that neutral is not the middle of its travel. "
+            f"Set RC{number}_TRIM {low:g}{turned} and try again"
+        )
+    return 0.5 * (low + high)
+
+
+def _channel(told: Mapping[str, float], firmware: Firmware, force: str) -> int:
+    """Return the RC channel of *force*: as mapped aboard, else the firmware's own."""
+    name = firmware.rc_map.get(force, "")
+    number = int(told.get(name, firmware.channels[force]))
+    if not 1 <= number <= _CHANNELS:
+        raise PreconditionFailed(f"{name} is {number}: overrides reach channels 1 to {_CHANNELS} only; map it there")
+    return number
+
+
+def _check_expiry(expiry: float | None) -> None:
+    if expiry is None or 0.0 < expiry <= _LONGEST_EXPIRY:
+        return
+    if expiry == 0.0:
+        meaning = "ignores overrides"
+    elif expiry < 0.0:
+        meaning = "would hold the last override for ever if the link broke"
+    else:
+        meaning = f"would hold the last override for {expiry:g} s if the link broke"
+    raise PreconditionFailed(
+        f"RC_OVERRIDE_TIME is {expiry:g}: the vehicle {meaning}. Set it to 3 (seconds) and try again"
+    )
+
+
+def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> str:
+    """Ask the vehicle why it may not take our overrides; return the likely cause and its cure in one sentence."""
+    switches = [f"RC{n}_OPTION" for n in _RC_OPTION_CHANNELS]
+    names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
+    told = parameters.read_existing([*names, *switches])
+    if not told:
+        return "it answers no question either: the way up to it is broken (a one-way link, or too weak a radio)"
+    name = next((n for n in firmware.gcs_id_parameters if n in told), "")
+    low, high = int(told.get(name, source_system)), int(told.get("MAV_GCS_SYSID_HI", 0.0))
+    if not low <= source_system <= max(low, high):
+        return f"{name} is {low}, but we send as system {source_system}: use --source-system {low}"
+    if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
+        return f"RC_OPTIONS is {told['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides; clear it"
+    if told.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
+        return "RC_OVERRIDE_TIME is 0: it ignores overrides; set it to 3 (seconds)"
+    switch = next((n for n in switches if told.get(n) == _OVERRIDE_SWITCH), "")
+    if switch:
+        return f"{switch} is {_OVERRIDE_SWITCH}: that switch turns overrides off; put it to its other position"
+    signed = "; MAV_OPTIONS bit 0 is set" if int(told.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
+    return (
+        f"its parameters do not say why ({name or 'station id'} {low}, RC_OPTIONS {told.get('RC_OPTIONS', 0.0):g}"
+        f"{signed}); a router that filters RC_CHANNELS_OVERRIDE, a signed link or another station's stream may"
+    )
+
+
+_FULL_STICK = math.radians(45.0)
+"""Yaw input of a full stick [rad/s] before ACRO_YAW_P; measured: 152 deg/s at ACRO_YAW_P 3.375."""
+_USUAL_GAIN = 0.5
+_NAMES = ("ACRO_YAW_P", "RC4_DZ", "RC4_MAX", "RC4_TRIM", "JS_GAIN_DEFAULT")
+
+
+@dataclass(frozen=True, slots=True)
+class RateStick:
+    """``full_rate`` [rad/s] of a full stick; ``dead_zone`` share of the stick's travel at joystick gain 1;
+    ``usual_gain`` the gain in force as long as the vehicle does not tell another."""
+
+    full_rate: float
+    dead_zone: float
+    usual_gain: float = _USUAL_GAIN
+
+    def deflection(self, rate: float, gain: float) -> float:
+        """Return the stick [-1, 1] that asks for *rate* [rad/s] at joystick *gain* (NaN when not told)."""
+        if rate == 0.0:
+            return 0.0
+        dead = self.dead_zone * (gain if math.isfinite(gain) else self.usual_gain)
+        size = dead + abs(rate) / self.full_rate * (1.0 - dead)
+        return math.copysign(min(size, 1.0), rate)
+
+
+def read_rate_stick(parameters: Parameters, firmware: Firmware) -> RateStick | None:
+    """Ask the vehicle what its yaw stick means; None for one that takes turn rates as targets."""
+    if firmware.kind != "rov":
+        return None
+    known = parameters.read_existing(_NAMES)
+    travel = known.get("RC4_MAX", 1900.0) - known.get("RC4_TRIM", 1500.0)
+    return RateStick(
+        _FULL_STICK * known.get("ACRO_YAW_P", 3.375),
+        known.get("RC4_DZ", 40.0) / travel if travel > 0.0 else 0.0,
+        known.get("JS_GAIN_DEFAULT", _USUAL_GAIN),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleConfig:
+    """See the module's text.
+
+    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none;
+    ``loop_period`` [s] that of the autopilot's main loop, 0 when unknown; ``rate_lag`` [s] how late its gyro filter
+    makes turn rates; ``rate_stick`` what turn rate the yaw stick asks for in the stabilised modes, None where targets
+    do that (boats).
+    """
+
+    overrides: OverrideMap
+    servos: ServoMap
+    full_speed: float = 0.0
+    loop_period: float = 0.0
+    rate_lag: float = 0.0
+    rate_stick: RateStick | None = None

@@ -1,0 +1,176 @@
+"""Is the telemetry to be believed? NaN, frozen attitude, standing or jumping clock; and its stamps made continuous.
+
+A fault is remembered, not raised where it is seen: clean-up still has to talk to the vehicle. The craft
+raises it at the next observation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from gcs_autotune.clock import Clock
+from gcs_autotune.errors import TelemetryFault
+
+__all__ = ["BootClock", "Unwrapper", "Watchdog", "gyro_lag"]
+
+_WRAP_MS = 2**32 * 1e-3
+_WRAP_US = 2**32 * 1e-6
+
+
+def gyro_lag(cutoff: float) -> float:
+    """Return how late [s] turn rates come out of a gyro filter of *cutoff* [Hz] (INS_GYRO_FILTER); 0 for no filter.
+
+    The filter is a second-order Butterworth low-pass, ``w0^2 / (s^2 + sqrt(2) w0 s + w0^2)``: slow motion comes
+    ``sqrt(2) / w0`` late, and at half the cutoff still only 8 % later than that.
+    """
+    return math.sqrt(2.0) / (2.0 * math.pi * cutoff) if cutoff > 0.0 else 0.0
+
+
+class BootClock:
+    """Seconds since boot from the 32-bit counters in messages.
+
+    ``time_boot_ms`` wraps after 49.7 days, SERVO_OUTPUT_RAW's microseconds after 71.6 minutes; both are
+    unwrapped to lie nearest to the last stamp.
+    """
+
+    def __init__(self) -> None:
+        self.now = math.nan
+
+    @property
+    def is_set(self) -> bool:
+        """Whether any stamp has been seen."""
+        return not math.isnan(self.now)
+
+    def from_ms(self, time_boot_ms: int) -> float:
+        """Return the time [s] of a ``time_boot_ms``, and take it as the present when it is the latest."""
+        t = self._near(time_boot_ms * 1e-3, _WRAP_MS)
+        if not self.now >= t:
+            self.now = t
+        return t
+
+    def from_us(self, time_usec: int) -> float:
+        """Return the time [s] of a 32-bit microsecond stamp; NaN before any ``time_boot_ms`` was seen."""
+        if not self.is_set:
+            return math.nan
+        return self._near((time_usec % 2**32) * 1e-6, _WRAP_US)
+
+    def _near(self, t: float, period: float) -> float:
+        if not self.is_set:
+            return t
+        turns = round((self.now - t) / period)
+        return t + turns * period if turns else t
+
+
+class Unwrapper:
+    """Makes an angle [rad] continuous, starting from its first value."""
+
+    def __init__(self) -> None:
+        self._last = math.nan
+
+    def unwrap(self, angle: float) -> float:
+        """Return *angle* plus the turns that bring it nearest to the last one."""
+        if not math.isnan(self._last):
+            angle += 2.0 * math.pi * round((self._last - angle) / (2.0 * math.pi))
+        self._last = angle
+        return angle
+
+
+_ACTING = 0.05
+"""Chosen: fraction of full output above which the craft must move, however little."""
+_FROZEN_TURNING = 3.0
+_FROZEN = 10.0
+"""Chosen: seconds of bit-identical attitude while turning, or while anything works; real gyros never repeat."""
+_STANDING = 2.0
+_JUMP = 5.0
+_SLACK = 1.5
+"""Chosen: after a silence the clock may have gone on by so much more than our own says; beyond that it has jumped."""
+_LATE = 1.0
+"""Chosen: a stamp this much older is a datagram out of order; older still, the clock ran back."""
+_REBOOT = 60.0
+
+
+class Watchdog:
+    """Looks at every ATTITUDE and at the measured outputs.
+
+    Attributes
+    ----------
+    fault : the first thing found wrong, None while all is well.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._attitude: Sequence[float] = ()
+        self._since = math.nan
+        self._acting_since = math.nan
+        self._turning_since = math.nan
+        self._stamp = math.nan
+        self._stamp_heard = clock.now()
+        self._first = (math.nan, math.nan)
+        self._pace = 1.0
+        self.fault: TelemetryFault | None = None
+
+    def _keep_pace(self, t: float, now: float) -> None:
+        """A simulation may run ahead: note how many seconds of its time go by in one of ours."""
+        begun, heard = self._first
+        if now - heard > _STANDING:
+            self._pace = max((t - begun) / (now - heard), 1.0)
+
+    def check(self) -> None:
+        """Raise the fault, if there is one."""
+        if self.fault is not None:
+            raise TelemetryFault(str(self.fault))
+
+    def see_stamp(self, t: float) -> bool:
+        """Judge the stamp [s] of an ATTITUDE; return whether the message is to be used."""
+        before, now = self._stamp, self._clock.now()
+        if math.isnan(before):
+            self._stamp, self._stamp_heard = t, now
+            self._first = (t, now)
+            return True
+        if t > before:
+            if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_heard):
+                self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two attitudes")
+            self._keep_pace(t, now)
+            self._stamp, self._stamp_heard = t, now
+            return True
+        if before - t > _LATE:
+            what = "it has rebooted" if t < _REBOOT else "its clock ran back"
+            self._report(f"{what}: time stamps went from {before:.1f} s to {t:.1f} s")
+            self._stamp, self._stamp_heard = t, now
+            return True
+        if now - self._stamp_heard > _STANDING:
+            self._report(f"its clock stands at {t:.2f} s while messages arrive")
+        return False
+
+    def see_attitude(self, t: float, attitude: Sequence[float]) -> None:
+        """Judge one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
+        if not all(math.isfinite(value) for value in attitude):
+            self._report("the attitude is not a number; the autopilot's estimator has failed")
+            return
+        if attitude != self._attitude:
+            self._attitude, self._since = attitude, t
+            return
+        for start, limit in ((self._turning_since, _FROZEN_TURNING), (self._acting_since, _FROZEN)):
+            if not math.isnan(start) and t - max(self._since, start) > limit:
+                self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators work")
+
+    def see_outputs(self, t: float, forces: Mapping[str, float]) -> None:
+        """Take note of the measured outputs (fractions), stamped *t* [s]."""
+        turning = abs(forces.get("N", 0.0)) > _ACTING
+        acting = turning or any(abs(force) > _ACTING for force in forces.values())
+        self._turning_since = _start(self._turning_since, turning, t)
+        self._acting_since = _start(self._acting_since, acting, t)
+
+    def _report(self, what: str) -> None:
+        if self.fault is None:
+            self.fault = TelemetryFault(
+                f"the vehicle's telemetry cannot be trusted: {what}. Nothing more is commanded; "
+                "check the vehicle and start again"
+            )
+
+
+def _start(since: float, is_so: bool, t: float) -> float:
+    if not is_so:
+        return math.nan
+    return t if math.isnan(since) else since

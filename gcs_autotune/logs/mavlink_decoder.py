@@ -1,0 +1,342 @@
+"""MAVLink messages of a ground log to the samples of one vehicle, by its own clock, in one pass over the log.
+
+A vehicle tells its time in two ways: ``time_boot_ms`` and, in SERVO_OUTPUT_RAW and GPS_RAW_INT, ``time_usec`` since
+the same boot, which wraps after 71 minutes. Both are brought onto one axis. A message without a stamp is dated by
+when the ground heard it, measured from the last stamped one.
+
+Which message brings which sources, in SI, is one table; degrees, centimetres and hectopascals end here. SIMSTATE,
+SIM_STATE and the like are not in it: what a simulator knows no craft measures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.firmware import firmware_for
+from gcs_autotune.logs.sample_store import Census, Heard, Note, SampleStore
+
+__all__ = ["BOOT_MS", "BOOT_US", "SIGNALS", "TRUTH", "DecodedLog", "decode_messages", "sticks"]
+
+Message: TypeAlias = Any
+
+BOOT_MS = frozenset(
+    {
+        "ATTITUDE",
+        "LOCAL_POSITION_NED",
+        "GLOBAL_POSITION_INT",
+        "SCALED_PRESSURE2",
+        "SCALED_PRESSURE",
+        "SYSTEM_TIME",
+        "RC_CHANNELS",
+    }
+)
+"""Messages whose ``time_boot_ms`` is the autopilot's own."""
+BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT"})
+"""Messages whose ``time_usec`` ArduPilot counts from its boot too (32 bits of it in SERVO_OUTPUT_RAW)."""
+TRUTH = frozenset({"SIMSTATE", "SIM_STATE", "SIM", "SIM2"})
+"""What only a simulator can tell: listed, never used."""
+
+NO_PULSE = 0.0
+"""Of outputs 9 to 16, which MAVLink 1 does not have."""
+FIX_3D = 3
+UNKNOWN = 65535
+
+
+def _attitude(m: Message) -> dict[str, float]:
+    return {
+        "attitude.phi": m.roll,
+        "attitude.theta": m.pitch,
+        "attitude.psi": m.yaw,
+        "attitude.p": m.rollspeed,
+        "attitude.q": m.pitchspeed,
+        "attitude.r": m.yawspeed,
+    }
+
+
+def _ahrs2(m: Message) -> dict[str, float]:
+    return {"ahrs2.phi": m.roll, "ahrs2.theta": m.pitch, "ahrs2.psi": m.yaw, "ahrs2.z": -m.altitude}
+
+
+def _local(m: Message) -> dict[str, float]:
+    return {"local.x": m.x, "local.y": m.y, "local.z": m.z, "local.vn": m.vx, "local.ve": m.vy, "local.w": m.vz}
+
+
+def _global(m: Message) -> dict[str, float]:
+    found = {"global.z": -m.relative_alt * 1e-3, "global.w": m.vz * 1e-2}
+    if m.lat != 0 or m.lon != 0:
+        found |= {"global.lat": m.lat * 1e-7, "global.lon": m.lon * 1e-7}
+        found |= {"global.vn": m.vx * 1e-2, "global.ve": m.vy * 1e-2}
+    return found
+
+
+def _gps(m: Message) -> dict[str, float]:
+    if m.fix_type < FIX_3D or UNKNOWN in (m.vel, m.cog):
+        return {}
+    speed, course = m.vel * 1e-2, math.radians(m.cog * 1e-2)
+    return {
+        "gps.lat": m.lat * 1e-7,
+        "gps.lon": m.lon * 1e-7,
+        "gps.U": speed,
+        "gps.vn": speed * math.cos(course),
+        "gps.ve": speed * math.sin(course),
+    }
+
+
+def _servos(m: Message) -> dict[str, float]:
+    if m.port != 0:
+        return {}
+    found = {f"servo.{n}": float(getattr(m, f"servo{n}_raw")) for n in range(1, 9)}
+    return found | {f"servo.{n}": float(getattr(m, f"servo{n}_raw", NO_PULSE)) for n in range(9, 17)}
+
+
+def _rc(m: Message) -> dict[str, float]:
+    values = {n: float(getattr(m, f"chan{n}_raw")) for n in range(1, 9)}
+    return {f"rc.{n}": v for n, v in values.items() if 0.0 < v < UNKNOWN}
+
+
+def sticks(m: Message) -> dict[str, float]:
+    """Return ArduSub's sticks of a MANUAL_CONTROL: z runs from 0 to 1000 with 500 in the middle, up positive."""
+    return {
+        "stick.X": m.x * 1e-3,
+        "stick.Y": m.y * 1e-3,
+        "stick.Z": -(m.z - 500) / 500.0,
+        "stick.N": m.r * 1e-3,
+    }
+
+
+SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
+    "ATTITUDE": _attitude,
+    "LOCAL_POSITION_NED": _local,
+    "GLOBAL_POSITION_INT": _global,
+    "GPS_RAW_INT": _gps,
+    "SERVO_OUTPUT_RAW": _servos,
+    "RC_CHANNELS": _rc,
+    "VFR_HUD": lambda m: {"hud.U": m.groundspeed},
+    "AHRS2": _ahrs2,
+    "SCALED_PRESSURE2": lambda m: {"pressure.z": (m.press_abs - 1013.25) * 100.0 / (1000.0 * 9.80665)},
+}
+"""Message -> sources in the store."""
+
+Vehicle = tuple[int, int]
+"""System and component id."""
+
+ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED."""
+NO_AUTOPILOT = 8
+"""MAV_AUTOPILOT_INVALID: a heartbeat of something that steers nothing (ground station, camera, companion)."""
+REBOOT = 5.0
+"""Chosen [s]: a boot clock that falls back by more belongs to a new boot; by less, to a late message."""
+SAID_ARMING = {"throttle armed": True, "throttle disarmed": False, "arming motors": True, "disarming motors": False}
+"""STATUSTEXTs of ArduRover and ArduSub -> armed."""
+WRAP_US = 2**32 * 1e-6
+WRAP_MS = 2**32 * 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedLog:
+    """What one vehicle said. ``misfits`` counts messages whose fields were not what their name promises."""
+
+    vehicle: Vehicle
+    stores: list[SampleStore]
+    census: Census
+    notes: list[Note]
+    messages: int
+    misfits: int
+
+
+def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> DecodedLog:
+    """Write the vehicle's messages into sample stores.
+
+    Parameters
+    ----------
+    system : the vehicle's system id, where the log heard several; the one heard most when None.
+
+    Raises
+    ------
+    BadFile
+        Not one message, or none of a vehicle.
+    UsageError
+        No vehicle of that *system* in it.
+    """
+    scribes: dict[Vehicle, _Decoder] = {}
+    known: Counter[Vehicle] = Counter()
+    others: Counter[Vehicle] = Counter()
+    messages = misfits = 0
+    for h in heard:
+        messages += 1
+        who = (h.system, h.component)
+        decoder = scribes.get(who)
+        if decoder is None:
+            decoder = scribes[who] = _Decoder(path.stem, who)
+        try:
+            decoder.hear(h)
+            if h.name == "HEARTBEAT" and h.message.autopilot != NO_AUTOPILOT:
+                is_known = firmware_for(h.message.autopilot, h.message.type) is not None
+                (known if is_known else others)[who] += 1
+            elif h.name == "MANUAL_CONTROL":
+                for other in scribes.values():
+                    if other is not decoder and h.message.target in (0, other.vehicle[0]):
+                        other.hear_sticks(h)
+        except (AttributeError, TypeError, ValueError, OverflowError):
+            misfits += 1  # a damaged line of a CSV file; a frame with a checksum has its fields
+    if not messages:
+        raise BadFile(f"{path} holds no MAVLink message: it is no telemetry log, or damaged from end to end")
+    vehicles = known or others
+    if not vehicles:
+        raise BadFile(f"{path} holds {messages} messages but no autopilot's HEARTBEAT: no vehicle was heard")
+    chosen = _chosen(path, vehicles, system)
+    notes: list[Note] = []
+    also = sorted({s for s, _ in vehicles} - {chosen[0]})
+    if also and system is None:
+        notes.append(
+            (
+                "several-vehicles",
+                f"the log heard vehicles {', '.join(map(str, [chosen[0], *also]))}; only {chosen[0]} was read",
+                "name another with --system-id",
+            )
+        )
+    decoder = scribes[chosen]
+    stores = decoder.stores()
+    return DecodedLog(chosen, stores, decoder.census, notes, messages, misfits)
+
+
+def _chosen(path: Path, vehicles: Counter[Vehicle], system: int | None) -> Vehicle:
+    if system is None:
+        return vehicles.most_common(1)[0][0]
+    mine = [who for who, _ in vehicles.most_common() if who[0] == system]
+    if not mine:
+        heard = ", ".join(str(s) for s, _ in vehicles)
+        raise UsageError(f"{path} heard no vehicle of system id {system}; it heard {heard}")
+    return mine[0]
+
+
+@dataclass
+class _Decoder:
+    """Writes one sender's messages into sample stores, a new one after each boot.
+
+    Until its first boot stamp everything is also written by the ground's clock, in case none ever comes.
+    """
+
+    name: str
+    vehicle: Vehicle
+    census: Census = field(default_factory=Census)
+    _heard_at: Census = field(default_factory=Census)
+    _parameters: dict[str, float] = field(default_factory=dict)
+    _stores: list[SampleStore] = field(default_factory=list)
+    _ground: SampleStore | None = None
+    _boot: float = math.nan
+    _heard: float = math.nan
+    _now: float = -math.inf
+    _before: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._stores = [SampleStore(self.name, "vehicle (time_boot_ms)")]
+        self._ground = SampleStore(self.name, "ground station")
+
+    def hear(self, h: Heard) -> None:
+        """Take in one message of this sender."""
+        t = self._stamp(h)
+        self.census.count(h.name, t + self._before)
+        if h.name == "PARAM_VALUE":
+            self._parameters[_text(h.message.param_id)] = float(h.message.param_value)
+            return
+        if self._ground is not None:
+            self._heard_at.count(h.name, h.time)
+            self._write(self._ground, h.time, h)
+        if math.isfinite(t) or h.name in ("HEARTBEAT", "STATUSTEXT"):
+            self._write(self._stores[-1], t, h)
+
+    def hear_sticks(self, h: Heard) -> None:
+        """Take in what a ground station sent to steer this vehicle."""
+        if math.isfinite(self._boot):
+            self._stores[-1].take(self._mapped(h.time), sticks(h.message))
+            self._stores[-1].dated_by_arrival.add("stick")
+        elif self._ground is not None:
+            self._ground.take(h.time, sticks(h.message))
+
+    def stores(self) -> list[SampleStore]:
+        """Return the stores written; times are the vehicle's own if it ever told one, else the ground's."""
+        found = self._stores
+        if self._ground is not None:
+            found, self.census = [self._ground], self._heard_at
+        for store in found:
+            store.parameters = dict(self._parameters)
+        return [t for t in found if t.span != (0.0, 0.0)] or found[:1]
+
+    def _write(self, store: SampleStore, t: float, h: Heard) -> None:
+        if h.name == "HEARTBEAT":
+            _beat(store, t, h.message, self.vehicle[0])
+        elif h.name == "STATUSTEXT":
+            _said(store, t, _text(h.message.text))
+        elif h.name in SIGNALS:
+            values = SIGNALS[h.name](h.message)
+            store.take(t, values)
+            if h.name not in BOOT_MS and h.name not in BOOT_US:
+                store.dated_by_arrival.update(source.partition(".")[0] for source in values)
+
+    def _stamp(self, h: Heard) -> float:
+        if h.name in BOOT_MS:
+            return self._booted(h)
+        if math.isnan(self._boot):
+            return -math.inf
+        if h.name in BOOT_US and h.message.time_usec:
+            t = _nearest((h.message.time_usec % 2**32) * 1e-6, self._boot, WRAP_US)
+            if h.name == "SERVO_OUTPUT_RAW" or abs(t - self._boot) < REBOOT:
+                return t
+        return self._mapped(h.time)
+
+    def _booted(self, h: Heard) -> float:
+        t = _nearest(h.message.time_boot_ms * 1e-3, self._boot, WRAP_MS)
+        self._ground = None
+        if t < self._boot - REBOOT:
+            old = self._stores[-1]
+            self._before += old.span[1]
+            self._now = t
+            self._stores.append(SampleStore(self.name, old.clock, old.vehicle, old.firmware))
+            self._boot, self._heard = t, h.time
+        elif not t < self._boot:
+            self._boot, self._heard = t, h.time
+        return t
+
+    def _mapped(self, ground: float) -> float:
+        """Return the vehicle's time at the ground's stamp, from the last message that carried both."""
+        self._now = max(self._now, self._boot + max(0.0, ground - self._heard))
+        return self._now
+
+
+def _beat(store: SampleStore, t: float, m: Any, system: int) -> None:
+    store.firmware = firmware_for(m.autopilot, m.type)
+    what = store.firmware.name if store.firmware else f"an autopilot of type {m.type}"
+    store.vehicle = f"{what} (system {system})"
+    armed = bool(m.base_mode & ARMED)
+    if not store.arming or store.arming[-1][1] != armed:
+        store.arming.append((t, armed))
+    if not store.modes or store.modes[-1][1] != m.custom_mode:
+        store.modes.append((t, int(m.custom_mode)))
+
+
+def _said(store: SampleStore, t: float, text: str) -> None:
+    """Take in a STATUSTEXT; it tells of arming up to a second before the next HEARTBEAT does."""
+    store.texts.append((t, text))
+    armed = SAID_ARMING.get(text.lower())
+    if armed is not None and math.isfinite(t) and store.arming and store.arming[-1][1] != armed:
+        store.arming.append((t, armed))
+
+
+def _nearest(t: float, now: float, period: float) -> float:
+    """Add the turns of a counter that bring it nearest to *now*; a restart near zero after less than a turn stays."""
+    if math.isnan(now):
+        return t
+    turned = t + period * round((now - t) / period)
+    return turned if abs(turned - now) < min(0.25 * period, 3600.0) else t
+
+
+def _text(value: str | bytes) -> str:
+    text = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
+    return text.rstrip("\x00")

@@ -1,0 +1,298 @@
+"""What any ArduPilot log holds between two boots, whatever its format: samples, parameters, modes, arming.
+
+Readers fill a :class:`SampleStore` with *named sources* (``attitude.psi``, ``local.x``, ``ekf.z``, ``servo.1``); which
+source becomes which channel is decided afterwards, in :mod:`.channels`. Angles are in radians, the rest in SI,
+positions on the globe in degrees. Samples lie in flat arrays of doubles, a column that never changes in one number, so
+that an hour's log costs megabytes and not gigabytes. A :class:`Recording` is the stores of a whole log, with what was
+counted on the way and what to doubt.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import ParameterMissing
+from gcs_autotune.firmware import Firmware, checked_all
+
+__all__ = ["Census", "Heard", "LogReader", "Note", "RecordedParameters", "Recording", "SampleStore"]
+
+Array = NDArray[np.float64]
+Note = tuple[str, str, str]
+"""Slug, cause and cure: becomes a ``Doubt`` of whatever is identified from the run."""
+
+LIMITS: Mapping[str, float] = {
+    **dict.fromkeys(("phi", "theta", "psi"), 10.0),
+    **dict.fromkeys("pqr", 200.0),
+    **dict.fromkeys(("U", "vn", "ve", "w"), 200.0),
+    **dict.fromkeys("xyz", 1e7),
+    "lat": 90.0,
+    "lon": 180.0,
+}
+"""Chosen: largest believable size of a source's values, by what comes after the dot (rad, rad/s, m/s, m, deg)."""
+LARGEST = 1e5
+"""Chosen: the same for every other source (pulses in us, stick fractions)."""
+
+
+class RecordedParameters:
+    """Parameters as a log tells them; a ``ParameterSource``."""
+
+    def __init__(self, values: Mapping[str, float]) -> None:
+        self.values = dict(values)
+
+    def read(self, name: str) -> float:
+        """Return one value."""
+        return self.read_all([name])[name]
+
+    def read_all(self, names: Iterable[str]) -> dict[str, float]:
+        """Return all of them.
+
+        Raises
+        ------
+        ParameterMissing
+            The log does not tell one of them.
+        PreconditionFailed
+            It tells what no vehicle can mean.
+        """
+        wanted = list(names)
+        missing = [n for n in wanted if n not in self.values]
+        if missing:
+            raise ParameterMissing(f"the log does not tell the parameter {', '.join(missing)}", name=missing[0])
+        return checked_all({n: self.values[n] for n in wanted})
+
+    def read_existing(self, names: Iterable[str]) -> dict[str, float]:
+        """Return those of *names* that the log tells."""
+        return checked_all({n: self.values[n] for n in names if n in self.values})
+
+
+class _Column:
+    """Values of one source; one number and a count until they change for the first time."""
+
+    __slots__ = ("count", "first", "values")
+
+    def __init__(self, first: float) -> None:
+        self.first = first
+        self.count = 0
+        self.values: array[float] | None = None
+
+    def append(self, value: float) -> None:
+        if self.values is not None:
+            self.values.append(value)
+        elif value == self.first:
+            self.count += 1
+        else:
+            self._unfold().append(value)
+
+    def extend(self, values: Array) -> None:
+        if self.values is None and bool(np.all(values == self.first)):
+            self.count += len(values)
+        else:
+            (self.values if self.values is not None else self._unfold()).frombytes(values.tobytes())
+
+    def _unfold(self) -> array[float]:
+        self.values = array("d", [self.first]) * self.count
+        return self.values
+
+    def read(self) -> Array:
+        if self.values is None:
+            return np.full(self.count, self.first)
+        return np.array(self.values, dtype=np.float64)
+
+
+class _Group:
+    """Sources that share their stamps, because one message brings them; never without a sample."""
+
+    __slots__ = ("_read", "columns", "stamps")
+
+    def __init__(self, values: Iterable[float]) -> None:
+        self.stamps = array("d")
+        self.columns = [_Column(v) for v in values]
+        self._read = np.empty(0)
+
+    def times(self) -> Array:
+        """Return the stamps; the same array for all columns, so that they cost memory only once."""
+        if len(self._read) != len(self.stamps):
+            self._read = np.array(self.stamps, dtype=np.float64)
+        return self._read
+
+
+@dataclass(eq=False)
+class SampleStore:
+    """One vehicle from one boot to the next; times [s] since that boot.
+
+    Attributes
+    ----------
+    name : of the file. vehicle : in words. firmware : its profile, None when unknown.
+    parameters : last recorded value of each. texts, modes, arming : what was said or became so, with its time.
+    clock : whose stamps these are. late : samples left out because they came after younger ones.
+    absurd : samples left out because they were no number, or one that no craft can have (see :data:`LIMITS`).
+    dated_by_arrival : sources whose messages carry no stamp: dated by when they came.
+    """
+
+    name: str
+    clock: str
+    vehicle: str = "unknown vehicle"
+    firmware: Firmware | None = None
+    parameters: dict[str, float] = field(default_factory=dict)
+    modes: list[tuple[float, int]] = field(default_factory=list)
+    arming: list[tuple[float, bool]] = field(default_factory=list)
+    texts: list[tuple[float, str]] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    dated_by_arrival: set[str] = field(default_factory=set)
+    late: int = 0
+    absurd: int = 0
+    _groups: dict[tuple[str, ...], _Group] = field(default_factory=dict)
+    _limits: dict[tuple[str, ...], list[float]] = field(default_factory=dict)
+
+    def take(self, t: float, values: Mapping[str, float]) -> None:
+        """Add samples stamped *t* [s]; one older than the last of its kind is counted and left out."""
+        if not values:
+            return
+        names = tuple(values)
+        group = self._groups.get(names)
+        if group is None:
+            limits = self._limits[names] = _limits(names)
+        else:
+            limits = self._limits[names]
+            if t < group.stamps[-1]:
+                self.late += 1
+                return
+        if not all(-most <= v <= most for v, most in zip(values.values(), limits, strict=True)):
+            self.absurd += 1
+            return
+        if group is None:
+            group = self._groups[names] = _Group(values.values())
+        group.stamps.append(t)
+        for column, value in zip(group.columns, values.values(), strict=True):
+            column.append(value)
+
+    def take_all(self, t: Array, values: Mapping[str, Array]) -> None:
+        """Add many samples at once. t : (n,) stamps [s]; values : source -> (n,)."""
+        names = tuple(values)
+        columns = [np.asarray(v, dtype=np.float64) for v in values.values()]
+        believable = np.isfinite(t)
+        for column, most in zip(columns, _limits(names), strict=True):
+            believable &= np.abs(column) <= most  # also false for NaN
+        self.absurd += int(np.sum(~believable))
+        t = t[believable]
+        columns = [c[believable] for c in columns]
+        if not len(t):
+            return
+        group = self._groups.get(names)
+        newest = np.maximum.accumulate(t)
+        if group is not None:
+            newest = np.maximum(newest, group.stamps[-1])
+        in_order = t >= newest
+        self.late += int(np.sum(~in_order))
+        if not np.any(in_order):
+            return
+        if group is None:
+            group = self._groups[names] = _Group([float(c[0]) for c in columns])
+        group.stamps.frombytes(t[in_order].tobytes())
+        for target, column in zip(group.columns, columns, strict=True):
+            target.extend(column[in_order])
+
+    def __contains__(self, source: object) -> bool:
+        return any(source in names for names in self._groups)
+
+    def series(self, source: str) -> tuple[Array, Array]:
+        """Return stamps and values of a source, both empty when the log has none of it."""
+        found = [
+            (group.times(), group.columns[names.index(source)].read())
+            for names, group in self._groups.items()
+            if source in names
+        ]
+        if len(found) == 1:
+            return found[0]
+        if not found:
+            return np.empty(0), np.empty(0)
+        t = np.concatenate([f[0] for f in found])
+        order = np.argsort(t, kind="stable")
+        return t[order], np.concatenate([f[1] for f in found])[order]
+
+    def numbered(self, source: str) -> list[int]:
+        """Return the numbers *n* of all sources called ``source.n``, in order."""
+        prefix = source + "."
+        every = {n for names in self._groups for n in names}
+        return sorted(int(n.removeprefix(prefix)) for n in every if n.startswith(prefix))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last stamp [s]; (0, 0) when there is nothing."""
+        ends = [(g.stamps[0], g.stamps[-1]) for g in self._groups.values()]
+        return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 0.0)
+
+    def silences(self, longest: float) -> list[tuple[float, float]]:
+        """Return the stretches [s] longer than *longest* in which no source at all has a sample."""
+        groups = [g.times() for g in self._groups.values()]
+        if not groups:
+            return []
+        t = np.concatenate(groups)
+        t.sort()
+        at = np.flatnonzero(np.diff(t) > longest)
+        return [(float(t[i]), float(t[i + 1])) for i in at]
+
+
+def _limits(names: Iterable[str]) -> list[float]:
+    return [LIMITS.get(name.rpartition(".")[2], LARGEST) for name in names]
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One MAVLink message as any ground log tells it: ``time`` [s since 1970], who sent it, its fields by name."""
+
+    time: float
+    system: int
+    component: int
+    name: str
+    message: Any
+
+
+@dataclass(slots=True)
+class Census:
+    """Kinds of messages: how many, and the first and last moment [s, of whatever clock] of each."""
+
+    seen: dict[str, list[float]] = field(default_factory=dict)
+
+    def count(self, kind: str, t: float, how_many: int = 1, until: float | None = None) -> None:
+        """Count *how_many* messages of a *kind* at *t* (or from *t* to *until*); a moment not known is not finite."""
+        row = self.seen.setdefault(kind, [0, math.inf, -math.inf])
+        row[0] += how_many
+        if math.isfinite(t):
+            row[1] = min(row[1], t)
+            row[2] = max(row[2], t if until is None else until)
+
+    def rate(self, kind: str) -> float:
+        """Return messages per second between the first and the last one; 0 when there are fewer than two."""
+        count, first, last = self.seen.get(kind, [0, 0.0, 0.0])
+        return (count - 1) / (last - first) if last > first else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A log as read.
+
+    Attributes
+    ----------
+    form : of the file, in words.
+    stores : one per boot of the vehicle, in order of time.
+    meta : goes into the meta data of every run: ``source messages damaged damaged_bytes truncated system``...
+    notes : goes into what is doubted of every run.
+    """
+
+    form: str
+    stores: list[SampleStore]
+    meta: dict[str, Any]
+    notes: list[Note]
+    census: Census
+
+
+LogReader: TypeAlias = Callable[[Path, int | None], Recording]
+"""Reads (path, system id of the vehicle meant); raises ``BadFile`` or ``UsageError``."""

@@ -1,0 +1,319 @@
+"""A recording cut into runs: one per stretch armed in one mode, those that nothing drives or moves left out.
+
+How much a run may tell of each degree of freedom is said at a glance: was it driven, did it answer, how densely told. A
+first look before anybody waits for a fit; what can really be told the identification says, with standard errors.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.logs.channels import drive_channels, filters_of, motion_channels
+from gcs_autotune.logs.sample_store import Note, Recording, SampleStore
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Channel, Mark, Trial
+
+__all__ = ["Cut", "Excitation", "LeftOut", "cut_runs", "excitation_of", "little_told", "runs_of"]
+
+Array = NDArray[np.float64]
+
+AXES = ("yaw", "surge", "sway", "heave")
+SMALL_INPUT = 0.05
+"""Chosen: an input that moves by less of full output tells nothing a sensor could see."""
+FEW_CHANGES = 4
+"""Chosen: fewer swings of the input from one side to the other leave inertia and drag hard to tell apart."""
+QUIET = 3.0
+"""Chosen: a response that scatters by less than so many times its noise is none."""
+SLOW = 0.5
+"""Chosen [s]: samples further apart miss what a small craft does."""
+FEWEST = 20
+"""Fewest samples of any motion channel."""
+GOOD = "worth a try"
+
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """One degree of freedom of one run.
+
+    Attributes
+    ----------
+    input_range : of full output (or in the input's unit), from the 2nd to the 98th percentile.
+    swings : times the input went from the upper to the lower third of that range or back.
+    response : name of the channel looked at. response_to_noise : its scatter over that of its short-time noise.
+    input_interval, response_interval : median [s] between samples.
+    verdict : ``worth a try``, ``weak`` or ``nothing``; why : in words.
+    """
+
+    dof: str
+    input: str
+    input_range: float
+    swings: int
+    response: str
+    response_to_noise: float
+    input_interval: float
+    response_interval: float
+    verdict: str
+    why: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def excitation_of(run: Trial) -> list[Excitation]:
+    """Return a first look at each degree of freedom that *run* has an input and a response of."""
+    found = (_look(run, DOFS[name]) for name in AXES)
+    return [e for e in found if e is not None]
+
+
+def little_told(looks: list[Excitation]) -> Note | None:
+    """Return the doubt of a run none of whose axes is worth a try; None when one is, or there was none to look at."""
+    if not looks or any(e.verdict == GOOD for e in looks):
+        return None
+    return (
+        "little-excitation",
+        f"this run hardly tells anything ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
+        "record a relay, a zig-zag or steps to both sides, larger and longer",
+    )
+
+
+def _look(run: Trial, dof: Dof) -> Excitation | None:
+    names = [n for n in ((dof.force, "delta") if dof.name == "yaw" else (dof.force,)) if n in run]
+    answers = [n for n in (dof.velocity, dof.position, *(("U",) if dof.name == "surge" else ())) if n in run]
+    answers = [n for n in answers if len(run[n]) >= FEWEST]
+    if not names or not answers or len(run[names[0]]) < 2:
+        return None
+    cause, effect = run[names[0]], run[answers[0]]
+    low, high = np.percentile(cause.values, [2.0, 98.0])
+    swings = _swings(cause.values, float(low), float(high))
+    ratio = _to_noise(effect, is_angle=effect.unit == "rad")
+    step, beat = _interval(cause), _interval(effect)
+    reasons = [
+        (high - low < SMALL_INPUT, "nothing", "the input hardly moves"),
+        (ratio < QUIET, "nothing", "the response is lost in its noise"),
+        (swings < FEW_CHANGES, "weak", f"the input swings only {swings} times from side to side"),
+        (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
+    ]
+    verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
+    return Excitation(
+        dof.name, cause.name, float(high - low), swings, effect.name, ratio, step, beat, verdict, why
+    )  # fmt: skip
+
+
+def _swings(values: Array, low: float, high: float) -> int:
+    third = (high - low) / 3.0
+    if third <= 0.0:
+        return 0
+    side = np.where(values > high - third, 1, np.where(values < low + third, -1, 0))
+    side = side[side != 0]
+    return int(np.sum(side[1:] != side[:-1])) if len(side) else 0
+
+
+def _to_noise(channel: Channel, *, is_angle: bool) -> float:
+    values = np.unwrap(channel.values) if is_angle else channel.values
+    noise = float(np.median(np.abs(np.diff(values, n=2)))) / (0.6745 * np.sqrt(6.0))
+    steps = np.unique(np.abs(np.diff(values)))
+    smallest = float(steps[steps > 0.0][0]) if np.any(steps > 0.0) else 0.0
+    floor = max(noise, smallest / np.sqrt(12.0))
+    return float(np.std(values)) / floor if floor > 0.0 else 0.0
+
+
+def _interval(channel: Channel) -> float:
+    steps = np.diff(channel.t)
+    steps = steps[steps > 0.0]
+    return float(np.median(steps)) if len(steps) else float("inf")
+
+
+SHORTEST = 5.0
+"""Chosen [s]: a shorter stretch is no manoeuvre."""
+SILENCE = 3.0
+"""Chosen [s]: when nothing at all was heard for longer, what follows is another run."""
+NO_INPUT = ("motion-only", "no-inputs")
+"""Notes that say why a log has no input."""
+FORCES = ("X", "Y", "Z", "K", "M", "N")
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """From ``start`` to ``end`` [s] the craft was armed in ``mode``."""
+
+    start: float
+    end: float
+    mode: str
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A stretch from which nothing can be identified, and why."""
+
+    run: Trial
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.run.name}: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """What became of a log: the ``runs``, and the stretches left out."""
+
+    runs: list[Trial]
+    left_out: list[LeftOut]
+
+
+def runs_of(log: Recording) -> list[Trial]:
+    """Return the runs in a log, numbered through in order of time, e.g. ``dive#3 MANUAL 120-185 s``.
+
+    Raises
+    ------
+    NotInformative
+        No stretch is driven and moves; the message says what was there.
+    """
+    cut = cut_runs(log)
+    if not cut.runs:
+        raise NotInformative(_nothing(log.stores, cut.left_out))
+    return cut.runs
+
+
+def cut_runs(log: Recording) -> Cut:
+    """Cut a log at boots, silences, and every change of mode or arming."""
+    runs: list[Trial] = []
+    dropped: list[LeftOut] = []
+    number = 0
+    for store in log.stores:
+        motion, sources = motion_channels(store)
+        drive, origin, doubts = drive_channels(store)
+        zero = store.span[0]
+        for stretch in _stretches(store):
+            number += 1
+            name = f"{store.name}#{number} {stretch.mode} {stretch.start - zero:.0f}-{stretch.end - zero:.0f} s"
+            channels = {n: _between(c, stretch.start, stretch.end) for n, c in {**motion, **drive}.items()}
+            run = Trial(
+                name,
+                {n: c for n, c in channels.items() if len(c)},
+                _marks(store, stretch),
+                "imported",
+                meta={
+                    **log.meta,
+                    "format": log.form,
+                    "vehicle": store.vehicle,
+                    "firmware": store.firmware.name if store.firmware else "unknown",
+                    "mode": stretch.mode,
+                    "stretch": number,
+                    "clock": store.clock,
+                    "late_samples": store.late,
+                    "absurd_samples": store.absurd,
+                    "dated_by_arrival": sorted(store.dated_by_arrival),
+                    "input_from": origin,
+                    "sources": sources,
+                    "filters": filters_of(store.parameters, sources),
+                    **({"outputs_dated": "midway"} if origin == "servo outputs" else {}),
+                    "notes": [*log.notes, *store.notes, *doubts],
+                },
+            )
+            why = _useless(run, stretch, [*log.notes, *doubts])
+            if why:
+                dropped.append(LeftOut(run, why))
+            else:
+                runs.append(_looked_at(run))
+    words = [str(left) for left in dropped]
+    return Cut([_with_dropped(run, words) for run in runs], dropped)
+
+
+def _between(channel: Channel, start: float, end: float) -> Channel:
+    """Return the samples with ``start <= t <= end`` without copying them."""
+    first, last = np.searchsorted(channel.t, start, side="left"), np.searchsorted(channel.t, end, side="right")
+    return Channel(channel.name, channel.unit, channel.t[first:last], channel.values[first:last])
+
+
+def _looked_at(run: Trial) -> Trial:
+    """Return a run with a first look at what it may tell, and a doubt when that is little."""
+    looks = excitation_of(run)
+    doubt = little_told(looks)
+    notes = [*run.meta["notes"], *([doubt] if doubt else [])]
+    return replace(run, meta={**run.meta, "excitation": [e.to_dict() for e in looks], "notes": notes})
+
+
+def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
+    return replace(run, meta={**run.meta, "stretches_left_out": dropped})
+
+
+def _stretches(store: SampleStore) -> list[_Stretch]:
+    """Cut at every change of mode or arming and around silences; without any word of arming it counts as armed."""
+    start, end = store.span
+    silent = store.silences(SILENCE)
+    armed = store.arming or [(start, True)]
+    modes = store.modes or [(start, -1)]
+    cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end} | {t for gap in silent for t in gap})
+    found: list[_Stretch] = []
+    for a, b in itertools.pairwise(cuts):
+        is_armed = _at(armed, a)
+        if not is_armed or b <= a or (a, b) in silent:
+            continue
+        number = _at(modes, a)
+        mode = "armed" if number is None or number < 0 else _mode_name(store, number)
+        if found and found[-1].end == a and found[-1].mode == mode:
+            found[-1] = _Stretch(found[-1].start, b, mode)
+        else:
+            found.append(_Stretch(a, b, mode))
+    return found
+
+
+def _at(changes: list[tuple[float, Any]], t: float) -> Any:
+    """Return what was last said at or before *t*, None before the first word."""
+    before = [value for moment, value in changes if moment <= t]
+    return before[-1] if before else None
+
+
+def _mode_name(store: SampleStore, number: int) -> str:
+    return store.firmware.mode_name(number) if store.firmware else f"MODE {number}"
+
+
+def _marks(store: SampleStore, stretch: _Stretch) -> tuple[Mark, ...]:
+    marks = [Mark(t, "mode", {"mode": _mode_name(store, n)}) for t, n in store.modes]
+    marks += [Mark(t, "armed" if on else "disarmed") for t, on in store.arming]
+    marks += [Mark(t, "text", {"text": text}) for t, text in store.texts]
+    return tuple(sorted((m for m in marks if stretch.start <= m.t <= stretch.end), key=lambda m: m.t))
+
+
+def _useless(run: Trial, stretch: _Stretch, doubts: list[Note]) -> str:
+    """Return why nothing can be learnt from a run, empty when something may."""
+    if stretch.end - stretch.start < SHORTEST:
+        return f"shorter than {SHORTEST:g} s"
+    forces = [run[n] for n in FORCES if n in run]
+    if not forces:
+        return next((cause for slug, cause, _ in doubts if slug in NO_INPUT), "no input was recorded")
+    if not any(_varies(c) for c in forces):
+        return "nothing was driven"
+    if not any(_varies(c) and len(c) >= FEWEST for n, c in run.channels.items() if n in _MOTION):
+        return "nothing moves"
+    return ""
+
+
+_MOTION = ("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "p", "q", "r", "U")
+
+
+def _varies(channel: Channel) -> bool:
+    return len(channel) > 1 and bool(np.ptp(channel.values) > 0.0)
+
+
+def _nothing(stores: list[SampleStore], dropped: list[LeftOut]) -> str:
+    name = stores[0].name if stores else "the log"
+    if not stores or all(t.span == (0.0, 0.0) for t in stores):
+        return f"{name} holds no motion of a vehicle: was an autopilot connected while it was recorded?"
+    long = sum(t.span[1] - t.span[0] for t in stores)
+    if not dropped:
+        return (
+            f"{name} holds {long:.0f} s of {stores[0].vehicle}, but it was never armed: nothing was driven, so nothing "
+            "can be learnt; record a relay, a zig-zag or steps"
+        )
+    return (
+        f"{name} holds no stretch to identify from ({'; '.join(map(str, dropped[:6]))}): record a relay or steps, with "
+        "servo outputs and parameters in the log"
+    )

@@ -1,0 +1,91 @@
+"""MAVLink without a wire: frames, names, signing, telemetry logs and parameter files. No sockets, no serial ports.
+
+The only room that knows pymavlink, which is imported with the first name that needs it: reading a CSV
+or a parameter file does without.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gcs_autotune.mavlink.framing import (
+        Frame,
+        Framer,
+        Message,
+        Packer,
+        decode_frame,
+        frame_length,
+        mavlink,
+        message_request,
+        our_heartbeat,
+        split_frames,
+    )
+    from gcs_autotune.mavlink.names import (
+        StatusText,
+        TextLog,
+        VehicleIdentity,
+        enum_name,
+        firmware_version,
+        message_fields,
+        message_number,
+        type_name,
+        unique_id,
+    )
+    from gcs_autotune.mavlink.params_file import load_params, save_params, save_qgc_params
+    from gcs_autotune.mavlink.signing import LINK_ID, Refusal, Signer, SigningKey, StampStore, is_signed, refusals
+    from gcs_autotune.mavlink.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
+
+_HOMES = {
+    "framing": "Frame Framer Message Packer decode_frame frame_length mavlink message_request our_heartbeat "
+    "split_frames",
+    "names": "StatusText TextLog VehicleIdentity enum_name firmware_version message_fields message_number type_name "
+    "unique_id",
+    "params_file": "load_params save_params save_qgc_params",
+    "signing": "LINK_ID Refusal Signer SigningKey StampStore is_signed refusals",
+    "tlog": "TlogReader TlogRecord TlogWriter read_tlog",
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
+
+__all__ = [
+    "LINK_ID",
+    "Frame",
+    "Framer",
+    "Message",
+    "Packer",
+    "Refusal",
+    "Signer",
+    "SigningKey",
+    "StampStore",
+    "StatusText",
+    "TextLog",
+    "TlogReader",
+    "TlogRecord",
+    "TlogWriter",
+    "VehicleIdentity",
+    "decode_frame",
+    "enum_name",
+    "firmware_version",
+    "frame_length",
+    "is_signed",
+    "load_params",
+    "mavlink",
+    "message_fields",
+    "message_number",
+    "message_request",
+    "our_heartbeat",
+    "read_tlog",
+    "refusals",
+    "save_params",
+    "save_qgc_params",
+    "split_frames",
+    "type_name",
+    "unique_id",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

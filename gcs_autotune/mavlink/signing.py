@@ -1,0 +1,253 @@
+"""MAVLink 2 signing: who may be believed, and who we are.
+
+A signed frame ends with 13 bytes: link id, a 48-bit time [10 us since 2015-01-01 UTC], and the first 6 bytes of the
+SHA-256 of key and frame. A receiver refuses what is unsigned, wrongly signed, or not newer than what it has heard in
+the same stream of (system, component, link id); a new stream may be a minute behind at most. Source: MAVLink developer
+guide, "Message Signing". A passphrase becomes the key by SHA-256, as in Mission Planner and MAVProxy.
+
+The latest signing time ever used is kept on disk: a vehicle refuses what is not newer, even if our clock was set back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Self
+
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.mavlink.framing import Frame
+
+__all__ = [
+    "EPOCH",
+    "LINK_ID",
+    "UNITS_PER_SECOND",
+    "Refusal",
+    "Signer",
+    "SigningKey",
+    "StampStore",
+    "is_signed",
+    "refusals",
+    "state_folder",
+]
+
+EPOCH = 1_420_070_400.0
+"""2015-01-01 00:00 UTC [s since 1970]: where signing time begins."""
+UNITS_PER_SECOND = 100_000
+LINK_ID = 103
+"""Chosen: our own, so that our stream is not confused with another ground station's of the same system id."""
+
+_KEY_LENGTH = 32
+_TRAILER, _SIGNATURE = 13, 6
+_BEHIND = 60 * UNITS_PER_SECOND
+_V2, _SIGNED = 0xFD, 0x01
+_UNSIGNED_IS_FINE = ("RADIO_STATUS", "RADIO")
+"""What a telemetry radio says of itself; it has no key, and ArduPilot excepts the same two."""
+
+
+class SigningKey:
+    """The 32 secret bytes. Shows them to nobody: not in text, not in a copy on disk."""
+
+    __slots__ = ("_origin", "_secret")
+
+    def __init__(self, secret: bytes, origin: str = "") -> None:
+        if len(secret) != _KEY_LENGTH:
+            raise UsageError(f"a signing key has {_KEY_LENGTH} bytes, not {len(secret)}")
+        self._secret = bytes(secret)
+        self._origin = origin
+
+    @classmethod
+    def from_passphrase(cls, passphrase: str, origin: str = "passphrase") -> Self:
+        """Return the SHA-256 of *passphrase*, as Mission Planner and MAVProxy make it.
+
+        Raises
+        ------
+        UsageError
+            It is empty.
+        """
+        if not passphrase:
+            raise UsageError(f"the signing passphrase ({origin}) is empty")
+        return cls(hashlib.sha256(passphrase.encode()).digest(), origin)
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file of exactly 32 bytes (the key) or of one line of text (the passphrase).
+
+        32 bytes that are all printable text are a passphrase: a random key is one in 10^13 times.
+
+        Raises
+        ------
+        BadFile
+            It cannot be read, or is neither.
+        """
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise BadFile(f"the signing key {path} cannot be read: {error.strerror}") from error
+        if len(data) == _KEY_LENGTH and not (data.isascii() and data.decode().isprintable()):
+            return cls(data, f"key in {path}")
+        try:
+            lines = data.decode().splitlines()
+        except UnicodeDecodeError:
+            lines = []
+        if len(lines) != 1 or not lines[0]:
+            raise BadFile(
+                f"{path} holds no signing key: it must be {_KEY_LENGTH} bytes (the key itself) or one line of text "
+                f"(the passphrase); it has {len(data)} bytes"
+            )
+        return cls.from_passphrase(lines[0], f"passphrase in {path}")
+
+    @property
+    def secret(self) -> bytes:
+        """The key itself."""
+        return self._secret
+
+    @property
+    def origin(self) -> str:
+        """Where it came from, for the operator."""
+        return self._origin
+
+    def __repr__(self) -> str:
+        return f"<signing key, {self._origin or 'given'}>"
+
+    def __reduce__(self) -> str | tuple[object, ...]:
+        raise TypeError("a signing key is not to be stored")
+
+
+class Refusal(StrEnum):
+    """Why a frame was not believed."""
+
+    UNSIGNED = "not signed"
+    WRONG = "signed with another key"
+    OLD = "signed too long ago"
+
+
+class Signer:
+    """Signing time for what we send, and judgement of what we hear.
+
+    Parameters
+    ----------
+    key : the secret shared with the vehicle.
+    now : the time [s since 1970].
+    store : keeps the time monotone from run to run; None for simulated links.
+
+    Attributes
+    ----------
+    refused : reason -> frames refused.
+    """
+
+    def __init__(self, key: SigningKey, now: Callable[[], float], store: StampStore | None = None) -> None:
+        self.key = key
+        self.refused: Counter[Refusal] = Counter()
+        self._now = now
+        self._store = store
+        self._last = store.last if store else 0
+        self._streams: dict[tuple[int, int, int], int] = {}
+
+    def next_stamp(self) -> int:
+        """Return the signing time [10 us since 2015] of the next frame: later than every one before, ever."""
+        self._last = max(round((self._now() - EPOCH) * UNITS_PER_SECOND), self._last + 1)
+        if self._store:
+            self._store.reach(self._last)
+        return self._last
+
+    def believes(self, frame: Frame) -> bool:
+        """Judge a received frame; one that is refused is counted."""
+        refusal = self._judge(frame)
+        if refusal is not None:
+            self.refused[refusal] += 1
+        return refusal is None
+
+    def _judge(self, frame: Frame) -> Refusal | None:
+        raw = frame.raw
+        if raw[0] != _V2 or not raw[2] & _SIGNED:
+            return None if frame.name in _UNSIGNED_IS_FINE else Refusal.UNSIGNED
+        signature = hashlib.sha256(self.key.secret + raw[:-_SIGNATURE]).digest()[:_SIGNATURE]
+        if not hmac.compare_digest(signature, raw[-_SIGNATURE:]):
+            return Refusal.WRONG
+        stream = (frame.system, frame.component, raw[-_TRAILER])
+        stamp = int.from_bytes(raw[1 - _TRAILER : -_SIGNATURE], "little")
+        known = self._streams.get(stream)
+        if known is None:
+            is_old = stamp + _BEHIND < max(self._last, round((self._now() - EPOCH) * UNITS_PER_SECOND))
+        else:
+            is_old = stamp <= known
+        if is_old:
+            return Refusal.OLD
+        self._streams[stream] = stamp
+        self._last = max(self._last, stamp)
+        return None
+
+
+def refusals(signer: Signer | None) -> str:
+    """Return how many messages were refused and why, for an error that tells of silence; empty when none were."""
+    if signer is None or not signer.refused:
+        return ""
+    return "refused: " + ", ".join(f"{count} messages {why}" for why, count in signer.refused.most_common())
+
+
+def is_signed(frame: Frame) -> bool:
+    """Whether *frame* carries a signature, right or wrong."""
+    return frame.raw[0] == _V2 and bool(frame.raw[2] & _SIGNED)
+
+
+_AHEAD = 30 * 100_000
+"""Chosen: 30 s [10 us] reserved at a time, so that a run killed at any moment has used nothing beyond the file."""
+_FILE = "signing-time"
+
+
+def state_folder() -> Path:
+    """Return where this program keeps what it must remember from run to run."""
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home())
+    else:
+        base = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return base / "gcs-autotune"
+
+
+class StampStore:
+    """One number in one file, which only grows. It says nothing about any key.
+
+    Attributes
+    ----------
+    trouble : why it cannot be kept, empty while it can; signing then rests on the machine's clock alone.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._path = (folder or state_folder()) / _FILE
+        self.trouble = ""
+        self.last = self._read()
+        self._reserved = self.last
+
+    def reach(self, stamp: int) -> None:
+        """Make sure that the file holds at least *stamp* [10 us since 2015]."""
+        if stamp < self._reserved:
+            return
+        self._reserved = max(stamp, self._read()) + _AHEAD
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            draft = self._path.with_suffix(f".{os.getpid()}")
+            draft.write_text(f"{self._reserved}\n")
+            draft.replace(self._path)
+        except OSError as error:
+            self._note(error)
+
+    def _read(self) -> int:
+        try:
+            return int(self._path.read_text())
+        except FileNotFoundError:
+            return 0
+        except (OSError, ValueError) as error:
+            self._note(error)
+            return 0
+
+    def _note(self, error: Exception) -> None:
+        self.trouble = self.trouble or (
+            f"the signing time of earlier runs ({self._path}) cannot be kept: {error}; were this machine's clock set "
+            "back, the vehicle would not hear us"
+        )

@@ -1,0 +1,392 @@
+"""Other stations and a pilot on the same vehicle: we stop, and say who it was."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from router import Router
+from scripted_vehicle import ROV, ScriptedVehicle
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import GuardTripped, NotAsFound, PreconditionFailed
+from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
+from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
+from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
+
+
+def board(peer: Peer) -> MavlinkCraft:
+    return open_craft(Session(MemoryLink(peer)), arm_patience=3.0)
+
+
+def fly(craft: MavlinkCraft, ticks: int = 40) -> None:
+    for k in range(ticks):
+        craft.observe()
+        craft.send(Actuate(N=0.3 if k // 10 % 2 else -0.3, X=0.2))
+
+
+def trip(craft: MavlinkCraft, guard: str) -> str:
+    with pytest.raises(GuardTripped) as caught:
+        fly(craft)
+    assert caught.value.guard == guard
+    return str(caught.value)
+
+
+@pytest.fixture
+def router(boat: ScriptedVehicle) -> Router:
+    return Router(boat)
+
+
+@pytest.fixture
+def flying(router: Router) -> MavlinkCraft:
+    """An armed boat under our hands, with a second station (system 252) on the link."""
+    router.other = router.station(252)  # type: ignore[attr-defined]
+    craft = board(router)
+    craft.arm()
+    fly(craft)
+    return craft
+
+
+def order(system: int, command: int, *values: float) -> Any:
+    return mavlink.MAVLink_command_long_message(system, 1, command, 0, *values, *[0.0] * (7 - len(values)))
+
+
+# --- who did it --------------------------------------------------------------------------------
+
+
+def test_beside_a_silent_second_station_all_is_well(flying: MavlinkCraft) -> None:
+    fly(flying, 200)
+    assert flying.other_stations.stations == {(252, 190): "GCS"}
+
+
+def test_a_mode_change_names_the_station_that_the_vehicle_acknowledged(flying: MavlinkCraft, router: Router) -> None:
+    router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
+    said = trip(flying, "mode")
+    assert "from MANUAL to HOLD, not by us" in said
+    assert "GCS (system 252, component 190) sent MAV_CMD_DO_SET_MODE" in said
+
+
+def lone(boat: ScriptedVehicle) -> MavlinkCraft:
+    """An armed boat under our hands, nobody else on the link."""
+    craft = board(boat)
+    craft.arm()
+    fly(craft)
+    return craft
+
+
+def pause(craft: MavlinkCraft, seconds: float) -> None:
+    """This program does nothing for so long."""
+    clock: Any = craft.clock
+    clock.advance(seconds)
+
+
+def test_a_failsafe_after_a_pause_of_our_own_is_said_to_be_ours(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    boat.mode = 4
+    boat.say("Radio Failsafe")
+    pause(craft, 0.7)
+    said = trip(craft, "pause")
+    assert 'from MANUAL to HOLD (it says: "Radio Failsafe"): this computer paused for 0.' in said
+    assert "It was not the radio" in said and "nobody else" not in said
+
+
+def test_a_failsafe_without_a_pause_is_not_said_to_be_ours(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    pause(craft, 0.2)
+    boat.mode = 4
+    assert "nobody else is heard on this link" in trip(craft, "mode")
+
+
+def test_a_pause_long_ago_is_no_cause(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    pause(craft, 0.7)
+    fly(craft, 60)
+    boat.mode = 4
+    assert "nobody else is heard on this link" in trip(craft, "mode")
+
+
+def test_an_order_that_was_heard_comes_before_a_pause_of_ours(flying: MavlinkCraft, router: Router) -> None:
+    router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
+    pause(flying, 0.7)
+    assert "sent MAV_CMD_DO_SET_MODE" in trip(flying, "mode")
+
+
+def test_a_pause_counts_in_the_time_of_a_vehicle_that_runs_ahead() -> None:
+    clock = ManualClock()
+    send_rate = SendRate(clock)
+    for k in range(50):
+        clock.advance_to(0.04 * k)
+        send_rate.count(100.0 + 0.4 * k)
+    clock.advance(0.36)
+    send_rate.count(120.0)
+    assert send_rate.pause_since(1.9) == pytest.approx(0.36) and send_rate.pause_since(2.4) == 0.0
+    assert send_rate.pace == pytest.approx(10.0, rel=0.2)
+
+
+def test_a_disarm_names_the_station_that_the_vehicle_acknowledged(flying: MavlinkCraft, router: Router) -> None:
+    router.say(router.other, order(1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0))  # type: ignore[attr-defined]
+    assert "GCS (system 252, component 190) sent MAV_CMD_COMPONENT_ARM_DISARM" in trip(flying, "armed")
+
+
+def test_a_parameter_written_elsewhere_names_who_is_there(flying: MavlinkCraft, router: Router) -> None:
+    flying.parameters.watch({"WP_SPEED": 2.0})
+    router.say(router.other, mavlink.MAVLink_param_set_message(1, 1, b"WP_SPEED", 8.0, 9))  # type: ignore[attr-defined]
+    assert "also on this link: GCS (system 252, component 190)" in trip(flying, "parameters")
+
+
+def test_on_a_link_that_repeats_everything_the_writer_is_named(boat: ScriptedVehicle) -> None:
+    router = Router(boat, repeats=True)
+    other = router.station(42, 25)
+    craft = board(router)
+    craft.arm()
+    craft.parameters.watch({"WP_SPEED": 2.0})
+    router.say(other, mavlink.MAVLink_param_set_message(1, 1, b"WP_SPEED", 8.0, 9))
+    assert "GCS (system 42, component 25) sent PARAM_SET" in trip(craft, "parameters")
+
+
+def test_orders_to_another_vehicle_are_nobodys_business(boat: ScriptedVehicle) -> None:
+    router = Router(boat, repeats=True)
+    other = router.station(42, 25)
+    craft = board(router)
+    router.say(other, mavlink.MAVLink_param_set_message(7, 1, b"WP_SPEED", 8.0, 9))
+    craft.observe()
+    assert not craft.other_stations.orders
+
+
+def test_what_nobody_here_did_came_by_another_link(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    craft.arm()
+    fly(craft)
+    boat.mode = 4
+    assert "nobody else is heard on this link" in trip(craft, "mode")
+
+
+# --- sticks --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"])
+def test_another_stations_joystick_beside_ours_trips(boat: ScriptedVehicle, kind: str) -> None:
+    """It has to be the vehicle's own system id, 255, or the vehicle would not listen to it."""
+    router = Router(boat, repeats=True)
+    twin = router.station(255, 100)
+    boat.on["MANUAL_CONTROL"] = lambda m: boat.overrides.update({1: (1500 + m.y // 2, boat.time)})
+    craft = board(router)
+    craft.arm()
+    fly(craft)
+    stick = mavlink.MAVLink_rc_channels_override_message(1, 1, 1700, *[65535] * 7)
+    joystick = mavlink.MAVLink_manual_control_message(1, 0, 400, 0, 0, 0)
+    router.every(twin, 0.034, lambda: stick if kind == "RC_CHANNELS_OVERRIDE" else joystick)
+    said = trip(craft, "sticks")
+    assert "RC channel 1 shows 1700 us where" in said
+    assert f"GCS (system 255, component 100) sent {kind}" in said
+    assert any("also is system 255" in note for note in craft.session.notes)
+
+
+@pytest.mark.parametrize(("every", "is_seen"), [(3, True), (20, False)])
+def test_a_joystick_on_beat_with_us_shows_in_one_message_of_three_and_one_crossing_is_none(
+    boat: ScriptedVehicle, every: int, is_seen: bool
+) -> None:
+    rc_monitor = RcMonitor(Session(MemoryLink(boat)))
+    for n in range(60):
+        rc_monitor.sent({1: 1500, 3: 1700})
+        shown = [1560 if n % every == 0 else 1500, 0, 1700, *[0] * 15]
+        rc_monitor._on_rc_channels(mavlink.MAVLink_rc_channels_message(n, 18, *shown, 0))
+    assert rc_monitor.departed == ((1, 1500, 1560) if is_seen else None)
+
+
+def test_a_pilot_who_moves_a_stick_that_we_do_not_drive_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    assert boat.receiver is not None
+    boat.receiver[6] = 1850
+    assert "RC channel 6 of the vehicle's own receiver went from 1500 to 1850 us" in trip(flying, "sticks")
+
+
+def test_a_jittering_receiver_is_no_pilot(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    assert boat.receiver is not None
+    for k in range(100):
+        boat.receiver[6] = 1500 + 30 * (-1) ** k
+        fly(flying, 1)
+
+
+def test_one_stick_movement_that_is_gone_at_once_is_no_pilot(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    assert boat.receiver is not None
+    boat.receiver[6] = 1850
+    flying.observe()
+    boat.receiver[6] = 1500
+    fly(flying)
+
+
+def test_the_mode_switch_on_the_transmitter_is_named(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    """RC_CHANNELS comes ten times as often as the heartbeat that shows the mode."""
+    assert boat.receiver is not None
+    boat.receiver[8], boat.mode = 1900, 4
+    with pytest.raises(GuardTripped) as caught:
+        fly(flying)
+    said = str(caught.value)
+    assert "RC channel 8" in said and "from 1500 to 1900 us" in said
+
+
+def test_overrides_that_cease_to_arrive_trip(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
+    boat.parameters["RC_OVERRIDE_TIME"] = 1.0
+    assert "our overrides do not get through" in trip(flying, "sticks")
+
+
+# --- deaf --------------------------------------------------------------------------------
+
+
+def refused(craft: MavlinkCraft) -> str:
+    with pytest.raises(PreconditionFailed) as caught:
+        craft.arm()
+    return str(caught.value)
+
+
+def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.parameters["MAV_GCS_SYSID"] = 42
+    said = refused(craft)
+    assert "RC_CHANNELS shows channel 1 1500 us for 1508" in said
+    assert "MAV_GCS_SYSID is 42, but we send as system 255: use --source-system 42" in said
+    assert not boat.armed
+    assert boat.overrides == {}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"RC_OPTIONS": 34}, "RC_OPTIONS is 34: its bit 1"),
+        ({"RC_OVERRIDE_TIME": 0}, "RC_OVERRIDE_TIME is 0"),
+        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: that switch turns overrides off"),
+        ({"MAV_OPTIONS": 1}, "MAV_OPTIONS bit 0 is set"),
+        ({}, "its parameters do not say why"),
+    ],
+)
+def test_the_cause_of_deafness_is_asked_for(boat: ScriptedVehicle, changes: dict[str, float], words: str) -> None:
+    craft = board(boat)
+    boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
+    boat.parameters |= changes
+    assert words in refused(craft)
+    assert not boat.armed
+
+
+def test_a_vehicle_that_answers_nothing_is_out_of_reach(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.receive = lambda data: None  # type: ignore[method-assign]
+    assert "the way up to it is broken" in refused(craft)
+
+
+def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: ScriptedVehicle) -> None:
+    craft = board(boat)
+    boat.servos[0], boat._actuate = (
+        1500,
+        lambda: boat.rc.__setitem__(  # type: ignore[method-assign]
+            slice(1, 9), [boat.overrides.get(n, (1500, 0.0))[0] for n in range(1, 9)]
+        ),
+    )
+    said = refused(craft)
+    assert "+5% was sent, RC_CHANNELS shows our overrides, but SERVO_OUTPUT_RAW shows it (+0% in MANUAL)" in said
+    assert "safety switch" in said
+    craft.session.pause(0.1)
+    assert boat.overrides == {}
+
+
+def test_a_boat_without_rc_channels_is_believed_by_its_outputs(boat: ScriptedVehicle) -> None:
+    boat.mute.add("RC_CHANNELS")
+    craft = board(boat)
+    craft.arm()
+    assert any("sends no RC_CHANNELS" in note for note in craft.session.notes)
+
+
+def test_options_that_forbid_overrides_are_refused_at_boarding(boat: ScriptedVehicle) -> None:
+    boat.parameters["RC_OPTIONS"] = 34
+    with pytest.raises(PreconditionFailed, match="Set it to 32"):
+        board(boat)
+
+
+# --- channels --------------------------------------------------------------------------------
+
+
+def test_remapped_channels_are_driven_where_they_are(boat: ScriptedVehicle) -> None:
+    boat.parameters |= {"RCMAP_ROLL": 4, "RCMAP_THROTTLE": 2}
+    boat._actuate = lambda: None  # type: ignore[method-assign]
+    craft = board(boat)
+    craft.send(Actuate(X=0.5))
+    craft.observe()
+    message = boat.last("RC_CHANNELS_OVERRIDE")
+    assert (message.chan4_raw, message.chan2_raw, message.chan1_raw) == (1500, 1765, 65535)
+
+
+def test_a_channel_out_of_reach_is_refused(boat: ScriptedVehicle) -> None:
+    boat.parameters["RCMAP_ROLL"] = 9
+    with pytest.raises(PreconditionFailed, match="RCMAP_ROLL is 9"):
+        board(boat)
+
+
+def test_a_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
+    """Without a receiver a channel keeps its last value for ever, be it a joystick's that was unplugged."""
+    rov.receiver, rov.rc[1] = None, 1650
+    craft = board(rov)
+    craft.arm()
+    assert rov.rc[1] == 1500
+
+
+def make_older(rov: ScriptedVehicle) -> None:
+    """Make it an ArduSub 4.5 or 4.6: no RCMAP_*; the throttle stick counts from its trim at the low end."""
+    for name in [n for n in rov.parameters if n.startswith("RCMAP_")]:
+        del rov.parameters[name]
+    rov.parameters["RC3_TRIM"] = 1100
+
+
+def test_an_older_rovs_throttle_stick_is_neutral_in_the_middle_of_its_travel(rov: ScriptedVehicle) -> None:
+    make_older(rov)
+    rov._actuate = lambda: None  # type: ignore[method-assign]
+    craft = board(rov)
+    for down, pwm in ((0.5, 1300), (0.0, 1500), (-1.0, 1900)):
+        craft.send(Actuate(Z=down))
+        craft.observe()
+        assert rov.last("RC_CHANNELS_OVERRIDE").chan3_raw == pwm
+
+
+@pytest.mark.parametrize(("name", "value"), [("RC3_TRIM", 1500), ("RC3_REVERSED", 1)])
+def test_an_older_rov_whose_throttle_has_no_neutral_in_the_middle_is_refused(
+    rov: ScriptedVehicle, name: str, value: float
+) -> None:
+    """Such a one would dive at full thrust with the stick at 1500."""
+    make_older(rov)
+    rov.parameters[name] = value
+    with pytest.raises(PreconditionFailed, match="Set RC3_TRIM 1100"):
+        board(rov)
+
+
+def test_an_older_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
+    """Pitch is channel 1 there, roll channel 2."""
+    make_older(rov)
+    rov.receiver, rov.rc[1], rov.rc[2] = None, 1600, 1650
+    craft = board(rov)
+    craft.arm()
+    assert (rov.rc[1], rov.rc[2]) == (1500, 1500)
+
+
+def test_a_release_that_does_not_take_is_said(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    flying.neutral()
+    built_in = boat._on_rc_channels_override
+
+    def deaf_to_zero(m: Any) -> None:
+        if m.chan1_raw:
+            built_in(m)
+
+    boat.on["RC_CHANNELS_OVERRIDE"] = deaf_to_zero
+    boat.parameters["RC_OVERRIDE_TIME"] = 1e9
+    with pytest.raises(NotAsFound, match="still shows them"):
+        flying.release()
+
+
+def test_kinds_agree_on_what_is_neutral() -> None:
+    rov = ScriptedVehicle(ROV)
+    rov.receiver = None
+    craft = board(rov)
+    craft.arm()
+    craft.neutral()
+    craft.disarm()
+    assert rov.servos[:3] == [1500, 1500, 1500]

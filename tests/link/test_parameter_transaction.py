@@ -1,0 +1,252 @@
+"""Journal and loan: whatever happens, the vehicle is as found, or the journal says what it is not."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scripted_vehicle import ScriptedVehicle
+
+from gcs_autotune.errors import (
+    BadFile,
+    LinkLost,
+    NotAsFound,
+    OperatorStopped,
+    ParameterMissing,
+    ParameterNotAccepted,
+    PreconditionFailed,
+)
+from gcs_autotune.link import Journal, MemoryLink, Parameters, ParameterTransaction, Session
+from gcs_autotune.link.parameters import journal as journal_module
+
+P, INT, FF = "ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_FF"
+OLD = {P: 0.2, INT: 0.1, FF: 0.75}
+NEW = {P: 0.5, INT: 0.4, FF: 1.5}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+@pytest.fixture
+def loan(parameters: Parameters, path: Path) -> ParameterTransaction:
+    session = parameters.session
+    journal = Journal(
+        path, vehicle=session.vehicle, link="memory", mode="HOLD", armed=False, stamp=lambda: "2026-01-01T00:00:00"
+    )
+    return ParameterTransaction(parameters, journal)
+
+
+def held(boat: ScriptedVehicle) -> dict[str, float]:
+    return {name: boat.parameters[name] for name in OLD}
+
+
+def test_lending_reads_and_journals_what_was_found(loan: ParameterTransaction, path: Path) -> None:
+    assert loan.lend(OLD) == pytest.approx(OLD)
+    events = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [e["event"] for e in events] == ["opened", "lent", "lent", "lent"]
+    assert Journal.open_debts(path) == {}
+
+
+def test_what_is_set_is_in_the_vehicle_and_owed_in_the_journal(
+    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+) -> None:
+    loan.set(NEW)
+    assert held(boat) == pytest.approx(NEW)
+    assert Journal.open_debts(path) == pytest.approx(OLD)
+
+
+def test_giving_back_restores_in_reverse_order_and_pays_the_debt(
+    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+) -> None:
+    loan.set(NEW)
+    loan.give_back()
+    assert held(boat) == pytest.approx(OLD)
+    assert Journal.open_debts(path) == {}
+    assert [m.param_id for m in boat.heard if m.get_type() == "PARAM_SET"] == [P, INT, FF, FF, INT, P]
+
+
+def test_keeping_leaves_the_new_values_and_owes_nothing(
+    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+) -> None:
+    loan.set(NEW)
+    assert loan.keep() == pytest.approx(NEW)
+    loan.give_back()
+    assert held(boat) == pytest.approx(NEW)
+    assert Journal.open_debts(path) == {}
+
+
+def test_a_second_round_after_keeping_owes_the_kept_values(loan: ParameterTransaction, path: Path) -> None:
+    loan.set(NEW)
+    loan.keep()
+    loan.set({P: 0.9})
+    assert Journal.open_debts(path) == {P: pytest.approx(0.5)}
+
+
+def test_leaving_the_context_gives_back_also_after_an_error(loan: ParameterTransaction, boat: ScriptedVehicle) -> None:
+    with pytest.raises(LinkLost), loan:
+        loan.set(NEW)
+        raise LinkLost("the worst moment")
+    assert held(boat) == pytest.approx(OLD)
+
+
+def test_one_refused_value_puts_all_back(loan: ParameterTransaction, path: Path, boat: ScriptedVehicle) -> None:
+    boat.read_only.add(FF)
+    with pytest.raises(ParameterNotAccepted, match=FF):
+        loan.set(NEW)
+    assert held(boat) == pytest.approx(OLD)
+    assert Journal.open_debts(path) == {}
+
+
+def test_a_missing_name_writes_nothing(loan: ParameterTransaction, boat: ScriptedVehicle) -> None:
+    with pytest.raises(ParameterMissing):
+        loan.set({**NEW, "NO_SUCH_THING": 1.0})
+    assert boat.count("PARAM_SET") == 0
+
+
+def test_what_cannot_be_put_back_is_listed_and_stays_owed(
+    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+) -> None:
+    loan.set(NEW)
+    boat.read_only.add(INT)
+    with pytest.raises(NotAsFound, match=INT) as caught:
+        loan.give_back()
+    assert set(caught.value.differences) == {INT}
+    assert held(boat) == pytest.approx({**OLD, INT: NEW[INT]})
+    assert Journal.open_debts(path) == {INT: pytest.approx(OLD[INT])}
+    boat.read_only.clear()
+    loan.give_back()
+    assert held(boat) == pytest.approx(OLD)
+    assert Journal.open_debts(path) == {}
+
+
+def test_a_lost_link_while_setting_names_what_is_owed(
+    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+) -> None:
+    def die_at_the_second(m: Any) -> None:
+        boat._on_param_set(m)
+        boat.alive = m.param_id == P
+
+    boat.on["PARAM_SET"] = die_at_the_second
+    with pytest.raises(NotAsFound) as caught:
+        loan.set(NEW)
+    assert {P, INT} <= set(caught.value.differences)
+    assert set(Journal.open_debts(path)) == set(caught.value.differences)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 60))
+def test_the_operator_may_stop_at_any_pump_and_all_is_as_found(tmp_path: Path, pumps: int) -> None:
+    boat, left = ScriptedVehicle(), [10**9]
+
+    def stop() -> bool:
+        left[0] -= 1
+        return left[0] < 0
+
+    session = Session(MemoryLink(boat), interrupt=stop)
+    session.discover()
+    path = tmp_path / f"{pumps}.jsonl"
+    left[0] = pumps
+    journal = Journal(path)
+    try:
+        with ParameterTransaction(Parameters(session), journal) as loan:
+            loan.set(NEW)
+            session.pause(2.0)
+            raise OperatorStopped("at the end")
+    except OperatorStopped:
+        pass
+    journal.close()
+    path.unlink()
+    assert held(boat) == pytest.approx(OLD)
+
+
+class PowerCut(BaseException):
+    """Nothing of ours runs after it."""
+
+
+@pytest.mark.parametrize("last", range(1, 8))
+def test_after_a_power_cut_at_any_event_the_journal_covers_every_change(
+    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle, last: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fsync, events = os.fsync, [0]
+
+    def cut(descriptor: int) -> None:
+        fsync(descriptor)
+        events[0] += 1
+        if events[0] >= last:
+            raise PowerCut
+
+    monkeypatch.setattr(journal_module.os, "fsync", cut)
+    with pytest.raises(PowerCut):
+        loan.set(NEW)
+    changed = {n for n in OLD if boat.parameters[n] != pytest.approx(OLD[n])}
+    debts = Journal.open_debts(path)
+    assert changed <= set(debts)
+    assert all(debts[n] == pytest.approx(OLD[n]) for n in changed)
+
+
+# --- the journal itself --------------------------------------------------------------------------------
+
+
+def test_the_journal_tells_how_things_were_found(loan: ParameterTransaction, path: Path) -> None:
+    state = Journal.read(path)
+    assert (state.mode, state.armed, state.link, state.closed) == ("HOLD", False, "memory", False)
+    assert state.vehicle["vehicle_type"] == 11
+
+
+def test_a_last_line_cut_short_is_ignored_but_a_damaged_middle_is_not(loan: ParameterTransaction, path: Path) -> None:
+    loan.set(NEW)
+    text = path.read_text()
+    path.write_text(text[:-10])
+    assert Journal.open_debts(path) == pytest.approx(OLD)
+    lines = text.splitlines()
+    lines[2] = lines[2][:-5]
+    path.write_text("\n".join(lines))
+    with pytest.raises(BadFile, match="line 3"):
+        Journal.open_debts(path)
+
+
+def test_a_journal_that_makes_no_sense_is_a_bad_file(path: Path) -> None:
+    path.write_text('{"event": "writing", "name": "A", "value": 1}\n')
+    with pytest.raises(BadFile, match="no sense"):
+        Journal.read(path)
+    with pytest.raises(BadFile, match="cannot be read"):
+        Journal.read(path.with_name("none"))
+
+
+def test_no_journal_no_loan(tmp_path: Path) -> None:
+    with pytest.raises(PreconditionFailed, match="no parameter may be changed"):
+        Journal(tmp_path / "no" / "journal.jsonl")
+
+
+def full_disk() -> Callable[..., int]:
+    def write(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    return write
+
+
+def test_a_full_disk_refuses_every_write(
+    loan: ParameterTransaction, boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module.os, "write", full_disk())
+    with pytest.raises(PreconditionFailed, match="No space left"):
+        loan.set(NEW)
+    assert boat.count("PARAM_SET") == 0
+
+
+def test_a_disk_that_fills_up_does_not_stop_the_giving_back(
+    loan: ParameterTransaction, boat: ScriptedVehicle, parameters: Parameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loan.set(NEW)
+    monkeypatch.setattr(journal_module.os, "write", full_disk())
+    loan.give_back()
+    assert held(boat) == pytest.approx(OLD)
+    assert len(parameters.session.notes) == 3

@@ -1,0 +1,118 @@
+"""Fractions to RC channels by number: limits, trims, dead zones, signs; what is driven, held and handed back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import cast
+
+import pytest
+
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link import Parameters
+from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RcChannel, read_override_map
+
+ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
+LEFT_ALONE, RELEASED = 65535, 0
+
+
+class Told:
+    """Parameters that a vehicle told."""
+
+    def __init__(self, values: dict[str, float]) -> None:
+        self.values = values
+
+    def read_all(self, names: Iterable[str]) -> dict[str, float]:
+        return {n: self.values[n] for n in names}
+
+    def read_existing(self, names: Iterable[str]) -> dict[str, float]:
+        return {n: self.values[n] for n in names if n in self.values}
+
+
+def told(**changes: float) -> Parameters:
+    values: dict[str, float] = {"RC_OVERRIDE_TIME": 3.0, "RC_OPTIONS": 0.0}
+    for n in range(1, 9):
+        values |= {f"RC{n}_MIN": 1100, f"RC{n}_TRIM": 1500, f"RC{n}_MAX": 1900, f"RC{n}_DZ": 30, f"RC{n}_REVERSED": 0}
+    return cast(Parameters, Told({**values, **changes}))
+
+
+SUB_MAP = {"RCMAP_PITCH": 1, "RCMAP_ROLL": 2, "RCMAP_THROTTLE": 3, "RCMAP_YAW": 4, "RCMAP_FORWARD": 5}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_fraction_is_spread_from_the_edge_of_the_dead_zone_to_the_limit_of_its_own_side(sign: float) -> None:
+    channel = RcChannel(1000.0, 1400.0, 2000.0, dead_zone=50.0, sign=sign)
+    expected = {1.0: 2000, 0.5: 1725, 0.0: 1400, -0.5: 1175, -1.0: 1000, 7.0: 2000, -7.0: 1000}
+    assert {f: channel.pwm(sign * f) for f in expected} == expected
+    assert channel.pwm(0.0009) == channel.pwm(-0.0009) == 1400
+    assert (channel.pwm(sign * 0.002), channel.pwm(sign * -0.002)) == (1451, 1349)
+
+
+def test_every_channel_that_is_driven_or_held_is_handed_back_and_no_other() -> None:
+    overrides = OverrideMap({"N": (4, RcChannel(1100, 1500, 1900))}, held={1: 1510, 2: 1490})
+    released = overrides.release(255, 190)
+    fields = [getattr(released, f"chan{n}_raw") for n in range(1, 9)]
+    assert fields == [RELEASED, RELEASED, LEFT_ALONE, RELEASED, *[LEFT_ALONE] * 4]
+    assert (released.target_system, released.target_component) == (255, 190)
+
+
+def test_held_channels_are_sent_beside_the_driven_ones_and_nudged_with_them() -> None:
+    overrides = OverrideMap({"N": (4, RcChannel(1100, 1500, 1900))}, held={1: 1510})
+    assert overrides.values(Actuate(N=0.5)) == {1: 1510, 4: 1700}
+    assert overrides.probe == {1: 1518, 4: 1508}
+
+
+def test_an_rovs_map_drives_its_four_forces_and_holds_pitch_and_roll() -> None:
+    overrides = read_override_map(told(**SUB_MAP, RCMAP_LATERAL=6, RC2_TRIM=1493.0), SUB)
+    assert {force: n for force, (n, _) in overrides.channels.items()} == {"Z": 3, "N": 4, "X": 5, "Y": 6}
+    assert overrides.held == {1: 1500, 2: 1493}
+    down = overrides.values(Actuate(Z=1.0))
+    assert down[3] == 1100, "a stick pulled back dives"
+
+
+@pytest.mark.parametrize(("low", "trim", "high"), [(1471.0, 1500.0, 1900.0), (1100.0, 1500.0, 1529.0)])
+def test_a_side_of_neutral_that_the_dead_zone_takes_up_is_no_room(low: float, trim: float, high: float) -> None:
+    """A dead zone of 30 us: one microsecond more on either side, and there is room."""
+    narrow = {"RC1_MIN": low, "RC1_TRIM": trim, "RC1_MAX": high}
+    with pytest.raises(PreconditionFailed, match=r"RC1_MIN .* DZ 30 leave no room on both sides"):
+        read_override_map(told(**narrow), ROVER)
+    wide = {"RC1_MIN": low - 2.0 * (low > 1400), "RC1_TRIM": trim, "RC1_MAX": high + 2.0 * (high < 1600)}
+    assert read_override_map(told(**wide), ROVER).channels["N"][1].dead_zone == 30.0
+
+
+def test_a_dead_zone_that_the_firmware_does_not_apply_takes_no_room() -> None:
+    assert not SUB.manual_dead_zone
+    overrides = read_override_map(told(**SUB_MAP, RC4_MIN=1480.0), SUB)
+    assert overrides.channels["N"][1] == RcChannel(1480.0, 1500.0, 1900.0)
+
+
+def test_a_reversed_channel_turns_the_sign_about() -> None:
+    overrides = read_override_map(told(RC1_REVERSED=1.0), ROVER)
+    assert overrides.channels["N"][1].sign == -1.0
+    assert overrides.channels["X"][1].sign == 1.0
+    assert overrides.values(Actuate(N=1.0, X=1.0)) == {1: 1100, 3: 1900}
+
+
+@pytest.mark.parametrize(
+    ("expiry", "words"),
+    [
+        (0.0, "ignores overrides"),
+        (-1.0, "for ever"),
+        (10.5, "for 10.5 s if the link broke"),
+    ],
+)
+def test_overrides_that_would_outlive_the_link_or_never_count_are_refused(expiry: float, words: str) -> None:
+    with pytest.raises(PreconditionFailed, match=words):
+        read_override_map(told(RC_OVERRIDE_TIME=expiry), ROVER)
+
+
+@pytest.mark.parametrize("expiry", [0.1, 3.0, 10.0])
+def test_overrides_that_expire_soon_are_flown_with(expiry: float) -> None:
+    assert set(read_override_map(told(RC_OVERRIDE_TIME=expiry), ROVER).channels) == {"N", "X"}
+
+
+@pytest.mark.parametrize("number", [0, 9])
+def test_a_channel_that_overrides_do_not_reach_is_refused(number: int) -> None:
+    with pytest.raises(PreconditionFailed, match=f"RCMAP_ROLL is {number}"):
+        read_override_map(told(RCMAP_ROLL=float(number)), ROVER)

@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.mavlink import load_params, save_params
+
+VALUES = {"ATC_STR_RAT_P": 0.33000001311302185, "CRUISE_THROTTLE": 30.0, "PSC_JERK_Z": -1e-7}
+
+FILES = {
+    "mission planner": "#note\nATC_STR_RAT_P,0.2\nWP_SPEED,2.5\n",
+    "mavproxy": "ATC_STR_RAT_P    0.2\nWP_SPEED         2.5 # a remark\n\n",
+    "qgroundcontrol": "# Id Id Name Value Type\n1\t1\tATC_STR_RAT_P\t0.2\t9\n1\t1\tWP_SPEED\t2.5\t9\n",
+    "with spaces": "  ATC_STR_RAT_P , 0.2\r\nWP_SPEED, 2.5\r\n",
+    "json": '{"ATC_STR_RAT_P": 0.2, "WP_SPEED": 2.5}',
+    "our json": '{"schema": 1, "parameters": {"ATC_STR_RAT_P": 0.2, "WP_SPEED": 2.5}}',
+}
+
+
+@pytest.mark.parametrize("text", FILES.values(), ids=FILES)
+def test_everybodys_files_are_read(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "boat.param"
+    path.write_text(text)
+    assert load_params(path) == {"ATC_STR_RAT_P": 0.2, "WP_SPEED": 2.5}
+
+
+@pytest.mark.parametrize("name", ["a.param", "a.json"])
+def test_what_is_saved_is_loaded_again(tmp_path: Path, name: str) -> None:
+    save_params(tmp_path / name, VALUES, comment="before tuning\nboat 7")
+    assert load_params(tmp_path / name) == pytest.approx(VALUES, rel=1e-8)
+
+
+NONSENSE = {
+    "empty": "",
+    "only remarks": "# nothing\n",
+    "no number": "WP_SPEED,fast\n",
+    "not a number": "WP_SPEED,nan\n",
+    "three columns": "WP_SPEED 2 3\n",
+    "no name": "2.5,WP_SPEED\n",
+    "long name": "A_NAME_THAT_IS_TOO_LONG,1\n",
+    "broken json": '{"WP_SPEED": 2',
+    "json list inside": '{"parameters": [1, 2]}',
+    "json text": '{"WP_SPEED": "fast"}',
+    "csv run": "t[s],psi[rad]\n0,1\n",
+}
+
+
+@pytest.mark.parametrize("text", NONSENSE.values(), ids=NONSENSE)
+def test_nonsense_is_a_bad_file(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "boat.param"
+    path.write_text(text)
+    with pytest.raises(BadFile, match=r"boat\.param"):
+        load_params(path)
+
+
+def test_the_line_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "boat.param"
+    path.write_text("WP_SPEED,2\nCRUISE_SPEED\n")
+    with pytest.raises(BadFile, match="line 2"):
+        load_params(path)
+
+
+def test_files_that_cannot_be_opened_are_bad_files(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="cannot be read"):
+        load_params(tmp_path / "none.param")
+    with pytest.raises(BadFile, match="cannot be written"):
+        save_params(tmp_path / "no" / "a.param", VALUES)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_parameters_or_a_bad_file(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzz.param"
+    path.write_bytes(data)
+    try:
+        assert load_params(path)
+    except BadFile as error:
+        assert "fuzz.param" in str(error)

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.mavlink import TlogWriter, read_tlog
+
+LOGS = Path(__file__).parents[2] / "../shared/data/ardusub_logs"
+
+
+def written(path: Path, count: int = 5) -> bytes:
+    mav = mavlink.MAVLink(None, 1, 1)
+    time = iter(range(count))
+    log = TlogWriter(path, lambda: 1000.0 + 0.25 * next(time))
+    for i in range(count):
+        log.write(mavlink.MAVLink_attitude_message(i, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6).pack(mav))
+    log.close()
+    return path.read_bytes()
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    written(tmp_path / "a.tlog")
+    log = read_tlog(tmp_path / "a.tlog")
+    assert [(r.time, r.frame.message.time_boot_ms) for r in log] == [(1000.0 + 0.25 * i, i) for i in range(5)]
+    assert (log.frames, log.damaged, log.truncated) == (5, 0, False)
+
+
+def test_other_ground_stations_can_read_it(tmp_path: Path) -> None:
+    written(tmp_path / "a.tlog")
+    log = mavutil.mavlink_connection(str(tmp_path / "a.tlog"))
+    assert [log.recv_msg().time_boot_ms for _ in range(5)] == list(range(5))
+    log.close()
+
+
+def test_a_truncated_log_gives_what_is_whole(tmp_path: Path) -> None:
+    data = written(tmp_path / "a.tlog")
+    whole = len(data) // 5
+    assert whole > 20
+    for cut in range(1, whole):
+        (tmp_path / "b.tlog").write_bytes(data[:-cut])
+        log = read_tlog(tmp_path / "b.tlog")
+        assert len(list(log)) == 4
+        assert log.truncated
+
+
+def test_damage_is_stepped_over_and_counted(tmp_path: Path) -> None:
+    data = bytearray(written(tmp_path / "a.tlog"))
+    whole = len(data) // 5
+    data[whole + 20] ^= 0xFF
+    data[3 * whole : 3 * whole] = b"garbage"
+    (tmp_path / "b.tlog").write_bytes(data)
+    log = read_tlog(tmp_path / "b.tlog")
+    assert [r.frame.message.time_boot_ms for r in log] == [0, 2, 3, 4]
+    assert log.damaged == 2
+    assert log.damaged_bytes == whole + len(b"garbage")
+
+
+def test_missing_and_empty_logs_are_bad_files(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="cannot be read"):
+        read_tlog(tmp_path / "none.tlog")
+    (tmp_path / "empty.tlog").write_bytes(b"")
+    with pytest.raises(BadFile, match="empty"):
+        read_tlog(tmp_path / "empty.tlog")
+
+
+def test_a_log_that_cannot_be_opened_says_where(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="cannot be written"):
+        TlogWriter(tmp_path / "no" / "a.tlog", lambda: 0.0)
+
+
+@pytest.mark.skipif(not LOGS.is_dir(), reason="the shared data folder is not beside this checkout")
+@pytest.mark.parametrize(
+    ("name", "frames", "damaged"), [("2023-04-18_11-03-34.tlog", 50136, 1961), ("small.tlog", 35912, 4)]
+)
+def test_logs_of_a_real_rov_are_read_with_their_damage_counted(name: str, frames: int, damaged: int) -> None:
+    """The frame counts are pymavlink's own for the same files."""
+    log = read_tlog(LOGS / name)
+    assert sum(r.frame.name == "ATTITUDE" for r in log) > 5000
+    assert (log.frames, log.damaged) == (frames, damaged)
