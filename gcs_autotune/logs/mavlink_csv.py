@@ -17,10 +17,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TextIO
 
+from gcs_autotune import mavlink  # whose names bring pymavlink, so only when one is used
 from gcs_autotune.errors import BadFile
 from gcs_autotune.logs.mavlink_decoder import decode_messages
 from gcs_autotune.logs.sample_store import Heard, Note, Recording
-from gcs_autotune.mavlink import message_fields
 
 __all__ = ["is_mavlogdump", "is_mission_planner", "record_mavlogdump", "record_mission_planner"]
 
@@ -128,7 +128,7 @@ def _planner(lines: _Lines) -> Iterator[Heard]:
         except ValueError:
             lines.damaged(line)
             continue
-        yield Heard(time, *sender, name, _message(name, _pairs(cells[at + 1 :], message_fields(name))))
+        yield Heard(time, *sender, name, _message(name, _pairs(cells[at + 1 :], mavlink.message_fields(name))))
 
 
 def _pairs(cells: list[str], known: frozenset[str]) -> dict[str, str]:

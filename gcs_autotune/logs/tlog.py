@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from gcs_autotune import mavlink  # whose names bring pymavlink, so only when one is used
 from gcs_autotune.logs.mavlink_decoder import decode_messages
 from gcs_autotune.logs.sample_store import Heard, Recording
-from gcs_autotune.mavlink import TlogReader, read_tlog
 
 __all__ = ["record_tlog"]
 
@@ -26,7 +26,7 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
     UsageError
         No vehicle of that *system* in it.
     """
-    log = read_tlog(path)
+    log = mavlink.read_tlog(path)
     told = decode_messages(path, _heard(log), system)
     notes = list(told.notes)
     if log.damaged:
@@ -48,7 +48,7 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
     return Recording("telemetry log", told.stores, meta, notes, told.census)
 
 
-def _heard(log: TlogReader) -> Iterator[Heard]:
+def _heard(log: mavlink.TlogReader) -> Iterator[Heard]:
     for record in log:
         frame = record.frame
         yield Heard(record.time, frame.system, frame.component, frame.name, frame.message)

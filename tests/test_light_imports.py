@@ -1,0 +1,53 @@
+"""What a command does not need it does not import: no MAVLink to read a table, no numerics to print help."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+TABLES = {
+    "our own": "t[s],psi[rad],r[rad/s],N[N m]\n" + "".join(f"{0.1 * k:.1f},0.{k % 10},0.0,1\n" for k in range(40)),
+    "of MAVLink messages": "timestamp,ATTITUDE.time_boot_ms,ATTITUDE.roll,ATTITUDE.pitch,ATTITUDE.yaw,HEARTBEAT.type\n"
+    + "".join(f"{1.6e9 + 0.1 * k:.1f},{100 * k},0.0,0.0,0.{k % 10},\n" for k in range(40)),
+    "of QGroundControl": "Timestamp,roll,pitch,heading\n2024-05-01 10:00:00.000,0,0,90\n",
+}
+WIRE = ("pymavlink", "serial", "mavsdk", "gcs_autotune.link")
+NUMERICS = ("numpy", "scipy", "numba", "matplotlib", "control", "pymavlink", "serial")
+
+
+def imported(code: str, *arguments: str) -> set[str]:
+    """Run *code* in a fresh interpreter and return the modules it had imported at its end."""
+    told = f"import sys\n{code}\nimport json\nprint('\\n' + json.dumps(sorted(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", told, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    return set(json.loads(run.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("table", list(TABLES))
+def test_reading_a_table_imports_neither_mavlink_nor_serial_ports(table: str, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(TABLES[table])
+    reading = (
+        "from pathlib import Path\nfrom gcs_autotune.logs import load_runs, record\n"
+        "assert record(Path(sys.argv[1])) or load_runs(sys.argv[1])"
+    )
+    modules = imported(reading, str(tmp_path / "run.csv"))
+    assert "gcs_autotune.logs.files" in modules
+    assert modules.isdisjoint(WIRE)
+
+
+def test_a_parameter_file_is_read_without_mavlink_too(tmp_path: Path) -> None:
+    (tmp_path / "boat.param").write_text("ATC_STR_RAT_P,0.2\n")
+    reading = "from pathlib import Path\nfrom gcs_autotune.mavlink import load_params\nload_params(Path(sys.argv[1]))"
+    assert imported(reading, str(tmp_path / "boat.param")).isdisjoint(WIRE)
+
+
+@pytest.mark.parametrize("command", ["", "tune", "params", "logs", "restore", "experiment"])
+def test_help_imports_no_numerics(command: str) -> None:
+    asking = (
+        "from gcs_autotune.cli import main\ntry:\n    main([*sys.argv[1:], '--help'])\nexcept SystemExit:\n    pass"
+    )
+    assert imported(asking, *command.split()).isdisjoint(NUMERICS)
