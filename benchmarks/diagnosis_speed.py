@@ -92,7 +92,7 @@ def main() -> None:
             runs = [flown(dofs, width, seed) for seed in range(3)]
             diagnose(runs[:1], effects=["input-bias"])  # compiles what is not yet
             found, wall, cpu = timed(runs)
-            causes = ", ".join(c.applied.slug for c in found.causes) or "nothing"
+            causes = ", ".join(c.effect.slug for c in found.causes) or "nothing"
             hidden = "dead zone" if width else "nothing"
             print(
                 f"{', '.join(dofs):18} {hidden:10} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal {goal:g}), "

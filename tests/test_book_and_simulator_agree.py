@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.effects.book import BOOK
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
-from gcs_autotune.effects.simulator import passage_of
+from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel, passage_of
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.models.coupled.form import Form
 from gcs_autotune.trial import Channel
-from sitl.effects import EFFECTS, make_effect
+from sitl.effects import EFFECTS as SIMULATED
+from sitl.effects import make_effect
 from sitl.tank import Hull, tow
 
 INERTIA = {"surge": 10.0, "sway": 15.0, "heave": 12.0, "yaw": 2.0}
@@ -82,11 +80,11 @@ def commands():
 
 
 def test_the_simulator_has_every_effect_of_the_book_under_the_same_names():
-    assert set(BOOK) <= set(EFFECTS)
-    assert set(BOOK) <= set(CASES) | UNFORESEEN
-    for slug, entry in BOOK.items():
+    assert set(EFFECTS) <= set(SIMULATED)
+    assert set(EFFECTS) <= set(CASES) | UNFORESEEN
+    for slug, entry in EFFECTS.items():
         names = [quantity.name for quantity in entry.parameters]
-        known = [parameter.name for parameter in EFFECTS[slug].parameters]
+        known = [parameter.name for parameter in SIMULATED[slug].parameters]
         assert sorted(known) == sorted({*names, *(CONSTANTS & set(known))}), slug
 
 
@@ -96,14 +94,14 @@ def unaltered():
     return tow(Hull(tuple(NAMES), INERTIA, DRAG), commands(), **usual)
 
 
-@pytest.mark.parametrize("slug", [slug for slug in CASES if slug in BOOK])
+@pytest.mark.parametrize("slug", [slug for slug in CASES if slug in EFFECTS])
 def test_book_and_simulator_agree_on(slug, unaltered):
     place, numbers = CASES[slug]
     usual = {"duration": COUNT * INTERVAL, "interval": INTERVAL, "measured": SIGNALS, "initial": START}
     run = tow(Hull(tuple(NAMES), INERTIA, DRAG), commands(), effects=[make_effect(slug, place, numbers)], **usual)
     values = {name: value for name, value in numbers.items() if name not in CONSTANTS}
     constants = {name: value for name, value in numbers.items() if name in CONSTANTS}
-    applied = Applied(slug, place, values, {**constants, **BOOK_ONLY.get(slug, {})})
+    applied = EffectInstance(slug, place, values, {**constants, **BOOK_ONLY.get(slug, {})})
     model = ExtendedModel(plain_model(), (applied,))
     t = run["t"]
     measured = {name: Channel(name, "1", t, values) for name, values in run.items() if name != "t"}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gcs_autotune.cli import COMMANDS
-from gcs_autotune.effects import BOOK
+from gcs_autotune.effects import EFFECTS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")))
@@ -68,4 +68,4 @@ def test_version_and_licence_are_told_alike_everywhere():
 def test_pages_count_the_effects_that_there_are(page: str):
     counted = re.findall(r"(\d+) effects", (ROOT / page).read_text())
     assert counted
-    assert set(counted) == {str(len(BOOK))}
+    assert set(counted) == {str(len(EFFECTS))}

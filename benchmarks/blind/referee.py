@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.blind.case import GIVEN, Case, NoCase, draw_case
 from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.extended.stretches import plain_form
 from gcs_autotune.models.coupled import CoupledModel, Form
@@ -180,17 +180,17 @@ def given_model(case: Case) -> ExtendedModel:
 def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
     pulls: dict[str, list[float]] = {}
     for cause in found.causes:
-        if cause.applied.slug in case.truth:
-            _, true = case.truth[cause.applied.slug]
-            pulls.update(_pulls(cause.applied.slug, cause.parameters, true))
+        if cause.effect.slug in case.truth:
+            _, true = case.truth[cause.effect.slug]
+            pulls.update(_pulls(cause.effect.slug, cause.parameters, true))
     for number in found.wrong_numbers:
         if number.name in case.wrong:
             true_one = given_model(case).base[number.name] / case.wrong[number.name]
             pulls[f"number.{number.name}"] = [true_one, number.value, number.std]
     return {
         "verdict": found.verdict,
-        "causes": [c.applied.slug for c in found.causes],
-        "found_at": [c.applied.place for c in found.causes],
+        "causes": [c.effect.slug for c in found.causes],
+        "found_at": [c.effect.place for c in found.causes],
         "groups": [list(g) for g in found.indistinguishable],
         "pulls": pulls,
         "gain": found.gain.ratio if found.gain is not None else float("nan"),

@@ -16,8 +16,7 @@ import numpy as np
 from benchmarks.blind.case import Case, NoCase, draw_case
 from benchmarks.blind.referee import form_of
 from benchmarks.blind.sizes import RECIPES
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.extended.base import base_limits
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
@@ -27,7 +26,7 @@ from gcs_autotune.sname import DOFS
 __all__ = ["fit_truth", "main"]
 
 
-def fit_truth(case: Case) -> tuple[Fitted | None, Applied]:
+def fit_truth(case: Case) -> tuple[Fitted | None, EffectInstance]:
     """Return the base model with the true effect fitted to *case*'s runs, begun at the truth."""
     form = form_of(case) or plain_form(case.runs)
     stretches, _ = stretches_of(case.runs, form)
@@ -46,10 +45,10 @@ def fit_truth(case: Case) -> tuple[Fitted | None, Applied]:
     return problem.fit(theta, (own,), problem.first_states(stretches), trials=60), own
 
 
-def _applied(case: Case, scene: Scene) -> Applied:
+def _applied(case: Case, scene: DataSummary) -> EffectInstance:
     """Return the truth as the book writes it: its name for the place, its constants, all its parameters."""
     ((slug, (place, values)),) = case.truth.items()
-    entry = BOOK[slug]
+    entry = EFFECTS[slug]
     places = entry.places(scene)
     everything = {"all": "+".join(scene.form.dofs if slug == "mass-change" else scene.signals)}
     wanted = everything.get(place, place)
@@ -57,7 +56,9 @@ def _applied(case: Case, scene: Scene) -> Applied:
     if not named:
         raise AutotuneError(f"the book offers {slug} at {', '.join(places) or 'no place'} here, not at {wanted}")
     start = dict(entry.starts(named[0], scene)[0])
-    return Applied(slug, named[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(named[0], scene))
+    return EffectInstance(
+        slug, named[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(named[0], scene)
+    )
 
 
 def _rms(fitted: Fitted, name: str) -> float:

@@ -21,7 +21,7 @@ from benchmarks.faults.case import STEP_DURATION, Case
 from benchmarks.faults.desk import cheap_desk
 from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import Killed
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, exit_code
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify.model_file import as_extended, load_model

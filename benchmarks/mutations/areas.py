@@ -65,9 +65,7 @@ AREAS: dict[str, tuple[str, ...]] = {
     ),
     "kernels": (
         "gcs_autotune/design/laws/kernel.py",
-        "gcs_autotune/effects/backlash.py",
-        "gcs_autotune/effects/between.py",
-        "gcs_autotune/effects/earlier.py",
+        "gcs_autotune/effects/kernels.py",
         "gcs_autotune/effects/narrow_band.py",
         "gcs_autotune/identify/kalman/sigma.py",
         "gcs_autotune/identify/kalman/sweep.py",

@@ -94,7 +94,7 @@ class Slot:
         self.mutant, self._again = mutant, ""
         path = self.tree / mutant.path
         self._source, self._stamp = path.read_text(encoding="utf-8"), path.stat().st_mtime
-        path.write_text(mutant.applied(self._source), encoding="utf-8")
+        path.write_text(mutant.effect(self._source), encoding="utf-8")
         self._tried += 1  # what Python has compiled goes by whole seconds and size: never twice the same
         os.utime(path, (self._stamp + self._tried,) * 2)
         self._fork(mirroring(mutant.path, self.tree), has_compiled(path))

@@ -47,7 +47,7 @@ def told(diagnosis: Diagnosis) -> list[str]:
     lines = [f"{diagnosis.verdict}, {diagnosis.seconds:.0f} s, {diagnosis.tried} candidates"]
     for cause in diagnosis.causes:
         numbers = ", ".join(f"{n} = {v.value:.3g} +- {v.std:.1g} {v.unit}" for n, v in cause.parameters.items())
-        lines.append(f"{cause.applied.slug} at {cause.applied.place}: {numbers}")
+        lines.append(f"{cause.effect.slug} at {cause.effect.place}: {numbers}")
     lines += ["cannot be told apart: " + ", ".join(group) for group in diagnosis.indistinguishable]
     for g in diagnosis.gains:
         low, high = g.ci95

@@ -107,13 +107,13 @@ def _names(text: str | None) -> tuple[str, ...]:
 def _list(*, as_json: bool) -> int:
     from rich.console import Console
 
-    from gcs_autotune.effects import BOOK
+    from gcs_autotune.effects import EFFECTS
     from gcs_autotune.report import effects_list, effects_to_dict
 
     if as_json:
-        sys.stdout.write(json.dumps(effects_to_dict(BOOK), indent=1) + "\n")
+        sys.stdout.write(json.dumps(effects_to_dict(EFFECTS), indent=1) + "\n")
     else:
-        Console().print(effects_list(BOOK))
+        Console().print(effects_list(EFFECTS))
     return 0
 
 

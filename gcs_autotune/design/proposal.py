@@ -24,7 +24,7 @@ from gcs_autotune.design.result import Change, ModelFunction, Proposal
 from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import ParameterMissing, UsageError
 from gcs_autotune.firmware import Axis, Gain
 from gcs_autotune.models import SingleDof

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.treatments import Draft, Remark, take
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS, Dof

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.sname import Dof
 
 __all__ = ["Draft", "Remark", "take"]
@@ -56,7 +56,7 @@ class Draft:
     remarks: list[Remark] = field(default_factory=list)
 
 
-def take(draft: Draft, own: Applied) -> None:
+def take(draft: Draft, own: EffectInstance) -> None:
     """Let one effect alter the draft."""
     here = own.place in (draft.channel, draft.dof.name)
     if own.slug in _TREATMENTS and (here or own.slug in _ANYWHERE):
@@ -73,40 +73,40 @@ def take(draft: Draft, own: Applied) -> None:
     draft.remarks.append(Remark(own.slug, own.place, treated, advice))
 
 
-def _concerns(own: Applied, draft: Draft) -> bool:
+def _concerns(own: EffectInstance, draft: Draft) -> bool:
     mine = {draft.channel, draft.dof.name, draft.dof.position, draft.dof.velocity, *draft.channel.split("+")}
     return own.slug in _ANYWHERE or bool(mine & set(own.place.split("+"))) or " " in own.place
 
 
-def _delay(draft: Draft, own: Applied) -> tuple[str, str]:
+def _delay(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["delay"] += own["delay"]
     return f"the delay of {own['delay']:.2f} s is part of the loop, which is made slower for it", ""
 
 
-def _late(draft: Draft, own: Applied) -> tuple[str, str]:
+def _late(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     if not {draft.dof.position, draft.dof.velocity} & set(own.place.split("+")):
         return "it does not act in this loop, so the design leaves it out", ""
     treated, _ = _delay(draft, own)
     return treated, "if it lies in the telemetry and not in the sensor, give it as link delay: the loop may be faster"
 
 
-def _lag(draft: Draft, own: Applied) -> tuple[str, str]:
+def _lag(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, lag=draft.actuator.lag + own["time_constant"])
     return f"the lag of {own['time_constant']:.2f} s is part of the loop", ""
 
 
-def _limit(draft: Draft, own: Applied) -> tuple[str, str]:
+def _limit(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["limit"]))
     return "the step is simulated with the output clipped there", "look at SERVOn_MIN and SERVOn_MAX"
 
 
-def _rate(draft: Draft, own: Applied) -> tuple[str, str]:
+def _rate(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, rate=min(draft.actuator.rate, own["rate"]))
     advice = "on thrusters look at MOT_SLEWRATE" if draft.law.startswith("rover") else ""
     return "the step is simulated with the output as slow as that", advice
 
 
-def _play(draft: Draft, own: Applied) -> tuple[str, str]:
+def _play(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, play=own["width"])
     return (
         "the gains are chosen with the play in the loop, so that it hunts as little as it can",
@@ -114,7 +114,7 @@ def _play(draft: Draft, own: Applied) -> tuple[str, str]:
     )
 
 
-def _dead(draft: Draft, own: Applied) -> tuple[str, str]:
+def _dead(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, dead_zone=own["width"])
     return "the gains are chosen with the dead zone in the loop", _MEND_DEAD_ZONE.get(draft.law, "")
 
@@ -127,7 +127,7 @@ _MEND_DEAD_ZONE: Mapping[str, str] = {
 }
 
 
-def _bent(draft: Draft, own: Applied) -> tuple[str, str]:
+def _bent(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, square=own["share"], reference=own.constants.get("u_ref", 1.0))
     advice = "ArduSub has no parameter against it"
     if draft.law.startswith("rover"):
@@ -139,7 +139,7 @@ def _bent(draft: Draft, own: Applied) -> tuple[str, str]:
     )
 
 
-def _stall(draft: Draft, own: Applied) -> tuple[str, str]:
+def _stall(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["angle"]))
     return (
         f"the step is simulated as if the rudder stopped at {math.degrees(own['angle']):.0f} deg",
@@ -147,7 +147,7 @@ def _stall(draft: Draft, own: Applied) -> tuple[str, str]:
     )
 
 
-def _lopsided(draft: Draft, own: Applied) -> tuple[str, str]:
+def _lopsided(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     ratio = own["ratio"]
     draft.actuator = replace(draft.actuator, astern=ratio)
     advice = "trim the weaker side with SERVOn_MIN or SERVOn_MAX"
@@ -157,13 +157,13 @@ def _lopsided(draft: Draft, own: Applied) -> tuple[str, str]:
     return "margins hold for both directions, and both steps are simulated", advice
 
 
-def _drift(draft: Draft, own: Applied) -> tuple[str, str]:
+def _drift(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     left = float(np.clip(1.0 - own["rate"] * IN_USE, WEAKEST, 2.0))
     draft.actuator = replace(draft.actuator, weakest=left)
     return f"margins hold down to {left:.0%} of the thrust, half an hour ahead", ""
 
 
-def _steering(draft: Draft, own: Applied) -> tuple[str, str]:
+def _steering(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     reference = own.constants.get("U_ref", math.nan)
     if draft.speed is None or not reference > 0.0:
         return "the gains hold at the speed of the runs only", ""
@@ -172,38 +172,38 @@ def _steering(draft: Draft, own: Applied) -> tuple[str, str]:
     return f"designed for {draft.speed:.1f} m/s, where the rudder bites {factor:.2f} times as in the runs", ""
 
 
-def _linear(draft: Draft, own: Applied) -> tuple[str, str]:
+def _linear(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["beta"] += own["coefficient"]
     return "part of the drag the loop is designed for", ""
 
 
-def _quadratic(draft: Draft, own: Applied) -> tuple[str, str]:
+def _quadratic(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["beta_quadratic"] += own["coefficient"]
     return "part of the drag: margins hold at rest and under way", ""
 
 
-def _constant(name: str) -> Callable[[Draft, Applied], tuple[str, str]]:
-    def treat(draft: Draft, own: Applied) -> tuple[str, str]:
+def _constant(name: str) -> Callable[[Draft, EffectInstance], tuple[str, str]]:
+    def treat(draft: Draft, own: EffectInstance) -> tuple[str, str]:
         draft.numbers["delta"] += own[name]
         return "the integral gain works it off", "trim it away if you can: it uses up output"
 
     return treat
 
 
-def _payload(draft: Draft, own: Applied) -> tuple[str, str]:
+def _payload(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.heavier = max(own["ratio"], 1.0 / own["ratio"])
     draft.numbers["alpha"] *= min(own["ratio"], 1.0)
     return f"margins hold for the inertia with and without it (times {own['ratio']:.2f})", ""
 
 
-def _coarse(draft: Draft, own: Applied) -> tuple[str, str]:
+def _coarse(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     if own.place == draft.dof.position:
         draft.quantum = max(draft.quantum, own["step"])
         return "errors within one step count as none", ""
     return "it is left out", ""
 
 
-_TREATMENTS: Mapping[str, Callable[[Draft, Applied], tuple[str, str]]] = {
+_TREATMENTS: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
     "input-delay": _delay,
     "measurement-delay": _late,
     "actuator-lag": _lag,

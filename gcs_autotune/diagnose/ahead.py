@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from gcs_autotune.diagnose.judging import Found, Judged, price_of, winner_of
-from gcs_autotune.effects import BOOK
+from gcs_autotune.effects import EFFECTS
 
 if TYPE_CHECKING:
     from gcs_autotune.diagnose.search import Search
@@ -38,7 +38,7 @@ class _Path:
 
         No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
         """
-        slugs = [s for s in search.slugs if not BOOK[s].overrides("learn")]
+        slugs = [s for s in search.slugs if not EFFECTS[s].is_disturbance]
         step = search.step(f"{stage} and another", self.taken[-1].fitted, slugs=slugs, quick=True)
         if not step.judged or step.judged[0].evidence <= 0.0:
             return None

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from gcs_autotune.diagnose.judging import price_of
 from gcs_autotune.diagnose.screen import Candidate
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
 __all__ = ["ROUGH", "RUNNERS", "Attempt", "best_of_each", "fitted_roughly", "fitted_to_the_end"]
@@ -53,15 +52,15 @@ def fitted_to_the_end(problem: Problem, candidate: Candidate, rough: Fitted) -> 
     and moments about the one found.
     """
     best = rough
-    if BOOK[candidate.own.slug].overrides("drive") and candidate.own.values:
+    if "commands" in EFFECTS[candidate.own.slug].acts_on and candidate.own.values:
         for own in candidate.also:
             effects = _replaced(rough.effects, own)
             other = problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
             best = other if other is not None and other.cost < best.cost else best
     best = _settled(problem, best)
-    for name in BOOK[candidate.own.slug].happens_at:
+    for name in EFFECTS[candidate.own.slug].happens_at:
         best = _at_another_moment(problem, candidate.own, name, best)
-    if any(BOOK[e.slug].overrides("normal") for e in best.effects):
+    if any(EFFECTS[e.slug].is_rounding for e in best.effects):
         again = problem.fit(best.theta, best.effects, best.initial, trials=1, shift=best.shift)
         best = again if again is not None and again.cost < best.cost else best
     return best
@@ -72,7 +71,7 @@ def _settled(problem: Problem, best: Fitted) -> Fitted:
     return fit if fit is not None and fit.cost <= best.cost else best
 
 
-def _at_another_moment(problem: Problem, own: Applied, name: str, best: Fitted) -> Fitted:
+def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
     """Return the best fit with the moment *name* of an effect some of the craft's time constants earlier or later."""
     now = next(e for e in best.effects if (e.slug, e.place) == (own.slug, own.place))
     others = []
@@ -85,6 +84,6 @@ def _at_another_moment(problem: Problem, own: Applied, name: str, best: Fitted) 
     return _settled(problem, other) if other.cost < best.cost else best
 
 
-def _replaced(effects: Sequence[Applied], own: Applied) -> tuple[Applied, ...]:
+def _replaced(effects: Sequence[EffectInstance], own: EffectInstance) -> tuple[EffectInstance, ...]:
     """Return *effects* with the one of the same slug and place replaced."""
     return tuple(own if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)

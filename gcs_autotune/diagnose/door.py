@@ -20,8 +20,7 @@ from gcs_autotune.diagnose.simulated import surrogate_of
 from gcs_autotune.diagnose.telling import WHITE, told_of
 from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.extended.base import fit_base, given_base
 from gcs_autotune.identify.extended.stretches import Stretch, overlooked, plain_form, stretches_of, within
@@ -82,7 +81,7 @@ def diagnose(
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
         raise UsageError("no run was given to diagnose")
-    slugs = list(BOOK) if effects is None else [lookup(BOOK, e, "effect").slug for e in effects]
+    slugs = list(EFFECTS) if effects is None else [lookup(EFFECTS, e, "effect").slug for e in effects]
     early: list[Doubt] = []
     given = None if model is None else given_of(model)
     if simulations:

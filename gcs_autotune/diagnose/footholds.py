@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.attempts import ROUGH, fitted_roughly, fitted_to_the_end
 from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.workers import in_parallel
-from gcs_autotune.effects import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
@@ -103,4 +103,4 @@ def _pieces(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 def _moves_the_craft(slug: str) -> bool:
     """Whether an effect can be seen in pieces: bookkeeping and sensors show over whole runs, waves need them."""
-    return BOOK[slug].family not in ("bookkeeping", "sensor") and not BOOK[slug].overrides("learn")
+    return EFFECTS[slug].family not in ("data errors", "sensor") and not EFFECTS[slug].is_disturbance

@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Leftover
-from gcs_autotune.effects.simulator import ExtendedSimulator, Passage
+from gcs_autotune.effects import ExtendedSimulator, Leftover, Passage
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
 __all__ = ["Bend", "bent_by", "dense", "memories"]

@@ -10,8 +10,7 @@ import numpy as np
 
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted
 
 __all__ = [
@@ -45,7 +44,7 @@ odds of twenty to one."""
 class Judged:
     """A candidate fitted: evidence against the model before it, error on unseen data, and its chance to be luck."""
 
-    own: Applied
+    own: EffectInstance
     fitted: Fitted
     evidence: float
     likelihood: float
@@ -79,15 +78,15 @@ def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged |
         return None
     paying = [j for j in paying if not _outdone(j, paying)]
     best = paying[0]
-    if BOOK[best.own.slug].overrides("learn"):
-        foretold = [j for j in paying if not BOOK[j.own.slug].overrides("learn") and j.gain > best.gain]
+    if EFFECTS[best.own.slug].is_disturbance:
+        foretold = [j for j in paying if not EFFECTS[j.own.slug].is_disturbance and j.gain > best.gain]
         best = foretold[0] if foretold else best
     return best
 
 
 def _outdone(one: Judged, paying: Sequence[Judged]) -> bool:
     """Whether *one* is a slip of the pen, and another cause leaves less: a slip that happened accounts for all."""
-    if BOOK[one.own.slug].family != "bookkeeping":
+    if EFFECTS[one.own.slug].family != "data errors":
         return False
     return any(other.gain > one.gain and other.fitted.cost < one.fitted.cost for other in paying)
 
@@ -108,7 +107,7 @@ def ordered(judged: Sequence[Judged]) -> list[Judged]:
     ranked = sorted(judged, key=lambda j: -j.evidence)
     alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
     slugs = {j.own.slug for j in alike}
-    alike.sort(key=lambda j: len(slugs & set(BOOK[j.own.slug].yields_to)))
+    alike.sort(key=lambda j: len(slugs & set(EFFECTS[j.own.slug].yields_to)))
     return [*alike, *ranked[len(alike) :]]
 
 
@@ -121,4 +120,4 @@ def error_ratio(before: HeldOut, after: HeldOut) -> float:
 
 def _learnt(fitted: Fitted) -> int:
     """Return how many numbers were learnt from what was left over."""
-    return sum(len(e.values) for e in fitted.effects if BOOK[e.slug].overrides("learn"))
+    return sum(len(e.values) for e in fitted.effects if EFFECTS[e.slug].is_disturbance)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from gcs_autotune.diagnose.judging import ALIKE
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS
@@ -22,16 +22,16 @@ __all__ = ["outdone_by"]
 TRIALS = 30
 
 
-def _cubic_drag(own: Applied, form: Form) -> Sequence[str]:
+def _cubic_drag(own: EffectInstance, form: Form) -> Sequence[str]:
     dof = DOFS[own.place]
     return (dof.force + "_" + 3 * dof.velocity,)
 
 
-def _cubic_thrust(own: Applied, form: Form) -> Sequence[str]:
+def _cubic_thrust(own: EffectInstance, form: Form) -> Sequence[str]:
     return [force + "_" + 3 * own.place for force, _ in form.inputs[own.place]]
 
 
-LAWS: Mapping[str, tuple[Callable[[Applied, Form], Sequence[str]], str]] = {
+LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] = {
     "quadratic-drag": (_cubic_drag, "drag that grows with the cube of speed does better than with its square"),
     "quadratic-actuator": (_cubic_thrust, "thrust that grows with the cube of the command does better than its square"),
 }

@@ -28,9 +28,7 @@ from gcs_autotune.diagnose.heldout import HeldOut, gains_of, p_value
 from gcs_autotune.diagnose.judging import LUCK, MATERIAL, error_ratio, is_needed
 from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.whiteness import correlation_of
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import label_of
@@ -175,9 +173,9 @@ def judge_numbers(search: Search, given: Given) -> Numbers:
     old |= {
         (e.slug, e.place, n): v
         for e in given.model.effects
-        if not BOOK[e.slug].overrides("learn")
+        if not EFFECTS[e.slug].is_disturbance
         for n, v in e.values.items()
-        if n not in BOOK[e.slug].fixed
+        if n not in EFFECTS[e.slug].fixed
     }
     weighing = _Weighing(search, given, old, correlation_of(search.fitted))
     full = weighing.values(search.fitted)
@@ -250,13 +248,13 @@ def _told_off(weighing: _Weighing, problem: Problem, fit: Fitted) -> HeldOut | N
 
 def _label(key: Key) -> str:
     slug, place, name = key
-    return label_of(Applied(slug, place, {}), name) if slug else name
+    return label_of(EffectInstance(slug, place, {}), name) if slug else name
 
 
-def _unit(key: Key, scene: Scene, form: Form) -> str:
+def _unit(key: Key, scene: DataSummary, form: Form) -> str:
     slug, place, name = key
     if slug:
-        return BOOK[slug].unit_of(name, place, scene)
+        return EFFECTS[slug].unit_of(name, place, scene)
     return unit_of(name, scene.inputs, normalised=form.normalised or set(scene.inputs.values()) == {"1"})
 
 
@@ -298,7 +296,7 @@ def _as_plain(search: Search, given: Given, *, judged: bool) -> list[Number]:
         old = theirs[kind, where][1]
         limit = max(SURE * math.hypot(old[1], new[1]), OFF * abs(old[0]), least[kind])
         if kind == "trim":
-            limit = max(limit, OFF * scene.swing.get(where, 0.0))
+            limit = max(limit, OFF * scene.amplitude.get(where, 0.0))
         told = {"delay": _LATE, "trim": _CONSTANT}.get(kind, frozenset()) & causes
         wrong = judged and not told and bool(abs(new[0] - old[0]) > limit)
         rows.append(_number(f"{kind} of {where}", unit, _PLAIN[kind], old, new, wrong))
@@ -345,7 +343,7 @@ def _plain(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], tuple[str,
     more = Problem(wide, problem.stretches, problem.scene, problem.limits, (*problem.free, *trims))
     best: Fitted | None = None
     for share in (0.0, _START):
-        delays = [Applied("input-delay", c, {"delay": share * problem.scene.pace}) for c in lacking]
+        delays = [EffectInstance("input-delay", c, {"delay": share * problem.scene.pace}) for c in lacking]
         fit = more.fit(theta, (*fitted.effects, *delays), fitted.initial, shift=fitted.shift)
         best = fit if fit is not None and (best is None or fit.cost < best.cost) else best
         if not lacking:
@@ -365,7 +363,7 @@ def _damps(form: Form, dof: str) -> str:
 
 
 def _read(
-    scene: Scene, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
+    scene: DataSummary, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
 ) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
     covariance = fit.covariance(correlation_of(fit))
     names = fit.form.parameters

@@ -11,8 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied, Curve
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import Curve, EffectInstance, ExtendedModel
 from gcs_autotune.identify.result import Doubt, Trace, plain_data
 
 __all__ = [
@@ -130,7 +129,7 @@ class Ranked:
 class Cause:
     """An effect that was accepted, in the order found, and how it would be told from what it is mistaken for."""
 
-    applied: Applied
+    effect: EffectInstance
     parameters: Mapping[str, Value]
     meaning: str
     share: float
@@ -212,7 +211,7 @@ class Diagnosis:
                 "schema": 1,
                 "verdict": self.verdict,
                 "numbers": None if self.numbers is None else _numbers(self.numbers),
-                "causes": [c.applied.slug for c in self.causes],
+                "causes": [c.effect.slug for c in self.causes],
                 "ranking": [
                     {
                         "cause": r.cause,
@@ -230,8 +229,8 @@ class Diagnosis:
                 "gains": [_gain(g) for g in self.gains],
                 "found": [
                     {
-                        "cause": c.applied.slug,
-                        "place": c.applied.place,
+                        "cause": c.effect.slug,
+                        "place": c.effect.place,
                         "meaning": c.meaning,
                         "share": c.share,
                         "parameters": {n: _value(v) for n, v in c.parameters.items()},

@@ -15,8 +15,7 @@ import numpy as np
 from gcs_autotune.diagnose.attempts import ROUGH
 from gcs_autotune.diagnose.screen import Candidate
 from gcs_autotune.diagnose.unspoilt import unspoilt
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Drive
+from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
@@ -39,18 +38,18 @@ def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
     return any(level > LOST * spread[name] for name, level in present.levels.items())
 
 
-def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Applied]]) -> list[Candidate]:
+def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[EffectInstance]]) -> list[Candidate]:
     """Return the likeliest slips in the wiring of commands, or of signals of all runs, with the base found anew under
     each.
 
     A wiring that suits short pieces of the runs worse than the one given is none: there no base gets lost.
     """
     limits = base_limits(problem.form)
-    likely: list[tuple[float, Applied, list[Stretch]]] = []
+    likely: list[tuple[float, EffectInstance, list[Stretch]]] = []
     as_given: float | None = None
     for choice in choices:
-        entry, own = BOOK[choice[0].slug], choice[0]
-        if entry.family != "bookkeeping" or not entry.overrides("drive") or own.values:
+        entry, own = EFFECTS[choice[0].slug], choice[0]
+        if entry.family != "data errors" or "commands" not in entry.acts_on or own.values:
             continue
         stretches = [unspoilt([] if "@" in own.place else [own], _through(own, s)) for s in problem.stretches]
         if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
@@ -82,11 +81,11 @@ def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candi
     return list(best.values())
 
 
-def _through(own: Applied, stretch: Stretch) -> Stretch:
+def _through(own: EffectInstance, stretch: Stretch) -> Stretch:
     """Return a stretch with its commands as *own* wires them; itself when nothing changes."""
     passage = stretch.passage
     drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
-    acting = BOOK[own.slug].drive(own, drive).channels
+    acting = EFFECTS[own.slug].drive(own, drive).channels
     if all(np.array_equal(acting[n], passage.commands[n]) for n in passage.commands):
         return stretch
     commands = {n: acting[n] for n in passage.commands}

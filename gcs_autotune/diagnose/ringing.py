@@ -20,8 +20,7 @@ from scipy.optimize import minimize
 
 from gcs_autotune.diagnose.history import Bend, bent_by, dense
 from gcs_autotune.diagnose.judging import ALIKE
-from gcs_autotune.effects.narrow_band import rung
-from gcs_autotune.effects.simulator import Passage
+from gcs_autotune.effects import Passage, rung
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 
 __all__ = ["rings"]

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.unspoilt import turned
 from gcs_autotune.diagnose.workers import in_parallel
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Effect, Leftover, Observed
-from gcs_autotune.effects.simulator import ExtendedSimulator, in_order
+from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, ExtendedSimulator, Leftover, Observed, in_order
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
 __all__ = ["Candidate", "candidates", "screen"]
@@ -41,25 +39,25 @@ class Candidate:
     ``also``: values next in promise.
     """
 
-    own: Applied
+    own: EffectInstance
     begin: Fitted
     promised: float
     adapted: Array
-    also: tuple[Applied, ...] = ()
+    also: tuple[EffectInstance, ...] = ()
 
 
-def candidates(problem: Problem, present: Sequence[Applied], slugs: Sequence[str]) -> list[list[Applied]]:
+def candidates(problem: Problem, present: Sequence[EffectInstance], slugs: Sequence[str]) -> list[list[EffectInstance]]:
     """Return for every effect and place not *present* the values to begin from."""
     scene = problem.scene
     taken = {(e.slug, e.place) for e in present}
     found = []
     for slug in slugs:
-        entry = BOOK[slug]
+        entry = EFFECTS[slug]
         for place in entry.places(scene):
             if (slug, place) in taken:
                 continue
             constants = dict(entry.constants(place, scene))
-            found.append([Applied(slug, place, dict(s), constants) for s in entry.starts(place, scene)])
+            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, scene)])
     return found
 
 
@@ -67,7 +65,7 @@ def screen(
     problem: Problem,
     fits: Sequence[Fitted],
     others: Sequence[Fitted],
-    choices: Sequence[Sequence[Applied]],
+    choices: Sequence[Sequence[EffectInstance]],
     progress: Callable[[int, int], None] | None = None,
     jobs: int = 1,
 ) -> list[Candidate]:
@@ -77,10 +75,10 @@ def screen(
     """
     grounds = [_Ground(problem, fitted) for fitted in (*fits, *others)]
 
-    def best_of(i: int) -> list[tuple[int, Applied, float, Array]]:
-        entry = BOOK[choices[i][0].slug]
+    def best_of(i: int) -> list[tuple[int, EffectInstance, float, Array]]:
+        entry = EFFECTS[choices[i][0].slug]
         found = []
-        for k, ground in enumerate(grounds if entry.family == "bookkeeping" else grounds[: len(fits)]):
+        for k, ground in enumerate(grounds if entry.family == "data errors" else grounds[: len(fits)]):
             promises = (ground.promise(entry, own) for own in choices[i])
             found += [(k, p.own, p.promised, p.adapted) for p in promises if p is not None]
         return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
@@ -139,18 +137,18 @@ class _Ground:
             total += n * np.log((s * level**2 + n * floor**2) / n / floor**2)
         return float(total)
 
-    def promise(self, entry: Effect, own: Applied) -> Candidate | None:
+    def promise(self, entry: Effect, own: EffectInstance) -> Candidate | None:
         """Return what adding *own* promises; None when the motion runs away with it.
 
         At the size it comes with; and, where an effect grows with its numbers, at the size that suits the residual
         best if it grew in proportion: from its full size, and from a trace of it (the score test).
         """
-        if entry.overrides("learn"):
+        if entry.is_disturbance:
             return self._learnt(own)
         begin = _begun(self.problem, self.fitted, own)
         return (self if begin is self.fitted else _Ground(self.problem, begin))._from_here(entry, own)
 
-    def _from_here(self, entry: Effect, own: Applied) -> Candidate | None:
+    def _from_here(self, entry: Effect, own: EffectInstance) -> Candidate | None:
         changed = self._residual_with(own)
         best = None if changed is None else self._promised(own, changed)
         growing = tuple(n for n in entry.grows_with if n in own.values)
@@ -169,10 +167,10 @@ class _Ground:
                 best = other
         return best
 
-    def _promised(self, own: Applied, left: Array) -> Candidate:
+    def _promised(self, own: EffectInstance, left: Array) -> Candidate:
         return Candidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
 
-    def _scaled(self, entry: Effect, own: Applied, changed: Array, most: float) -> tuple[float, Array]:
+    def _scaled(self, entry: Effect, own: EffectInstance, changed: Array, most: float) -> tuple[float, Array]:
         """Return by how much *own* would have to grow to suit the residual, and what would then be left."""
         moved = self._rest(self.residual - changed)
         power = float(moved @ moved)
@@ -182,12 +180,12 @@ class _Ground:
         scale = float(np.clip(float(moved @ self.free) / power, least, most))
         return scale, self.residual - scale * (self.residual - changed)
 
-    def _learnt(self, own: Applied) -> Candidate | None:
+    def _learnt(self, own: EffectInstance) -> Candidate | None:
         now = self.fitted
         tried = self.problem.fit(now.theta, (*now.effects, own), now.initial, trials=1, shift=now.shift)
         return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
 
-    def _residual_with(self, own: Applied) -> Array | None:
+    def _residual_with(self, own: EffectInstance) -> Array | None:
         effects = in_order((*self.fitted.effects, own))
         simulator = ExtendedSimulator(self.problem.form, effects)
         rows = []
@@ -208,11 +206,11 @@ class _Ground:
         return joined if np.all(np.isfinite(joined)) else None
 
     def _predicted(
-        self, simulator: ExtendedSimulator, effects: tuple[Applied, ...], own: Applied, i: int
+        self, simulator: ExtendedSimulator, effects: tuple[EffectInstance, ...], own: EffectInstance, i: int
     ) -> Mapping[str, Array] | None:
         """Return the signals of a stretch with *own* among the effects; what only sensors do needs no simulation."""
         passage, initial = self.problem.stretches[i].late(self.fitted.shift), self.fitted.initial[i]
-        if any(BOOK[own.slug].overrides(hook) for hook in ("retime", "drive", "inputs", "derivatives")):
+        if EFFECTS[own.slug].acts_on - {"sensors"}:
             found = simulator.run(self.fitted.theta, effects, initial, passage)
             return None if found is None else {n: y for n, (y, _) in found.items()}
         if i not in self.truths:
@@ -222,26 +220,26 @@ class _Ground:
         return None if truth is None else simulator.seen(effects, truth, passage)
 
 
-def _begun(problem: Problem, fitted: Fitted, own: Applied) -> Fitted:
+def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
     """Return the fit that *own* is added to: the same, but for whole turns of headings it would have read otherwise."""
     initial = turned(own, problem.stretches, fitted.initial)
     same = all(new is old for new, old in zip(initial, fitted.initial, strict=True))
     return fitted if same else replace(fitted, initial=initial)
 
 
-def _grown(entry: Effect, own: Applied, growing: Sequence[str], share: float) -> Applied:
+def _grown(entry: Effect, own: EffectInstance, growing: Sequence[str], share: float) -> EffectInstance:
     """Return an effect so many times as large."""
     zero = {n: entry.neutral.get(n, 0.0) for n in growing}
     return own.with_values({n: zero[n] + share * (own.values[n] - zero[n]) for n in growing})
 
 
-def _two_sided(entry: Effect, own: Applied, ground: _Ground) -> bool:
+def _two_sided(entry: Effect, own: EffectInstance, ground: _Ground) -> bool:
     """Whether an effect may act either way."""
     bounds = entry.bounds(own.place, ground.problem.scene)
     growing = [n for n in entry.grows_with if n in own.values]
     return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < entry.neutral.get(n, 0.0) for n in growing)
 
 
-def _of(fitted: Fitted, own: Applied) -> Applied:
+def _of(fitted: Fitted, own: EffectInstance) -> EffectInstance:
     """Return the effect of *fitted* at the place of *own*."""
     return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))

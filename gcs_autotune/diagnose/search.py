@@ -35,8 +35,7 @@ from gcs_autotune.diagnose.second_thoughts import drop_swallowed, reconsider
 from gcs_autotune.diagnose.usual import name_as_usual
 from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.workers import in_parallel
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.stretches import Stretch
 
@@ -110,7 +109,7 @@ class Search:
         """Take one more step (or two, where only two causes together pay); whether anything was found."""
         stage = f"cause {len(self.steps) + 1}"
         white = whiteness_of(tests_of(self.problem, self.fitted))
-        slugs = [s for s in self.slugs if BOOK[s].overrides("learn")] if self.steps and white > DONE else None
+        slugs = [s for s in self.slugs if EFFECTS[s].is_disturbance] if self.steps and white > DONE else None
         found = self.step(stage, slugs=slugs) if judged is None else judged
         if found.accepted is None:
             found = judged_by_blocks(self, found) or found
@@ -225,7 +224,7 @@ class Search:
 
     def judged(
         self,
-        own: Applied,
+        own: EffectInstance,
         fitted: Fitted,
         present: Fitted,
         tried: int,
@@ -290,11 +289,11 @@ def begin_search(
     return Search(problem, fitted, parts, slugs, given=given, progress=progress, jobs=jobs)
 
 
-def _taken_for(own: Applied, passed_over: Sequence[Candidate]) -> list[Candidate]:
+def _taken_for(own: EffectInstance, passed_over: Sequence[Candidate]) -> list[Candidate]:
     """Return those of *passed_over* that *own* is easily mistaken for, at its place: a screening may misjudge them."""
-    return [c for c in passed_over if c.own.slug in BOOK[own.slug].mistaken_for and c.own.place == own.place]
+    return [c for c in passed_over if c.own.slug in EFFECTS[own.slug].mistaken_for and c.own.place == own.place]
 
 
-def _contradicts(present: Sequence[Applied], own: Applied) -> bool:
+def _contradicts(present: Sequence[EffectInstance], own: EffectInstance) -> bool:
     """Whether an effect is already there in other words: the same slug at a place that overlaps."""
     return any(e.slug == own.slug and set(e.place.split("+")) & set(own.place.split("+")) for e in present)

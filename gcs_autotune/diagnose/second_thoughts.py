@@ -8,8 +8,7 @@ import numpy as np
 
 from gcs_autotune.diagnose.judging import ALIKE, is_needed, price_of
 from gcs_autotune.diagnose.whiteness import correlation_of
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ def _asked_again(search: Search, slug: str, place: str) -> None:
     if not is_needed(likelihood, kept, without, search.tried):
         search.fitted, search.present_unseen = without, search.unseen(without)
         return
-    slugs = [s for s in search.slugs if not BOOK[s].overrides("learn")]
+    slugs = [s for s in search.slugs if not EFFECTS[s].is_disturbance]
     again = search.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.own.slug != slug), None)
     if rival is not None and kept.cost - rival.fitted.cost - price_of(rival.fitted, kept) > ALIKE:
@@ -71,8 +70,8 @@ def drop_swallowed(search: Search) -> None:
         search.fitted, search.present_unseen = without, search.unseen(without)
 
 
-def _is_swallowed(fitted: Fitted, own: Applied) -> bool:
-    entry, i = BOOK[own.slug], fitted.effects.index(own)
+def _is_swallowed(fitted: Fitted, own: EffectInstance) -> bool:
+    entry, i = EFFECTS[own.slug], fitted.effects.index(own)
     at = {n: len(fitted.free) + k for k, (j, n) in enumerate(fitted.free_effects) if j == i and n in entry.grows_with}
     if not at or set(at) != set(entry.grows_with) & set(own.values):
         return False

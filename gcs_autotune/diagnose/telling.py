@@ -18,8 +18,7 @@ from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.signature import portraits_of, signature_of
 from gcs_autotune.diagnose.usual import other_places
 from gcs_autotune.diagnose.whiteness import correlation_of
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Leftover
+from gcs_autotune.effects import EFFECTS, EffectInstance, Leftover
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Trial
@@ -78,9 +77,9 @@ def told_of(
             Cause(
                 own,
                 values[own.slug, own.place],
-                BOOK[own.slug].meaning,
+                EFFECTS[own.slug].meaning,
                 _share(search, own),
-                BOOK[own.slug].curve(own, problem.scene),
+                EFFECTS[own.slug].curve(own, problem.scene),
             )
             for own in order
         ),
@@ -88,8 +87,8 @@ def told_of(
         indistinguishable=alike,
         gain=_headline(gains),
         gains=gains,
-        base_model=replace(base.model, swing=problem.scene.full, units=problem.scene.inputs),
-        extended_model=replace(final.model, swing=problem.scene.full, units=problem.scene.inputs),
+        base_model=replace(base.model, amplitude=problem.scene.full, units=problem.scene.inputs),
+        extended_model=replace(final.model, amplitude=problem.scene.full, units=problem.scene.inputs),
         next_manoeuvre=_next(order, alike, verdict),
         left=left,
         gave_away=gave_away,
@@ -105,7 +104,7 @@ def told_of(
     )
 
 
-def _found_order(search: Search) -> list[Applied]:
+def _found_order(search: Search) -> list[EffectInstance]:
     """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
     order: list[tuple[str, str]] = []
     for step in search.steps:
@@ -134,8 +133,8 @@ def _numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str
         for own_level in (fitted.levels[r.signal],)
     ]
     for i, own in enumerate(fitted.effects):
-        entry = BOOK[own.slug]
-        learnt = entry.uncertainty(own, left) if entry.overrides("uncertainty") else {}
+        entry = EFFECTS[own.slug]
+        learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
         found[own.slug, own.place] = {
             n: Value(
                 v,
@@ -158,7 +157,7 @@ def _ranking(search: Search) -> tuple[Ranked, ...]:
     return tuple(found)
 
 
-def _alike(search: Search, order: Sequence[Applied]) -> tuple[tuple[str, ...], ...]:
+def _alike(search: Search, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
     groups = []
     for step in search.steps:
         if step.accepted is None or step.accepted.own.slug not in {e.slug for e in order}:
@@ -192,7 +191,7 @@ def _is_alike(search: Search, other: Judged, best: Judged) -> bool:
 
 def _is_vague(search: Search, judged: Judged) -> bool:
     """Whether some number of a candidate is less certain than its whole range."""
-    entry, scene = BOOK[judged.own.slug], search.problem.scene
+    entry, scene = EFFECTS[judged.own.slug], search.problem.scene
     bounds = entry.bounds(judged.own.place, scene)
     numbers = _numbers(search.problem, judged.fitted)[judged.own.slug, judged.own.place]
     spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
@@ -204,7 +203,7 @@ def _headline(gains: Sequence[Gain]) -> Gain | None:
     return min(gains, key=lambda g: g.ratio, default=None)
 
 
-def _share(search: Search, own: Applied) -> float:
+def _share(search: Search, own: EffectInstance) -> float:
     """Return the share of the mean square error above the noise, over all signals, that this step removed."""
     for k, step in enumerate(search.steps):
         if step.accepted is None or (step.accepted.own.slug, step.accepted.own.place) != (own.slug, own.place):
@@ -224,15 +223,15 @@ def _share(search: Search, own: Applied) -> float:
     return math.nan
 
 
-def _next(order: Sequence[Applied], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
+def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
     """Return the manoeuvre worth flying next."""
     if alike:
-        return BOOK[alike[0][0]].separated_by
+        return EFFECTS[alike[0][0]].separated_by
     if verdict in ("unexplained", "partly-explained"):
         return (
             "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "
             "is the craft, what turns with the heading is wind, current or compass, what does neither is disturbance"
         )
     if order:
-        return BOOK[order[0].slug].separated_by
+        return EFFECTS[order[0].slug].separated_by
     return "nothing more is needed for this model; a run with larger commands would try it harder"

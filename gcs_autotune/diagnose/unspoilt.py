@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Observed, columns_of
+from gcs_autotune.effects import EFFECTS, EffectInstance, Observed, columns_of
 from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.models.coupled.program import states_of
 
@@ -20,14 +19,14 @@ Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
 
 
-def unspoilt(effects: Sequence[Applied], stretch: Stretch) -> Stretch:
+def unspoilt(effects: Sequence[EffectInstance], stretch: Stretch) -> Stretch:
     """Return a stretch with its signals as they were before *effects* gave some another sign or unit; itself where
     none did. Where the craft began is to be read off these.
     """
     signals = dict(stretch.record.signals)
     for own in effects:
-        entry = BOOK[own.slug]
-        if entry.family != "bookkeeping" or not entry.overrides("observe"):
+        entry = EFFECTS[own.slug]
+        if entry.family != "data errors" or "sensors" not in entry.acts_on:
             continue
         for name in set(columns_of(own.place)) & set(signals):
             signal = signals[name]
@@ -39,7 +38,7 @@ def unspoilt(effects: Sequence[Applied], stretch: Stretch) -> Stretch:
     return replace(stretch, record=replace(stretch.record, signals=signals))
 
 
-def turned(own: Applied, stretches: Sequence[Stretch], initial: Sequence[Array]) -> tuple[Array, ...]:
+def turned(own: EffectInstance, stretches: Sequence[Stretch], initial: Sequence[Array]) -> tuple[Array, ...]:
     """Return *initial* states with the heading put forward or back by whole turns, to where *own* would have it read.
 
     A heading of 85 (degrees, its head says radians) is fitted by 1.5 rad and thirteen turns: no other motion, but as

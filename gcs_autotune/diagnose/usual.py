@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gcs_autotune.diagnose.judging import ALIKE
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.result import Doubt
 
@@ -22,17 +21,17 @@ def name_as_usual(search: Search) -> None:
     """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
     given = {(e.slug, e.place) for e in search.base.effects}
     for own in [e for e in search.fitted.effects if (e.slug, e.place) not in given]:
-        usual = _as_likely(search.problem, search.fitted, own, BOOK[own.slug].yields_to)
+        usual = _as_likely(search.problem, search.fitted, own, EFFECTS[own.slug].yields_to)
         if usual is not None:
             search.fitted, search.present_unseen = usual[1], search.unseen(usual[1])
             search.renamed.append((usual[0].slug, own.slug))
     for own in [e for e in search.fitted.effects if (e.slug, e.place) not in given]:
-        for slug, entry in BOOK.items():
+        for slug, entry in EFFECTS.items():
             if own.slug in entry.yields_to and _as_likely(search.problem, search.fitted, own, (slug,)) is not None:
                 search.renamed.append((own.slug, slug))
 
 
-def other_places(search: Search, order: Sequence[Applied]) -> list[Doubt]:
+def other_places(search: Search, order: Sequence[EffectInstance]) -> list[Doubt]:
     """Return a doubt for every cause of *order* that would explain the runs as well at another place.
 
     A heading in degrees or a turn rate divided by 57.3: between two columns, runs tell only that they disagree.
@@ -49,20 +48,22 @@ def other_places(search: Search, order: Sequence[Applied]) -> list[Doubt]:
     return found
 
 
-def _elsewhere(own: Applied, alike: Sequence[Applied]) -> Doubt:
+def _elsewhere(own: EffectInstance, alike: Sequence[EffectInstance]) -> Doubt:
     others = " or ".join(f"{e.place}{_numbers(e)}" for e in alike)
     return Doubt(
         "another-place",
         f"{own.slug} of {own.place}{_numbers(own)} explains these runs no better than {own.slug} of {others}",
-        f"look at the columns: {BOOK[own.slug].separated_by}",
+        f"look at the columns: {EFFECTS[own.slug].separated_by}",
     )
 
 
-def _numbers(own: Applied) -> str:
+def _numbers(own: EffectInstance) -> str:
     return "".join(f", {name} {value:.4g}" for name, value in own.values.items())
 
 
-def _as_likely(problem: Problem, now: Fitted, own: Applied, slugs: Sequence[str]) -> tuple[Applied, Fitted] | None:
+def _as_likely(
+    problem: Problem, now: Fitted, own: EffectInstance, slugs: Sequence[str]
+) -> tuple[EffectInstance, Fitted] | None:
     """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *own*."""
     for slug in slugs:
         for other in _in_other_words(own, slug, problem.scene):
@@ -75,9 +76,9 @@ def _as_likely(problem: Problem, now: Fitted, own: Applied, slugs: Sequence[str]
     return None
 
 
-def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
+def _in_other_words(own: EffectInstance, slug: str, scene: DataSummary) -> list[EffectInstance]:
     """Return the effect called *slug* at every place, its one number that of *own*; none when they have more."""
-    entry = BOOK[slug]
+    entry = EFFECTS[slug]
     if len(own.values) != 1 or len(entry.parameters) != 1:
         return []
     name, value = entry.parameters[0].name, next(iter(own.values.values()))
@@ -85,5 +86,5 @@ def _in_other_words(own: Applied, slug: str, scene: Scene) -> list[Applied]:
     for place in entry.places(scene):
         low, high = entry.bounds(place, scene).get(name, (-math.inf, math.inf))
         if low <= value <= high:
-            found.append(Applied(slug, place, {name: value}, dict(entry.constants(place, scene))))
+            found.append(EffectInstance(slug, place, {name: value}, dict(entry.constants(place, scene))))
     return found

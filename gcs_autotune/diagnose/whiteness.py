@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.history import memories
 from gcs_autotune.diagnose.ringing import rings
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Leftover, columns_of
-from gcs_autotune.effects.simulator import ExtendedSimulator
+from gcs_autotune.effects import EFFECTS, ExtendedSimulator, Leftover, columns_of
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.colour import autocorrelation
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
@@ -132,15 +130,15 @@ def _drift(series: list[Array], name: str, memory: int) -> Test:
 
 def _normal(fitted: Fitted, name: str) -> list[Array]:
     """Return what is left of a signal, on the scale of the noise behind it where rounding, and only that, hides it."""
-    judging = [e for e in fitted.effects if BOOK[e.slug].overrides("judge")]
-    mine = [e for e in judging if BOOK[e.slug].overrides("normal") and name in columns_of(e.place)]
-    if not mine or not all(BOOK[e.slug].overrides("normal") for e in judging):
+    judging = [e for e in fitted.effects if EFFECTS[e.slug].is_disturbance]
+    mine = [e for e in judging if EFFECTS[e.slug].is_rounding and name in columns_of(e.place)]
+    if not mine or not all(EFFECTS[e.slug].is_rounding for e in judging):
         return _series(fitted, name)
     found, level = [], fitted.levels[name]
     for r in fitted.rests:
         if r.signal == name:
             left = Leftover("", name, r.t, r.measured - r.predicted, r.measured, level)
-            noise = BOOK[mine[0].slug].normal(mine[0], left)
+            noise = EFFECTS[mine[0].slug].normal(mine[0], left)
             found.append(noise[np.isfinite(noise)])
     return found
 

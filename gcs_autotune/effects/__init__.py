@@ -1,15 +1,63 @@
-"""The book of effects: submodels that extend a plain simulation, one file each.
+"""Effects: submodels that extend a plain simulation, by family, one class each.
 
-==========  ======================================================================
-effect      what an effect is: its hooks, and what they are given
-book        the table of all effects
-extended    a coupled model with effects: simulation with sensitivities, model file
-==========  ======================================================================
+==================  ======================================================================
+effect              what an effect is: its hooks, and what they are given
+summary             what is known of the runs, and sizes to begin from
+table               the table of all effects
+extended            a coupled model with effects: simulation with sensitivities, model file
+data_errors         clocks, units, signs, columns
+actuator            characteristics and play; actuator_dynamics: delay, lag, rate; inflow
+hydrodynamics       drag, couplings, mass, buoyancy, the bottom
+environment         constant force, current, wind, tether; wave_disturbance
+sensor              compass, gyro, late reports; sensor_noise: rounding, outliers
+kernels             compiled: motion between stamps; narrow_band: the filter of waves
+==================  ======================================================================
 """
 
 from __future__ import annotations
 
-from gcs_autotune.effects.book import BOOK
-from gcs_autotune.effects.effect import Applied, Effect, Scene
+from gcs_autotune.effects.actuator import Characteristic, horizon
+from gcs_autotune.effects.effect import (
+    INPUT,
+    SIGNAL,
+    Curve,
+    Drive,
+    Effect,
+    EffectInstance,
+    Family,
+    Leftover,
+    Observed,
+    Quantity,
+    columns_of,
+)
+from gcs_autotune.effects.extended import STEP, ExtendedModel, ExtendedSimulator, Passage, in_order, passage_of
+from gcs_autotune.effects.narrow_band import rung
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.table import CRAFT, EFFECTS, usual_bounds
 
-__all__ = ["BOOK", "Applied", "Effect", "Scene"]
+__all__ = [
+    "CRAFT",
+    "EFFECTS",
+    "INPUT",
+    "SIGNAL",
+    "STEP",
+    "Characteristic",
+    "Curve",
+    "DataSummary",
+    "Drive",
+    "Effect",
+    "EffectInstance",
+    "ExtendedModel",
+    "ExtendedSimulator",
+    "Family",
+    "Leftover",
+    "Observed",
+    "Passage",
+    "Quantity",
+    "columns_of",
+    "horizon",
+    "in_order",
+    "passage_of",
+    "rung",
+    "usual_bounds",
+]

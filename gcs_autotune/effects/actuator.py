@@ -1,20 +1,40 @@
-"""What the effects of actuators share: where they sit, how fine they must be drawn, and static characteristics."""
+"""Effects of actuators that act at once: static characteristics and play, and what all effects of actuators share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied, Curve, Drive, Effect, Family, Scene
+from gcs_autotune.effects.effect import INPUT, Curve, Drive, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.kernels import play
+from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.sname import DOFS
 
-__all__ = ["RESOLUTION", "Actuator", "Characteristic", "Gradual", "horizon", "last_stamp", "quickest", "steers"]
+__all__ = [
+    "RESOLUTION",
+    "Actuator",
+    "AsymmetricThrust",
+    "Backlash",
+    "Characteristic",
+    "DeadZone",
+    "Gradual",
+    "QuadraticActuator",
+    "RudderStall",
+    "Saturation",
+    "horizon",
+    "last_stamp",
+    "quickest",
+    "redrawn",
+    "steers",
+]
 
 Array = NDArray[np.float64]
+
 
 FAINT = 1e-3
 """What a craft may notice of held values standing for a continuous motion, in shares of the largest command."""
@@ -32,11 +52,11 @@ RESOLUTION = "resolution"
 class Actuator(Effect):
     """An effect on one input: its place is the input's channel, wherever something was commanded."""
 
-    family: ClassVar[Family] = "actuator"
+    family = "actuator"
 
-    def places(self, scene: Scene) -> tuple[str, ...]:
+    def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that was used."""
-        return tuple(n for n in scene.inputs if scene.swing[n] > 0.0)
+        return tuple(n for n in data.inputs if data.amplitude[n] > 0.0)
 
 
 class Characteristic(Actuator):
@@ -44,48 +64,48 @@ class Characteristic(Actuator):
 
     title: ClassVar[str]
 
-    def acting(self, own: Applied, u: Array) -> Array:
+    def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Return what acts (n,) at the commands *u* (n,), both in the input's unit."""
         raise NotImplementedError
 
-    def drive(self, own: Applied, drive: Drive) -> Drive:
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Pass every command through the curve."""
-        return drive.with_channel(own.place, self.acting(own, drive.channels[own.place]))
+        return drive.with_channel(effect.place, self.acting(effect, drive.channels[effect.place]))
 
-    def curve(self, own: Applied, scene: Scene) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
         """Acting over commanded."""
-        u = np.linspace(-scene.swing[own.place], scene.swing[own.place], 201)
-        unit = scene.inputs[own.place]
-        x_label, y_label = f"{own.place} commanded [{unit}]", f"{own.place} acting [{unit}]"
-        return Curve(u, self.acting(own, u), x_label, y_label, self.title, plain=u)
+        u = np.linspace(-data.amplitude[effect.place], data.amplitude[effect.place], 201)
+        unit = data.inputs[effect.place]
+        x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
+        return Curve(u, self.acting(effect, u), x_label, y_label, self.title, plain=u)
 
 
 class Gradual(Actuator):
     """An actuator that moves between the stamps of its commands."""
 
-    def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """How finely the motion between stamps must be held so that this craft hardly notices."""
-        return {RESOLUTION: 4.0 * FAINT * quickest(scene) * scene.swing[place]}
+        return {RESOLUTION: 4.0 * FAINT * quickest(data) * data.amplitude[place]}
 
-    def resolution(self, own: Applied, u: Array) -> float:
-        """Return the constant, or one for the quickest craft when *own* was made without."""
-        return own.constants.get(RESOLUTION, 4.0 * FAINT * QUICK * max(float(np.abs(u).max(initial=0.0)), 1e-12))
+    def resolution(self, effect: EffectInstance, u: Array) -> float:
+        """Return the constant, or one for the quickest craft when *effect* was made without."""
+        return effect.constants.get(RESOLUTION, 4.0 * FAINT * QUICK * max(float(np.abs(u).max(initial=0.0)), 1e-12))
 
 
-def quickest(scene: Scene) -> float:
+def quickest(data: DataSummary) -> float:
     """Return the shortest time constant [s] the craft may have, going by the base model (its slowest if no values)."""
-    found = scene.pace
-    model = CoupledModel(scene.form, scene.base)
-    if scene.base and np.linalg.matrix_rank(model.inertia) == len(scene.form.dofs):
+    found = data.pace
+    model = CoupledModel(data.form, data.base)
+    if data.base and np.linalg.matrix_rank(model.inertia) == len(data.form.dofs):
         rates = np.abs(np.linalg.eigvals(np.linalg.solve(model.inertia, model.linear_damping)))
         found = 1.0 / max(float(rates.max(initial=0.0)), 1e-9)
     return float(np.clip(found / CAUTION, QUICK, SLOW))
 
 
-def horizon(scene: Scene) -> tuple[float, float]:
+def horizon(data: DataSummary) -> tuple[float, float]:
     """Return shortest and longest time [s] worth looking for: a sample, and the craft's own pace within the run."""
-    longest = min(scene.pace, 0.25 * scene.duration)
-    return scene.interval, max(longest, 4.0 * scene.interval)
+    longest = min(data.pace, 0.25 * data.duration)
+    return data.interval, max(longest, 4.0 * data.interval)
 
 
 def last_stamp(drive: Drive) -> float:
@@ -94,7 +114,238 @@ def last_stamp(drive: Drive) -> float:
     return max([float(drive.t[-1]), *ends])
 
 
-def steers(place: str, scene: Scene) -> bool:
+def steers(place: str, data: DataSummary) -> bool:
     """Whether an input turns the craft: it drives roll, pitch or yaw."""
     turning = {d.force for d in DOFS.values() if d.angular}
-    return any(force in turning for force, _ in scene.form.inputs.get(place, ()))
+    return any(force in turning for force, _ in data.form.inputs.get(place, ()))
+
+
+def redrawn(drive: Drive, name: str, t: Array, values: Array) -> Drive:
+    """Return *drive* with channel *name* holding *values* (k,) from the stamps *t* (k,) on.
+
+    A lone channel has these stamps only; with others there the stamps of both are merged.
+    """
+    if len(drive.channels) == 1:
+        return replace(drive, t=t, channels={name: values})
+    together = np.union1d(drive.t, t)
+    at = np.maximum(np.searchsorted(t, together, side="right") - 1, 0)
+    return drive.on(together).with_channel(name, values[at])
+
+
+LEAST_LIMIT = 0.05
+"""An actuator gives at least this share of the largest command."""
+
+
+class Saturation(Characteristic):
+    """What acts is the command clipped to ``-limit .. limit``."""
+
+    slug = "saturation"
+    title = "Saturation"
+    meaning = "commands beyond a limit do no more than the limit: end stops, output limits, a weak battery"
+    parameters = (Quantity("limit", INPUT, "largest command that is carried out"),)
+    shown_by = "residual against command: zero up to the limit, then against the command and growing with it"
+    mistaken_for = ("quadratic-drag", "rudder-stall", "quadratic-actuator", "rate-limit")
+    separated_by = (
+        "steps from rest to a quarter, half, three quarters and all of full command, each held until the speed is "
+        "steady, both ways: with a limit the largest steps start equally hard; with drag they start harder and end "
+        "less fast"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Shares of the largest command."""
+        return tuple({"limit": share * data.amplitude[place]} for share in (0.2, 0.4, 0.6, 0.8, 0.93))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A twentieth of the largest command to all of it."""
+        return {"limit": (LEAST_LIMIT * data.amplitude[place], data.amplitude[place])}
+
+    def acting(self, effect: EffectInstance, u: Array) -> Array:
+        """Clip the commands."""
+        return np.clip(u, -effect["limit"], effect["limit"])
+
+
+class DeadZone(Characteristic):
+    """The actuator answers to what exceeds ``width`` only: ``sign(u) max(|u| - width, 0)``."""
+
+    slug = "dead-zone"
+    title = "Dead zone"
+    meaning = "commands smaller than a threshold do nothing, larger ones lose that much"
+    parameters = (Quantity("width", INPUT, "half-width of the dead zone"),)
+    grows_with = ("width",)
+    shown_by = "residual against command: a kink either side of zero"
+    mistaken_for = ("backlash", "quadratic-actuator", "linear-drag")
+    separated_by = (
+        "steps from rest of several sizes, both ways, from one small enough to do nothing to full command, each held "
+        "until the speed is steady and begun from zero command, so that play takes no part"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Shares of the largest command."""
+        return tuple({"width": share * data.amplitude[place]} for share in (0.03, 0.1, 0.25, 0.5))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Less than the largest command."""
+        return {"width": (0.0, 0.95 * data.amplitude[place])}
+
+    def acting(self, effect: EffectInstance, u: Array) -> Array:
+        """Take the width off every command."""
+        return np.sign(u) * np.maximum(np.abs(u) - effect["width"], 0.0)
+
+
+class QuadraticActuator(Characteristic):
+    """``(1 - share) u + share u|u|/u_ref``: from proportional (share 0) to thrust as ``n|n|`` (share 1).
+
+    ``u_ref`` is the largest command of the runs. The affine thruster ``a |n| n + b n`` of Miskovic2010,
+    (2.7), with the gain at full command kept at 1.
+    """
+
+    slug = "quadratic-actuator"
+    title = "Thrust curve"
+    meaning = "thrust goes as the square of the command (n|n|): half command gives less than half thrust"
+    parameters = (Quantity("share", "1", "quadratic share of the thrust at full command"),)
+    grows_with = ("share",)
+    shown_by = "residual against command bends: too little thrust at small commands, too much at large ones"
+    mistaken_for = ("dead-zone", "quadratic-drag", "saturation", "speed-dependent-steering")
+    separated_by = (
+        "steps from rest to a quarter, half, three quarters and all of full command: how hard each starts, before "
+        "there is any speed, is the thrust curve itself; drag shows only in how fast each ends"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Partly, and wholly."""
+        return ({"share": 0.4}, {"share": 0.9})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A little beyond the physical 0 to 1, so that a fit can end at either."""
+        return {"share": (-0.2, 1.2)}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """The largest command."""
+        return {"u_ref": data.amplitude[place]}
+
+    def acting(self, effect: EffectInstance, u: Array) -> Array:
+        """Bend the commands."""
+        return u * ((1.0 - effect["share"]) + effect["share"] * np.abs(u) / effect["u_ref"])
+
+
+class RudderStall(Characteristic):
+    """``u`` up to ``angle``, beyond it ``sign(u) max(angle - drop (|u| - angle), 0)``: the flow has left the blade.
+
+    Miskovic2010, (2.9), has the same shape with sines; near the stall angle the two differ little.
+    """
+
+    slug = "rudder-stall"
+    title = "Rudder force"
+    meaning = "beyond an angle the flow leaves the rudder, and more rudder turns the craft less"
+    parameters = (
+        Quantity("angle", INPUT, "command at which the rudder stalls"),
+        Quantity("drop", "1", "loss beyond it, per command in excess"),
+    )
+    shown_by = "residual against command: none up to an angle, beyond it steeply against the command"
+    mistaken_for = ("saturation", "quadratic-drag", "asymmetric-thrust", "backlash")
+    separated_by = (
+        "turns at one speed with the rudder held at a third, half, two thirds, five sixths and all of its largest "
+        "angle, both ways: with a stall the rate of turn falls from some angle on, with a saturation it stays, with "
+        "drag it still grows"
+    )
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every input that turns the craft."""
+        return tuple(n for n in super().places(data) if steers(n, data))
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Shares of the largest command, with a gentle and a sudden stall."""
+        shares = ((0.35, 0.5), (0.6, 0.5), (0.6, 1.5), (0.8, 0.7), (0.8, 2.0))
+        return tuple({"angle": share * data.amplitude[place], "drop": drop} for share, drop in shares)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A tenth of the largest command to all of it; a ``drop`` of 0 would be a saturation."""
+        return {"angle": (0.1 * data.amplitude[place], data.amplitude[place]), "drop": (0.1, 4.0)}
+
+    def acting(self, effect: EffectInstance, u: Array) -> Array:
+        """Let the commands beyond the angle drop."""
+        size = np.abs(u)
+        beyond = np.maximum(effect["angle"] - effect["drop"] * (size - effect["angle"]), 0.0)
+        return np.where(size <= effect["angle"], u, np.sign(u) * beyond)
+
+
+BOTH = 0.02
+"""Commands go both ways when the smaller side reaches this share of the larger."""
+
+
+class AsymmetricThrust(Characteristic):
+    """Negative commands act times ``ratio``. Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``."""
+
+    slug = "asymmetric-thrust"
+    title = "Thrust ahead and astern"
+    meaning = "the same command does more one way than the other: propellers are made to push ahead"
+    parameters = (Quantity("ratio", "1", "gain of negative over gain of positive commands"),)
+    grows_with = ("ratio",)
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+    shown_by = "residual against command: a kink at zero, straight on either side of it"
+    mistaken_for = ("input-bias", "backlash", "gyro-bias", "wind-moment")
+    separated_by = (
+        "equal steps both ways at half and at full command, and as long with none: a bias shifts both sizes equally "
+        "and moves the craft without a command, an asymmetry grows with the command and leaves it at rest"
+    )
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every input that was used both ways."""
+        return tuple(n for n in super().places(data) if _both_ways(data.extent.get(n, (-1.0, 1.0))))
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Weaker and stronger astern."""
+        return ({"ratio": 0.6}, {"ratio": 1.5})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A twentieth to twenty times."""
+        return {"ratio": (0.05, 20.0)}
+
+    def acting(self, effect: EffectInstance, u: Array) -> Array:
+        """Scale what is negative."""
+        return np.where(u < 0.0, effect["ratio"] * u, u)
+
+
+def _both_ways(extent: tuple[float, float]) -> bool:
+    low, high = extent
+    return min(-low, high) > BOTH * max(-low, high)
+
+
+class Backlash(Actuator):
+    """Play: what acts stays where it is until the command has gone ``width / 2`` past it, then is dragged along.
+
+    It starts at the first command. Exact for held commands.
+    """
+
+    slug = "backlash"
+    meaning = "play in the linkage: after every reversal the command moves a while before anything follows"
+    parameters = (Quantity("width", INPUT, "play from one flank to the other"),)
+    grows_with = ("width",)
+    shown_by = "residual against command makes a loop: above the line while the command falls, below it while it rises"
+    mistaken_for = ("dead-zone", "input-delay", "actuator-lag", "rate-limit", "input-bias")
+    separated_by = (
+        "a staircase up to full command, down to full reverse and up again, five steps each way, each held until the "
+        "speed is steady: with play the same command gives another speed on the way down than on the way up; with a "
+        "dead zone or a lag it does not"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Shares of the largest command; twice that is the whole way."""
+        return tuple({"width": share * data.amplitude[place]} for share in (0.1, 0.3, 0.7, 1.2))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Something must still come through when the command goes from end to end."""
+        return {"width": (0.0, 1.8 * data.amplitude[place])}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Drag what acts along."""
+        return drive.with_channel(effect.place, play(drive.channels[effect.place], 0.5 * effect["width"]))
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """The loop: from full reverse to full ahead and back."""
+        way = np.linspace(-data.amplitude[effect.place], data.amplitude[effect.place], 101)
+        u = np.concatenate([way, way[::-1], way])
+        y = play(u, 0.5 * effect["width"])
+        unit = data.inputs[effect.place]
+        x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
+        return Curve(u[101:], y[101:], x_label, y_label, "Backlash", plain=u[101:])

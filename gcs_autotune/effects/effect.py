@@ -25,28 +25,36 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.trial import Channel
 
 __all__ = [
     "INPUT",
     "SIGNAL",
-    "Applied",
     "Curve",
     "Drive",
     "Effect",
+    "EffectInstance",
     "Family",
     "Leftover",
     "Observed",
     "Quantity",
-    "Scene",
     "columns_of",
     "concerns",
 ]
 
 Array = NDArray[np.float64]
 
-Family = Literal["bookkeeping", "actuator", "hydrodynamics", "environment", "sensor"]
+Family = Literal["data errors", "actuator", "hydrodynamics", "environment", "sensor"]
+
+Stage = Literal["clock", "commands", "motion", "sensors"]
+HOOKS: Mapping[Stage, tuple[str, ...]] = {
+    "clock": ("retime",),
+    "commands": ("drive", "inputs"),
+    "motion": ("derivatives",),
+    "sensors": ("observe",),
+}
+"""What an effect acts on -> the hooks by which it does."""
 
 INPUT, SIGNAL = "input unit", "signal unit"
 """Stand for the unit of the input (or signal) an effect sits on, in units such as ``input unit/s``."""
@@ -62,7 +70,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class Applied:
+class EffectInstance:
     """An effect at a place with numbers: what an extended model is made of.
 
     ``place`` names the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``);
@@ -78,7 +86,12 @@ class Applied:
         """Return a value or a constant."""
         return self.values[name] if name in self.values else self.constants[name]
 
-    def with_values(self, values: Mapping[str, float]) -> Applied:
+    @property
+    def sense(self) -> float:
+        """The constant ``sense``: -1 where the base model's inertia came out negative, 1 where nobody said."""
+        return self.constants.get("sense", 1.0)
+
+    def with_values(self, values: Mapping[str, float]) -> EffectInstance:
         """Return it with some values replaced."""
         return replace(self, values={**self.values, **values})
 
@@ -143,44 +156,6 @@ class Leftover:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """What may be known of the runs before any effect is fitted.
-
-    ``form`` the base model's; ``inputs``/``signals`` unit per driven input and per measured signal; ``swing`` largest
-    magnitude of each input, ``spread`` standard deviation of each signal, ``level`` its noise (model-free);
-    ``channels`` names of everything recorded; ``interval`` [s] between samples, ``pace`` [s] the base model's slowest
-    time constant, ``duration`` [s] the longest run; ``quantum`` the grid step of each signal (0: none).
-    """
-
-    form: Form
-    inputs: Mapping[str, str]
-    signals: Mapping[str, str]
-    swing: Mapping[str, float]
-    spread: Mapping[str, float]
-    level: Mapping[str, float]
-    channels: frozenset[str]
-    interval: float
-    pace: float
-    duration: float
-    quantum: Mapping[str, float] = field(default_factory=dict)
-    extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Smallest and largest value of every recorded channel."""
-    rms: Mapping[str, float] = field(default_factory=dict)
-    """Root mean square of every recorded channel."""
-    base: Mapping[str, float] = field(default_factory=dict)
-    """Values of the base model's parameters."""
-    runs: tuple[str, ...] = ()
-    """Names of the runs."""
-    lags: Mapping[str, float] = field(default_factory=dict)
-    """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
-
-    @property
-    def full(self) -> Mapping[str, float]:
-        """What full output of each input is: 1 where it is recorded in shares of full, else the largest seen."""
-        return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.swing.items()}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Curve:
     """An effect drawn: ``y`` over ``x``, with words at the axes; ``polar`` when ``x`` is a heading [rad].
 
@@ -232,51 +207,65 @@ class Effect:
     neutral: ClassVar[Mapping[str, float]] = MappingProxyType({})
     """Values at which those of ``grows_with`` have no effect, where that is not 0; they grow from there."""
 
+    acts_on: ClassVar[frozenset[Stage]] = frozenset()
+    """Where it stands in the chain; set by which hooks a class defines."""
+    is_disturbance: ClassVar[bool] = False
+    """No simulation foretells it: it is learnt from what is left over, and judges that; set by :meth:`learn`."""
+    is_rounding: ClassVar[bool] = False
+    """What it leaves has heavy tails by construction; set by :meth:`normal`."""
+
+    def __init_subclass__(cls) -> None:
+        def defines(hook: str) -> bool:
+            return getattr(cls, hook) is not getattr(Effect, hook)
+
+        cls.acts_on = frozenset(stage for stage, hooks in HOOKS.items() if any(map(defines, hooks)))
+        cls.is_disturbance, cls.is_rounding = defines("learn"), defines("normal")
+
     # -- where it may sit, and where a search for it begins
 
-    def places(self, scene: Scene) -> tuple[str, ...]:
+    def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the places where these runs could show it; none when they cannot."""
         raise NotImplementedError
 
-    def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Return values to begin from, few but such that one is near enough to any size worth finding."""
         return ({},)
 
-    def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Return smallest and largest value per parameter."""
         return {}
 
-    def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """Return numbers to be read off the runs once."""
         return {}
 
     # -- what it does
 
-    def retime(self, own: Applied, t: Array, start: float, *, inputs: bool) -> Array:
+    def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
         """Return the craft's own time at the file's stamps *t*, of the inputs' or of the signals' columns."""
         return t
 
-    def inputs(self, own: Applied) -> tuple[str, ...]:
+    def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
         """Return inputs that :meth:`drive` adds (``payload``, or names that :meth:`derivatives` use)."""
         return ()
 
-    def drive(self, own: Applied, drive: Drive) -> Drive:
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Return what the actuators make of the commands."""
         return drive
 
-    def derivatives(self, own: Applied) -> Mapping[str, float]:
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
         """Return forces as SNAME derivatives (:mod:`gcs_autotune.models.coupled.derivatives`), added to the base's."""
         return {}
 
-    def observe(self, own: Applied, seen: Observed) -> Observed:
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
         """Return what the sensors make of the truth."""
         return seen
 
-    def learn(self, own: Applied, left: Sequence[Leftover]) -> Applied:
+    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
         """Return the values that what is left over speaks for. Only disturbances and faults of sensors."""
-        return own
+        return effect
 
-    def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
         """Return the residual (n,) and its derivatives (n, k) as this disturbance leaves them, and a penalty.
 
         Samples the disturbance accounts for wholly become NaN. With m of n left, of mean square s^2 over all runs of
@@ -285,27 +274,22 @@ class Effect:
         """
         return left.error, columns, 0.0
 
-    def normal(self, own: Applied, left: Leftover) -> Array:
+    def normal(self, effect: EffectInstance, left: Leftover) -> Array:
         """Return the noise (n,) behind an error whose law this changes, on any scale, to test its tails."""
         raise NotImplementedError
 
-    def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
+    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
         """Return standard errors of the values :meth:`learn` found; those of fitted ones come from the fit."""
         return {}
 
     # -- what is told of it
 
-    def curve(self, own: Applied, scene: Scene) -> Curve | None:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve | None:
         """Return its picture."""
         return None
 
-    @classmethod
-    def overrides(cls, hook: str) -> bool:
-        """Whether this effect has its own *hook*."""
-        return getattr(cls, hook) is not getattr(Effect, hook)
-
-    def unit_of(self, name: str, place: str, scene: Scene) -> str:
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """Return the unit of a parameter at a place."""
         unit = next(q.unit for q in self.parameters if q.name == name)
         first = columns_of(place)[0]
-        return unit.replace(INPUT, scene.inputs.get(first, "1")).replace(SIGNAL, scene.signals.get(first, "1"))
+        return unit.replace(INPUT, data.inputs.get(first, "1")).replace(SIGNAL, data.signals.get(first, "1"))

@@ -1,39 +1,306 @@
-"""A coupled model with effects applied: what a diagnosis ends with, and its file."""
+"""A form with effects, simulated with sensitivities.
+
+The way of a run: stamps -> ``retime`` -> commands -> ``drive`` -> equations of motion (the base form with the
+effects' ``derivatives``) -> ``observe`` -> predicted columns. Sensitivities to the base model's parameters, to
+initial states and to effects that act through derivatives are exact up to the sensors; the others are differences.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.book import BOOK
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.simulator import ExtendedSimulator, Passage, in_order
+from gcs_autotune.effects.effect import Drive, EffectInstance, Observed
+from gcs_autotune.effects.table import EFFECTS
 from gcs_autotune.errors import BadFile
-from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
 from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Channel
 
-__all__ = ["SCHEMA", "ExtendedModel"]
+__all__ = ["SCHEMA", "STEP", "ExtendedModel", "ExtendedSimulator", "Passage", "in_order", "passage_of"]
 
 Array = NDArray[np.float64]
+
+
+Index = NDArray[np.int64]
+
+STEP = 1e-3
+"""Difference quotients, in shares of a parameter's typical size."""
+
+NUDGE = 1e-4
+"""The same for passing sensitivities through sensors."""
+
+PATIENCE = 70
+"""Steps per stamp before a simulation is given up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passage:
+    """One stretch of a run as a simulation sees it.
+
+    ``t_in`` (j,), ``commands[name]`` (j,): inputs held from their stamps on. ``stamps`` (s,): all stamps of all
+    signals; ``at[signal]`` (n,): which of them are that signal's. ``measured``: the run's instance channels.
+    """
+
+    run: str
+    t_in: Array
+    commands: Mapping[str, Array]
+    stamps: Array
+    at: Mapping[str, Index]
+    start: float
+    measured: Mapping[str, Channel] = field(default_factory=dict)
+
+
+def in_order(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
+    """Return *effects* in the order in which they act: the table's."""
+    order = list(EFFECTS)
+    return tuple(sorted(effects, key=lambda e: (order.index(e.slug), e.place)))
+
+
+def passage_of(
+    run: str,
+    t_in: Array,
+    commands: Mapping[str, Array],
+    stamps: Mapping[str, Array],
+    measured: Mapping[str, Channel] | None = None,
+) -> Passage:
+    """Return a passage from inputs and the stamps of every signal."""
+    together = np.unique(np.concatenate(list(stamps.values())))
+    at = {n: np.searchsorted(together, t).astype(np.int64) for n, t in stamps.items()}
+    begin = float(min(together[0], t_in[0])) if len(t_in) else float(together[0])
+    return Passage(run, t_in, commands, together, at, begin, measured or {})
+
+
+class ExtendedSimulator:
+    """A form and a set of effects made ready to run.
+
+    Parameters
+    ----------
+    form : of the base model. effects : slugs and places; their values may change from run to run.
+    free : base parameters sensitivities are wanted for; free_effects : ``(index, parameter)`` of the effects';
+    free_states : initial states. The columns of a Jacobian stand in this order.
+    typical : size of each free effect parameter, for difference quotients.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        effects: Sequence[EffectInstance] = (),
+        free: Sequence[str] = (),
+        free_effects: Sequence[tuple[int, str]] = (),
+        free_states: Sequence[str] = (),
+        typical: Sequence[float] | None = None,
+    ) -> None:
+        self.base = form
+        self.entries = tuple(EFFECTS[e.slug] for e in effects)
+        order = sorted(range(len(self.entries)), key=lambda i: (self.entries[i].family == "data errors", i))
+        self._sensors = tuple(i for i in order if "sensors" in self.entries[i].acts_on)
+        self.free = tuple(free)
+        self.free_effects = tuple(free_effects)
+        self.free_states = tuple(free_states)
+        self.typical = tuple(typical) if typical is not None else tuple(1.0 for _ in free_effects)
+        added: dict[str, None] = {}
+        more: dict[str, None] = {}
+        for entry, instance in zip(self.entries, effects, strict=True):
+            added.update(dict.fromkeys(entry.derivatives(instance)))
+            more.update(dict.fromkeys(entry.inputs(instance)))
+        self.added = tuple(added)
+        extended = replace(form, inputs={**form.inputs, **{n: () for n in more if n not in form.inputs}})
+        self.form = extended.freeing(*(n for n in added if n not in form.parameters)) if added else extended
+        self._at = {n: k for k, n in enumerate(self.form.parameters)}
+        self._of_base = [self._at[n] for n in form.parameters]
+        wanted = dict.fromkeys((*self.free, *(self.added if self.free_effects else ())))
+        self._columns = tuple(wanted)
+        self._simulator = Simulator(self.form, self._columns, self.free_states, patience=PATIENCE)
+        self._stages = tuple(self._stage(i) for i, _ in self.free_effects)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state vector."""
+        return self._simulator.states
+
+    def _stage(self, i: int) -> str:
+        """Return where a parameter acts: only through derivatives, only at the sensors, or before the simulation."""
+        entry = self.entries[i]
+        if entry.acts_on & {"clock", "commands"}:
+            return "before"
+        if "motion" in entry.acts_on:
+            return "before" if "sensors" in entry.acts_on else "within"
+        return "after"
+
+    def run(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        passage: Passage,
+        *,
+        sensitivities: bool = False,
+    ) -> dict[str, tuple[Array, Array]] | None:
+        """Predict every signal (n,) at its own stamps, with its Jacobian (n, q); None when the motion runs away.
+
+        theta : (p,) the base's parameters in ``form.parameters`` order. x_0 : (n,) state at the first stamp.
+        The Jacobian is (n, 0) without *sensitivities*.
+        """
+        moved = self._move(theta, effects, x_0, passage, sensitivities)
+        if moved is None:
+            return None
+        truth, by = moved
+        seen = self._observe(effects, truth)
+        if not sensitivities:
+            return {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
+        passed = self._through_sensors(effects, truth, seen, by)
+        columns = []
+        for k, (i, name) in enumerate(self.free_effects):
+            found = self._effect_column(k, i, name, theta, effects, x_0, passage, truth, seen, passed)
+            if found is None:
+                return None
+            columns.append(found)
+        within, states = len(self.free), len(self._columns)
+        return {
+            n: (
+                seen.signals[n][at],
+                np.hstack([passed[n][at, :within], *(c[n][at, None] for c in columns), passed[n][at, states:]]),
+            )
+            for n, at in passage.at.items()
+        }
+
+    def truth(self, theta: Array, effects: Sequence[EffectInstance], x_0: Array, passage: Passage) -> Observed | None:
+        """Return all true signals at all stamps: what :meth:`seen` can show through other sensors."""
+        moved = self._move(theta, effects, x_0, passage, False, everything=True)
+        return None if moved is None else moved[0]
+
+    def seen(self, effects: Sequence[EffectInstance], truth: Observed, passage: Passage) -> dict[str, Array]:
+        """Return every signal at its own stamps as the sensors of *effects* show that truth."""
+        seen = self._observe(effects, truth)
+        return {n: seen.signals[n][at] for n, at in passage.at.items()}
+
+    def extended_theta(self, theta: Array, effects: Sequence[EffectInstance]) -> Array:
+        """Return the parameters (e,) of the form with the effects' derivatives added."""
+        found = np.zeros(len(self._at))
+        found[self._of_base] = theta
+        for entry, instance in zip(self.entries, effects, strict=True):
+            for name, value in entry.derivatives(instance).items():
+                found[self._at[name]] += value
+        return found
+
+    def _move(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        passage: Passage,
+        sensitivities: bool,
+        *,
+        everything: bool = False,
+    ) -> tuple[Observed, dict[str, Array]] | None:
+        """Return the true signals at all stamps, and their sensitivities (s, q) to what the kernel knows."""
+        t_in, stamps, start = passage.t_in, passage.stamps, passage.start
+        for entry, instance in zip(self.entries, effects, strict=True):
+            if "clock" in entry.acts_on:
+                t_in = entry.retime(instance, t_in, start, inputs=True)
+                stamps = entry.retime(instance, stamps, start, inputs=False)
+        drive = Drive(t_in, passage.commands, start, passage.measured, passage.run)
+        for entry, instance in zip(self.entries, effects, strict=True):
+            drive = entry.drive(instance, drive)
+        inputs = [drive.channels[n] for n in self.form.inputs]
+        table = np.column_stack(inputs) if inputs else np.zeros((len(drive.t), 0))
+        extended = self.extended_theta(theta, effects)
+        found = self._simulator.run(extended, x_0, drive.t, table, stamps, sensitivities=sensitivities)
+        if found is None:
+            return None
+        X, S = found
+        signals, by = {}, {}
+        for name in self._wanted(passage, everything):
+            signals[name], by[name] = self._simulator.outputs(extended, X, S, name)
+        return Observed(passage.stamps, signals, start, passage.run), by
+
+    def _wanted(self, passage: Passage, everything: bool) -> list[str]:
+        """Return the signals to compute: those measured, and all others when a sensor may mix them."""
+        if everything or any("sensors" in entry.acts_on for entry in self.entries):
+            return [n for n in self.states if not n.startswith("lagged")]
+        return list(passage.at)
+
+    def _observe(self, effects: Sequence[EffectInstance], truth: Observed) -> Observed:
+        for i in self._sensors:
+            truth = self.entries[i].observe(effects[i], truth)
+        return truth
+
+    def _through_sensors(
+        self, effects: Sequence[EffectInstance], truth: Observed, seen: Observed, by: Mapping[str, Array]
+    ) -> Mapping[str, Array]:
+        """Return the kernel's sensitivities of every signal, (s, q), as the sensors pass them on."""
+        if not self._sensors:
+            return by
+        passed = {n: np.zeros((len(seen.t), len(self._columns) + len(self.free_states))) for n in seen.signals}
+        for j in range(len(self._columns) + len(self.free_states)):
+            size = max((float(np.abs(c[:, j]).max()) for c in by.values()), default=0.0)
+            if size == 0.0:
+                continue
+            h = NUDGE / size
+            nudged = self._observe(
+                effects, replace(truth, signals={n: y + h * by[n][:, j] for n, y in truth.signals.items()})
+            )
+            for n, y in seen.signals.items():
+                passed[n][:, j] = (nudged.signals[n] - y) / h
+        return passed
+
+    def _effect_column(
+        self,
+        k: int,
+        i: int,
+        name: str,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        passage: Passage,
+        truth: Observed,
+        seen: Observed,
+        by: Mapping[str, Array],
+    ) -> Mapping[str, Array] | None:
+        """Return the sensitivity of every signal to one parameter of one effect."""
+        instance, entry = effects[i], self.entries[i]
+        h = STEP * self.typical[k]
+        nudged = instance.with_values({name: instance.values[name] + h})
+        if self._stages[k] == "within":
+            before, after = entry.derivatives(instance), entry.derivatives(nudged)
+            weights = {n: (after[n] - before[n]) / h for n in before}
+            total: dict[str, Array] = {n: np.zeros(len(seen.t)) for n in seen.signals}
+            for derivative, weight in weights.items():
+                if weight != 0.0:
+                    at = self._columns.index(derivative)
+                    for n in total:
+                        total[n] = total[n] + weight * by[n][:, at]
+            return total
+        changed = [*effects[:i], nudged, *effects[i + 1 :]]
+        if self._stages[k] == "after":
+            moved: tuple[Observed, dict[str, Array]] | None = (truth, {})
+        else:
+            moved = self._move(theta, changed, x_0, passage, False)
+        if moved is None:
+            return None
+        other = self._observe(changed, moved[0])
+        return {n: (other.signals[n] - y) / h for n, y in seen.signals.items()}
+
 
 SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True)
 class ExtendedModel:
-    """A coupled model and the effects that stand between it and the measurements, in the book's order.
+    """A coupled model and the effects that stand between it and the measurements, in the table's order.
 
-    ``swing``: what "full" of each input means to whoever flies it (:attr:`.effect.Scene.full`);
+    ``amplitude``: what "full" of each input means to whoever flies it (:attr:`.effect.DataSummary.full`);
     ``units`` of the inputs ("1": fractions of full output). Both empty when nobody said.
     """
 
     base: CoupledModel
-    effects: tuple[Applied, ...] = ()
-    swing: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[EffectInstance, ...] = ()
+    amplitude: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -43,7 +310,7 @@ class ExtendedModel:
             "model": "extended",
             "base": self.base.to_dict(),
             "effects": [e.to_dict() for e in self.effects],
-            "constants": {"swing": dict(self.swing), "units": dict(self.units)},
+            "constants": {"swing": dict(self.amplitude), "units": dict(self.units)},
         }
 
     @classmethod
@@ -53,13 +320,13 @@ class ExtendedModel:
         Raises
         ------
         BadFile
-            Something is missing or of the wrong kind. UnknownName: an effect that is not in the book.
+            Something is missing or of the wrong kind. UnknownName: an effect that is not in the table.
         """
         try:
             if data.get("model") == "coupled":
                 return cls(CoupledModel.from_dict(data))
             effects = tuple(
-                Applied(
+                EffectInstance(
                     str(e["slug"]),
                     str(e["place"]),
                     {str(k): float(v) for k, v in e["values"].items()},
@@ -69,13 +336,13 @@ class ExtendedModel:
             )
             base = CoupledModel.from_dict(data["base"])
             constants = data.get("constants", {})
-            swing = {str(k): float(v) for k, v in constants.get("swing", {}).items()}
+            amplitude = {str(k): float(v) for k, v in constants.get("swing", {}).items()}
             units = {str(k): str(v) for k, v in constants.get("units", {}).items()}
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadFile(f"not a model file with effects: {error!r}") from error
         for effect in effects:
-            lookup(BOOK, effect.slug, "effect")
-        return cls(base, in_order(effects), swing, units)
+            lookup(EFFECTS, effect.slug, "effect")
+        return cls(base, in_order(effects), amplitude, units)
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
         """Return every signal at its own stamps from *initial* states (0 where not given); None if it runs away."""

@@ -1,20 +1,247 @@
-"""Wave disturbance: a force that swings in a narrow band of frequencies."""
+"""Waves: a narrow band of frequencies in what is left over, and whether it is one.
+
+A predicting filter gains by any colour a wrong model leaves, so a band must prove itself: damped less than a quarter,
+several periods long, better than noise that is merely red, seen through some noise of the sensors, and no answer of
+the craft to itself: not in proportion to the predicted motion, its rate, its square, nor to what it was some periods
+ago, or rung up by it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
-from gcs_autotune.effects.effect import INPUT, Applied, Array, Curve, Effect, Family, Leftover, Quantity, Scene
-from gcs_autotune.effects.narrow_band import Oscillator, whitened
-from gcs_autotune.effects.wave_fit import NARROW, Band, band_of
+from gcs_autotune.effects.effect import INPUT, Array, Curve, Effect, EffectInstance, Leftover, Quantity
+from gcs_autotune.effects.narrow_band import Oscillator, Record, cost, driven, whitened
+from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.sname import DOFS
 
 __all__ = ["WaveDisturbance"]
+
+
+NARROW, BROAD = 0.25, 0.7
+"""Damping ratio a band has at most, and that of a law without a peak to hold it against."""
+FEWEST = 40
+"""Samples of a run that is looked at."""
+PERIODS = 5.0
+"""A band's period goes at least so often into the longest run."""
+FASTEST = 0.7
+"""Highest frequency looked at, in shares of half the sample rate."""
+BETTER = 10.0
+"""Minus twice the log-likelihood a band must gain over red noise."""
+SMOOTH = 0.005
+"""Chosen: where the filter leaves less than this share of every signal's remainder, the record was smoothed: its next
+sample follows from the last ones whatever is wrong with the model (a ship in a basin left 0.001, waves with their
+sensors' noise a tenth and more)."""
+PARTS, MEMORY = 8, 4
+"""Parts of a period in which, and periods back to which, the craft's own motion is held against the band."""
+OWN, CHANCE = 0.1, 2.0
+"""What the craft's own motion may gain on top of a band: this share of the band's gain, or so much per regressor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A band: frequency [rad/s], damping ratio, and per signal the law and the oscillation's rms [signal].
+
+    ``std``: standard errors of the logarithms of frequency, damping ratio and rms.
+    """
+
+    omega: float
+    zeta: float
+    laws: Mapping[str, Oscillator]
+    rms: Mapping[str, float]
+    std: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Kin:
+    """One signal's records, whether it is a velocity, and the craft's lag [s]."""
+
+    records: Sequence[Record]
+    rate: bool
+    lag: float
+
+    def law(self, omega: float, zeta: float, rho: float) -> Oscillator:
+        """Return the law, the lag where it makes a difference."""
+        return Oscillator(omega, zeta, min(max(self.lag, 0.02 / omega), 50.0 / omega), self.rate, rho)
+
+    def cost(self, log_omega: float, log_zeta: float, log_rho: float) -> float:
+        return cost(self.law(math.exp(log_omega), math.exp(log_zeta), math.exp(log_rho)), self.records)
+
+
+def band_of(left: Sequence[Leftover], *, velocity: str, lag: float) -> Band | None:
+    """Return the narrow band that *left* (of one degree of freedom's position and *velocity*) shows, or None.
+
+    lag : time constant of the craft [s].
+    """
+    groups: dict[str, list[Leftover]] = {}
+    for x in left:
+        if len(x.error) >= FEWEST and float(np.ptp(x.error)) > 0.0:
+            groups.setdefault(x.signal, []).append(x)
+    kin = {s: _Kin([(x.t, x.error - np.mean(x.error)) for x in own], s == velocity, lag) for s, own in groups.items()}
+    if not kin:
+        return None
+    every = [t for own in kin.values() for t, _ in own.records]
+    longest, interval = (
+        max(float(t[-1] - t[0]) for t in every),
+        float(np.median(np.concatenate([*map(np.diff, every)]))),
+    )
+    low, high = 2.0 * math.pi * PERIODS / longest, FASTEST * math.pi / interval
+    if low >= 0.5 * high:
+        return None
+    p, value = _fitted(kin, low, high)
+    omega, zeta = math.exp(p[0]), math.exp(p[1])
+    if zeta > NARROW or not 1.03 * low < omega < 0.97 * high or _broad(kin, low) - value < BETTER:
+        return None
+    laws = {s: own.law(omega, zeta, math.exp(r)) for (s, own), r in zip(kin.items(), p[2:], strict=True)}
+    if max(_foreseen(law, kin[s].records) for s, law in laws.items()) < SMOOTH:
+        return None
+    gain = own = allowed = 0.0
+    for s, law in laws.items():
+        more, regressors = _own_gain(law, kin[s].records, groups[s])
+        gain += cost(None, kin[s].records) - cost(law, kin[s].records)
+        own += more
+        allowed += CHANCE * regressors
+    if own > max(OWN * gain, allowed):
+        return None
+    # What is seen beyond the noise; the law's own variance is little known when the band is so narrow.
+    rms = {s: _rms_of_band(law, kin[s].records) for s, law in laws.items()}
+    seconds = max(sum(float(t[-1] - t[0]) for t, _ in own.records) for own in kin.values())
+    few = 0.5 / math.sqrt(max(seconds * zeta * omega, 1.0))
+    return Band(omega, zeta, laws, rms, (*_errors(kin, p), few))
+
+
+def _total(p: Array, kin: Mapping[str, _Kin]) -> float:
+    return sum(own.cost(p[0], p[1], r) for r, own in zip(p[2:], kin.values(), strict=True))
+
+
+def _fitted(kin: Mapping[str, _Kin], low: float, high: float) -> tuple[Array, float]:
+    """Return log omega, log zeta and log rho per signal, and the cost there, from the highest peaks of the spectrum."""
+    span = [(math.log(low), math.log(high)), (math.log(5e-4), math.log(0.35)), *([(-6.0, 16.0)] * len(kin))]
+    floor, ceiling = np.array([a for a, _ in span]), np.array([b for _, b in span])
+
+    def bounded(p: Array) -> float:
+        inside = np.clip(p, floor, ceiling)
+        return _total(inside, kin) + 1e3 * float(np.sum((p - inside) ** 2))
+
+    best: tuple[Array, float] | None = None
+    for omega in _peaks(kin, low, high):
+        start = np.array([math.log(omega), math.log(0.04), *([1.0] * len(kin))])
+        steps = np.diag([0.05, 0.7, *([1.0] * len(kin))])
+        found = minimize(
+            bounded,
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": np.vstack([start, start + steps]), "xatol": 1e-3, "fatol": 0.02, "maxfev": 250},
+        )
+        if best is None or float(found.fun) < best[1]:
+            best = np.clip(found.x, floor, ceiling), float(found.fun)
+    assert best is not None
+    return best
+
+
+def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
+    """Return the frequencies [rad/s] of the highest peaks, of the plain spectrum and of one not led by drift."""
+    grid = np.exp(np.linspace(math.log(low), math.log(high), 400))
+    power = np.zeros(len(grid))
+    for own in kin.values():
+        every = sum(float(e @ e) for _, e in own.records)
+        for t, e in own.records:
+            step = (t[-1] - t[0]) / (len(t) - 1)
+            even = np.interp(t[0] + step * np.arange(len(t)), t, e) * np.hanning(len(t))
+            spectrum = np.abs(np.fft.rfft(even, 4 * len(t))) ** 2
+            power += np.interp(grid, 2.0 * math.pi * np.fft.rfftfreq(4 * len(t), step), spectrum) / every
+    first = [float(grid[int(np.argmax(weight * power))]) for weight in (np.ones(len(grid)), grid)]
+    return first if abs(first[1] / first[0] - 1.0) > 0.05 else first[:1]
+
+
+def _broad(kin: Mapping[str, _Kin], low: float) -> float:
+    """Return the cost of red noise in white noise: an oscillator too damped to have a peak."""
+    total = 0.0
+    for own in kin.values():
+        found = [cost(None, own.records)]
+        for omega in (low, 8.0 * low):
+            start = np.array([math.log(omega), 1.0])
+            ended = minimize(
+                _red(own, low), start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.1, "maxfev": 80}
+            )
+            found.append(float(ended.fun))
+        total += min(found)
+    return total
+
+
+def _red(own: _Kin, low: float) -> Callable[[Array], float]:
+    def of(p: Array) -> float:
+        inside = np.clip(p, [math.log(0.02 * low), -6.0], [math.log(100.0 * low), 16.0])
+        return own.cost(inside[0], math.log(BROAD), inside[1]) + 1e3 * float(np.sum((p - inside) ** 2))
+
+    return of
+
+
+def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover]) -> tuple[float, int]:
+    """Return what regression on the craft's own motion gains on top of the band, and on how many regressors."""
+    tables = []
+    for (t, error), x in zip(records, own, strict=True):
+        tables.append(whitened(law, t, np.column_stack([error, _with_motion(law, x)]))[0])
+    white = np.concatenate(tables)
+    error, X = white[:, 0], white[:, 1:]
+    rest = error - X @ np.linalg.lstsq(X, error, rcond=1e-10)[0]
+    return len(error) * math.log(float(error @ error) / max(float(rest @ rest), 1e-300)), X.shape[1]
+
+
+def _foreseen(law: Oscillator, records: Sequence[Record]) -> float:
+    """Return the rms of one-step prediction errors, in shares of the records'."""
+    white, every = _joined(law, records)
+    return math.sqrt(float(np.mean(white**2)) / max(float(np.mean(every**2)), 1e-300))
+
+
+def _joined(law: Oscillator, records: Sequence[Record]) -> tuple[Array, Array]:
+    """Return the one-step prediction errors of all *records*, and these themselves (n,)."""
+    white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
+    return white, np.concatenate([e for _, e in records])
+
+
+def _with_motion(law: Oscillator, x: Leftover) -> Array:
+    """Return regressors (n, k): a constant, the predicted motion with its rate and signed square, what it rings up at
+    the band, and the motion of some periods before: any memory of it, linear and that long.
+    """
+    motion = x.measured - x.error
+    motion = motion - np.mean(motion)
+    period = 2.0 * math.pi / law.omega
+    before = [np.interp(x.t - k * period / PARTS, x.t, motion) for k in range(1, PARTS * MEMORY + 1)]
+    columns = [motion, np.gradient(motion, x.t), np.abs(motion) * motion, *driven(law, x.t, motion), *before]
+    sizes = [max(float(np.sqrt(np.mean(c**2))), 1e-300) for c in columns]
+    return np.column_stack([np.ones(len(motion)), *(c / s for c, s in zip(columns, sizes, strict=True))])
+
+
+def _rms_of_band(law: Oscillator, records: Sequence[Record]) -> float:
+    """Return the rms of the oscillation: what there is, less the white noise."""
+    white, every = _joined(law, records)
+    return math.sqrt(max(float(np.mean(every**2) - np.mean(white**2)), 0.0))
+
+
+def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float]:
+    """Return standard errors of log omega and log zeta, from the curvature of the likelihood."""
+    k, h = len(p), np.full(len(p), 0.05)
+    h[0] = min(0.02, 0.3 * math.exp(p[1]))
+    H = np.empty((k, k))
+    f = {}
+    for i in range(k):
+        for j in range(i, k):
+            for a in (-1, 1):
+                for b in (-1, 1):
+                    at = p.copy()
+                    at[i] += a * h[i]
+                    at[j] += b * h[j]
+                    f[a, b] = _total(at, kin)
+            H[i, j] = H[j, i] = (f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4.0 * h[i] * h[j])
+    variances = np.diag(np.linalg.pinv(0.5 * H))
+    found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances[:2]]
+    return found[0], found[1]
 
 
 class WaveDisturbance(Effect):
@@ -22,101 +249,101 @@ class WaveDisturbance(Effect):
 
     No simulation foretells its phase: it is learned from what is left over of the degree's position and velocity, and
     judged by predicting one sample ahead. Its force follows from the motion by the base model's inertia and drag
-    (``Scene.base``); without them ``amplitude`` is not given.
+    (``DataSummary.base``); without them ``amplitude`` is not given.
     """
 
-    slug: ClassVar[str] = "wave-disturbance"
-    family: ClassVar[Family] = "environment"
-    meaning: ClassVar[str] = "waves: a force that swings at one frequency, whatever the craft does"
-    parameters: ClassVar[tuple[Quantity, ...]] = (
+    slug = "wave-disturbance"
+    family = "environment"
+    meaning = "waves: a force that swings at one frequency, whatever the craft does"
+    parameters = (
         Quantity("amplitude", INPUT, "rms of the force"),
         Quantity("frequency", "rad/s", "at which it swings, as met by the craft"),
         Quantity("bandwidth", "1", "damping ratio: 0 a pure tone, 0.2 an irregular sea"),
     )
-    shown_by: ClassVar[str] = "one peak in the residual's spectrum, out of step with the commands"
-    mistaken_for: ClassVar[tuple[str, ...]] = ("backlash", "measurement-delay", "tether-pull")
-    separated_by: ClassVar[str] = "a few minutes with no command at all, on two headings: the swinging goes on"
-    fixed: ClassVar[tuple[str, ...]] = ("amplitude", "frequency", "bandwidth")
+    shown_by = "one peak in the residual's spectrum, out of step with the commands"
+    mistaken_for = ("backlash", "measurement-delay", "tether-pull")
+    separated_by = "a few minutes with no command at all, on two headings: the swinging goes on"
+    fixed = ("amplitude", "frequency", "bandwidth")
 
-    def places(self, scene: Scene) -> tuple[str, ...]:
+    def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every degree of freedom of which something is measured."""
-        return tuple(d for d in scene.form.dofs if {DOFS[d].position, DOFS[d].velocity} & set(scene.signals))
+        return tuple(d for d in data.form.dofs if {DOFS[d].position, DOFS[d].velocity} & set(data.signals))
 
-    def starts(self, place: str, scene: Scene) -> tuple[Mapping[str, float], ...]:
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """None yet; :meth:`learn` finds the band."""
-        amplitude = {} if _gains(place, scene) is None else {"amplitude": 0.0}
-        return ({**amplitude, "frequency": 6.0 / scene.pace, "bandwidth": 0.05},)
+        amplitude = {} if _gains(place, data) is None else {"amplitude": 0.0}
+        return ({**amplitude, "frequency": 6.0 / data.pace, "bandwidth": 0.05},)
 
-    def bounds(self, place: str, scene: Scene) -> Mapping[str, tuple[float, float]]:
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """A period seen several times, and sampled."""
-        amplitude = {} if _gains(place, scene) is None else {"amplitude": (0.0, 10.0 * max(scene.swing.values()))}
-        return {**amplitude, "frequency": (0.0, math.pi / scene.interval), "bandwidth": (0.0, NARROW)}
+        amplitude = {} if _gains(place, data) is None else {"amplitude": (0.0, 10.0 * max(data.amplitude.values()))}
+        return {**amplitude, "frequency": (0.0, math.pi / data.interval), "bandwidth": (0.0, NARROW)}
 
-    def constants(self, place: str, scene: Scene) -> Mapping[str, float]:
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """Inertia and time constant of the base model, on the side of the input."""
-        return _gains(place, scene) or {"lag": scene.pace}
+        return _gains(place, data) or {"lag": data.pace}
 
-    def learn(self, own: Applied, left: Sequence[Leftover]) -> Applied:
+    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
         """Find the band, if there is one."""
-        dof, lag = DOFS[own.place], own.constants["lag"]
+        dof, lag = DOFS[effect.place], effect.constants["lag"]
         mine = [x for x in left if x.signal in (dof.position, dof.velocity)]
         band = band_of(mine, velocity=dof.velocity, lag=lag)
-        kept = {n: v for n, v in own.constants.items() if n in ("inertia", "lag")}
+        kept = {n: v for n, v in effect.constants.items() if n in ("inertia", "lag")}
         if band is None:
             silent = {"amplitude": 0.0} if "inertia" in kept else {}
-            return replace(own.with_values(silent), constants=kept)
+            return replace(effect.with_values(silent), constants=kept)
         found = {"frequency": band.omega, "bandwidth": band.zeta}
         if "inertia" in kept:
-            found["amplitude"] = _force(band, own)
+            found["amplitude"] = _force(band, effect)
         ratios = {f"ratio {s}": law.rho for s, law in band.laws.items()}
         # The lag as it was used: a time constant far from the period makes no difference and is not taken at its word.
         used = {"filter": next(iter(band.laws.values())).lag}
         errors = {f"std {n}": e for n, e in zip(("frequency", "bandwidth", "amplitude"), band.std, strict=True)}
-        return replace(own.with_values(found), constants={**kept, **used, **ratios, **errors})
+        return replace(effect.with_values(found), constants={**kept, **used, **ratios, **errors})
 
-    def judge(self, own: Applied, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
         """Return one-step prediction errors, at the size they have once the filter is settled."""
-        rho = own.constants.get(f"ratio {left.signal}", 0.0)
+        rho = effect.constants.get(f"ratio {left.signal}", 0.0)
         if rho <= 0.0 or len(left.error) == 0:
             return left.error, columns, 0.0
-        rate = left.signal == DOFS[own.place].velocity
-        law = Oscillator(own["frequency"], own["bandwidth"], own.constants["filter"], rate, rho)
+        rate = left.signal == DOFS[effect.place].velocity
+        law = Oscillator(effect["frequency"], effect["bandwidth"], effect.constants["filter"], rate, rho)
         white, deviation = whitened(law, left.t, np.column_stack([left.error, columns]))
         settled = deviation[-1]
         white *= settled
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
-    def uncertainty(self, own: Applied, left: Sequence[Leftover]) -> Mapping[str, float]:
+    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
         """From the curvature of the likelihood; the amplitude's from how few independent swings there were."""
-        if "std frequency" not in own.constants:
+        if "std frequency" not in effect.constants:
             return {}
-        found = {n: own[n] * own.constants[f"std {n}"] for n in ("frequency", "bandwidth")}
-        if "amplitude" in own.values:
-            relative = math.hypot(own.constants["std amplitude"], own.constants["std frequency"])
-            found["amplitude"] = own["amplitude"] * relative
+        found = {n: effect[n] * effect.constants[f"std {n}"] for n in ("frequency", "bandwidth")}
+        if "amplitude" in effect.values:
+            relative = math.hypot(effect.constants["std amplitude"], effect.constants["std frequency"])
+            found["amplitude"] = effect["amplitude"] * relative
         return found
 
-    def curve(self, own: Applied, scene: Scene) -> Curve | None:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve | None:
         """The spectrum of the force."""
-        omega, zeta, a = own["frequency"], max(own["bandwidth"], 0.002), own.values.get("amplitude", 0.0)
+        omega, zeta, a = effect["frequency"], max(effect["bandwidth"], 0.002), effect.values.get("amplitude", 0.0)
         if a <= 0.0:
             return None
         x = np.linspace(0.0, 3.0 * omega, 901)
         y = a**2 * 4.0 * zeta * omega**3 / math.pi / ((omega**2 - x**2) ** 2 + (2.0 * zeta * omega * x) ** 2)
-        unit = self.unit_of("amplitude", own.place, scene)
+        unit = self.unit_of("amplitude", effect.place, data)
         return Curve(x, y, "frequency [rad/s]", f"force spectrum [({unit})^2 s/rad]", "Spectrum of the disturbance")
 
-    def unit_of(self, name: str, place: str, scene: Scene) -> str:
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """The force's, or that of the input when forces are known as fractions or angles."""
         if name != "amplitude":
             return next(q.unit for q in self.parameters if q.name == name)
-        return scene.inputs.get(DOFS[place].force, next(iter(scene.inputs.values()), "1"))
+        return data.inputs.get(DOFS[place].force, next(iter(data.inputs.values()), "1"))
 
 
-def _gains(place: str, scene: Scene) -> dict[str, float] | None:
+def _gains(place: str, data: DataSummary) -> dict[str, float] | None:
     """Return inertia and drag per unit of input, or None when the base model has no numbers yet."""
-    dof, form = DOFS[place], scene.form
-    known = {**form.known, **scene.base}
+    dof, form = DOFS[place], data.form
+    known = {**form.known, **data.base}
     body = {"yaw": "I_z", "roll": "I_x", "pitch": "I_y"}.get(place, "m")
     inertia = known.get(body, 0.0) - known.get(f"{dof.force}_{dof.velocity}dot", 0.0)
     if inertia == 0.0:
@@ -130,13 +357,13 @@ def _gains(place: str, scene: Scene) -> dict[str, float] | None:
     return {"inertia": inertia / gain, "lag": inertia / drag if inertia * drag > 0.0 else 1e6}
 
 
-def _force(band: Band, own: Applied) -> float:
+def _force(band: Band, effect: EffectInstance) -> float:
     """Return the rms of the force [input] behind the motion."""
-    dof = DOFS[own.place]
+    dof = DOFS[effect.place]
     signal = dof.velocity if dof.velocity in band.rms else dof.position
     law = band.laws[signal]
     if law.rate:
         speed = band.rms[signal] / math.sqrt(1.0 - law.share)
     else:
         speed = band.rms[signal] / math.sqrt(law.share) / law.lag
-    return abs(own.constants["inertia"]) * band.omega * speed
+    return abs(effect.constants["inertia"]) * band.omega * speed

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Structure
@@ -131,7 +130,7 @@ def as_extended(axis: SingleDof) -> ExtendedModel:
     names = derivative_names(dof)[:4]
     values = {n: s * v for n, s, v in zip(names, SIGNS, numbers, strict=False)}
     base = CoupledModel(form, {n: values[n] for n in form.parameters})
-    delay = (Applied("input-delay", channel, {"delay": axis.delay}),) if axis.delay > 0.0 else ()
+    delay = (EffectInstance("input-delay", channel, {"delay": axis.delay}),) if axis.delay > 0.0 else ()
     return ExtendedModel(base, delay)
 
 

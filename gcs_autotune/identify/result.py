@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.colour import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
@@ -271,7 +271,7 @@ class AxisFit(Fit):
     iso: tuple[IsoEstimate, ...] = ()
     decision: Decision | None = None
     candidates: tuple[Candidate, ...] = ()
-    effects: tuple[Applied, ...] = ()
+    effects: tuple[EffectInstance, ...] = ()
 
     @property
     def craft_covariance(self) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.along_track import along_track, doubt_of, through_water
 from gcs_autotune.identify.door import fit_axis
@@ -187,7 +187,7 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
     reach = np.append(slope, min(std, UNKNOWN))
     covariance = np.outer(reach, reach)
     covariance[:5, :5] += fit.covariance
-    curve = Applied("quadratic-actuator", fit.model.axis.force, {"share": min(square, 1.0)}, {"u_ref": 1.0})
+    curve = EffectInstance("quadratic-actuator", fit.model.axis.force, {"share": min(square, 1.0)}, {"u_ref": 1.0})
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=False)}
     label = label_of(curve, "share")

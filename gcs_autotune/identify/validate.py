@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.axis import validation as axis
 from gcs_autotune.identify.axis.validation import ResidualStatistics, residual_statistics

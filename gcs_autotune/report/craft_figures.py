@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.identify.result import Parameter
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel

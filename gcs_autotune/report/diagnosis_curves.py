@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Curve
+from gcs_autotune.effects import Curve
 from gcs_autotune.report.canvas import AFTER, BEFORE, INK, legend, new_axes, new_row
 from gcs_autotune.report.numbers import pretty_unit, to_people
 from gcs_autotune.sname import parse_header

@@ -46,7 +46,7 @@ def listed(names: Sequence[str]) -> str:
 
 def named(cause: Cause) -> str:
     """Return an effect with its place: ``dead zone on yaw moment (N)``, ``input bias in yaw``."""
-    place, effect = cause.applied.place, effect_words(cause.applied.slug)
+    place, effect = cause.effect.place, effect_words(cause.effect.slug)
     first = place.split("+")[0]
     if first not in DOFS and first not in SIGNALS and first != "t":
         return f"{effect} ({place})"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Numbers, Portrait
-from gcs_autotune.effects.book import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
 from gcs_autotune.report.canvas import pens, to_svg
@@ -218,13 +218,13 @@ def _views(told: Diagnosis) -> Iterator[Picture]:
         return
     views: list[tuple[View, str]] = []
     for cause in told.causes:
-        view = telling_view(told.before, BOOK.get(cause.applied.slug), cause.applied.place)
+        view = telling_view(told.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
         if (
             view is not None
             and view.share > _SURE
             and all(view.name != v.name or view.kind != v.kind for v, _ in views)
         ):
-            views.append((view, effect_words(cause.applied.slug)))
+            views.append((view, effect_words(cause.effect.slug)))
     if not told.causes:
         every = sorted((v for p in told.before for v in views_of(p)), key=lambda v: v.share, reverse=True)
         views = [(v, "") for v in every[:MOST_RUNS] if v.share > _SURE]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Numbers, Ranked
-from gcs_autotune.effects.book import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.diagnosis_names import effect_words, place_words, signal_words, value_words
 from gcs_autotune.report.diagnosis_wording import found_words, given_words, interval_words, standing
 from gcs_autotune.report.numbers import UNKNOWN, format_error, format_number, format_share
@@ -17,7 +17,7 @@ __all__ = ["cause_table", "format_p", "gains_table", "numbers_table", "ranking_t
 
 def cause_table(cause: Cause) -> Table:
     """A cause's parameters with what they mean."""
-    entry = BOOK.get(cause.applied.slug)
+    entry = EFFECTS.get(cause.effect.slug)
     meaning = {} if entry is None else {q.name: q.meaning for q in entry.parameters}
     rows = tuple((name, value_words(v, name), meaning.get(name, "")) for name, v in cause.parameters.items())
     return Table(("parameter", "value ± standard error", "meaning"), "lrl", rows)
@@ -80,7 +80,7 @@ def steps_of(told: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
     """Return (heading, candidates): tried against the base model, then beside the first cause, and so on."""
     told_steps = []
     for step in sorted({r.step for r in told.ranking}):
-        earlier = ", ".join(effect_words(c.applied.slug) for c in told.causes[: step - 1])
+        earlier = ", ".join(effect_words(c.effect.slug) for c in told.causes[: step - 1])
         heading = f"Tried beside {earlier}" if earlier else "Tried against the simulation"
         told_steps.append((heading, tuple(r for r in told.ranking if r.step == step)))
     return tuple(told_steps)

@@ -9,8 +9,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 
 from gcs_autotune.diagnose.result import Diagnosis
-from gcs_autotune.effects.effect import INPUT, SIGNAL, Effect, Family
-from gcs_autotune.effects.usual import CRAFT, usual_bounds
+from gcs_autotune.effects import CRAFT, INPUT, SIGNAL, Effect, Family, usual_bounds
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
 from gcs_autotune.report.diagnosis_names import effect_words
 from gcs_autotune.report.numbers import pretty_unit
@@ -24,7 +23,7 @@ MOST_RANKED = 5
 """Candidates shown of each step; the page and the JSON have them all."""
 
 FAMILIES: Mapping[Family, str] = {
-    "bookkeeping": "Bookkeeping: the file, not the craft",
+    "data errors": "Bookkeeping: the file, not the craft",
     "actuator": "Actuators",
     "hydrodynamics": "Water and inertia",
     "environment": "Wind, waves, current, tether",

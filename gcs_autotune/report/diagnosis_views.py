@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.result import Portrait
-from gcs_autotune.effects.effect import Effect
+from gcs_autotune.effects import Effect
 from gcs_autotune.sname import DOFS
 
 __all__ = ["BINS", "View", "bin_means", "telling_view", "views_of"]
@@ -27,7 +27,7 @@ _VELOCITIES = frozenset(d.velocity for d in DOFS.values())
 _FORCES = frozenset({*(d.force for d in DOFS.values()), "delta", "n"})
 
 _FAMILY: Mapping[str, tuple[tuple[Kind, frozenset[str]], ...]] = {
-    "bookkeeping": (("cross", _FORCES), ("against", frozenset({"time"}))),
+    "data errors": (("cross", _FORCES), ("against", frozenset({"time"}))),
     "actuator": (("against", _FORCES), ("cross", _FORCES)),
     "hydrodynamics": (("against", _VELOCITIES),),
     "environment": (("against", frozenset({"psi", "time", "x", "y", "z"})), ("spectrum", frozenset({""}))),

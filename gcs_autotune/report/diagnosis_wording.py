@@ -10,7 +10,7 @@ from pathlib import PurePath
 import numpy as np
 
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Number, Numbers, Signature
-from gcs_autotune.effects.book import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.diagnosis_names import effect_words, listed, named, signal_words, value_words
 from gcs_autotune.report.numbers import (
     format_error,
@@ -290,7 +290,7 @@ def cause_remarks(cause: Cause) -> tuple[tuple[str, str], ...]:
     if math.isfinite(cause.share):
         text = f"It removes {format_share(cause.share)} of the squared error that noise does not account for."
         said.append(("What it explains on held-out data", text))
-    entry = BOOK.get(cause.applied.slug)
+    entry = EFFECTS.get(cause.effect.slug)
     if entry is not None:
         said.append(("Where it shows", sentence(entry.shown_by)))
         if entry.mistaken_for:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
-from gcs_autotune.effects import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.result import AxisFit, Candidate, IsoEstimate, Parameter
 from gcs_autotune.report.numbers import (
@@ -171,7 +171,7 @@ def meanings(fit: AxisFit) -> dict[str, str]:
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
     found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input to force"}
     for own in fit.effects:
-        found |= {label_of(own, q.name): q.meaning for q in BOOK[own.slug].parameters}
+        found |= {label_of(own, q.name): q.meaning for q in EFFECTS[own.slug].parameters}
     return found
 
 

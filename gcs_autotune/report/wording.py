@@ -10,7 +10,7 @@ from pathlib import PurePath
 from typing import Literal
 
 from gcs_autotune.design.result import Margins, Proposal, StepMetrics
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.colour import Remainder
 from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt
@@ -291,7 +291,7 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
     return f"{rms} rms remain: {noise} change from sample to sample, as noise does; {rest} stay unexplained."
 
 
-def _actuator_sentence(fit: AxisFit, own: Applied) -> str:
+def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     """Return what was found of the actuator, its number rounded to its error."""
 
     def number(name: str) -> str:
@@ -309,7 +309,7 @@ def _actuator_sentence(fit: AxisFit, own: Applied) -> str:
     return f"Found of the actuator: {_effect_title(own)}, {values}."
 
 
-def _effect_title(own: Applied) -> str:
+def _effect_title(own: EffectInstance) -> str:
     return {"quadratic-actuator": "thrust curve"}.get(own.slug, own.slug.replace("-", " "))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_autotune.diagnose import Diagnosis, diagnose
-from gcs_autotune.effects import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.model_file import load_model
 from gcs_autotune.registry import lookup
@@ -44,10 +44,10 @@ class DiagnosisSettings:
             A slug that is not in the book. UsageError: none is left.
         """
         for slug in (*(self.effects or ()), *self.without):
-            lookup(BOOK, slug, "effect")
+            lookup(EFFECTS, slug, "effect")
         if self.effects is None and not self.without:
             return None
-        left = tuple(s for s in (self.effects if self.effects is not None else BOOK) if s not in self.without)
+        left = tuple(s for s in (self.effects if self.effects is not None else EFFECTS) if s not in self.without)
         if not left:
             raise UsageError("no effect is left to try; `gcs-autotune diagnose --list-effects` shows what there is")
         return left

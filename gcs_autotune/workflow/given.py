@@ -56,8 +56,8 @@ def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
 
 
 def _hint(file: ModelFile, channel: str) -> str:
-    swing = file.model.swing.get(channel, 0.0)
-    return f" (its runs went up to {swing:.3g})" if swing else ""
+    largest = file.model.amplitude.get(channel, 0.0)
+    return f" (its runs went up to {largest:.3g})" if largest else ""
 
 
 def explained(given: Given, step: Trial) -> float:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
 from gcs_autotune.identify.axis.structure import FREE

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.actuator import Characteristic
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, Characteristic, ExtendedModel
 from gcs_autotune.errors import NotAchieved
 from gcs_autotune.identify import AxisFit, Fit
 from gcs_autotune.link import MavlinkCraft
@@ -98,7 +96,7 @@ def _force(model: ExtendedModel, u: Array) -> Array:
     """Return what commands *u* (n,) come to, each of its own effect and inertia: an acceleration."""
     own = model.effects[0]
     inertia = abs(float(model.base.inertia[0, 0]))
-    actuator = BOOK[own.slug]
+    actuator = EFFECTS[own.slug]
     assert isinstance(actuator, Characteristic)
     force: Array = actuator.acting(own, u) / inertia
     return force

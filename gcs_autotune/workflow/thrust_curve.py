@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design import Proposal, Reduction, Spec, design_from, reduce
 from gcs_autotune.design.actuator import USED
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Fit, fit

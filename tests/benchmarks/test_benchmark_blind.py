@@ -16,20 +16,20 @@ from benchmarks.blind.plain import misfit, whitened
 from benchmarks.blind.referee import Outcome
 from benchmarks.blind.scoring import bounds, recovered, report
 from benchmarks.blind.sizes import RECIPES
-from gcs_autotune.effects import BOOK
-from sitl.effects import EFFECTS
+from gcs_autotune.effects import EFFECTS
+from sitl.effects import EFFECTS as SIMULATED
 from sitl.tank import Hull, tow
 
 RIGHT = Outcome("single", 1, 0, "dead-zone", ["dead-zone"], ["N"], "yaw", 1.0, 2.0, 0.01, "effect-found", ["dead-zone"])
 
 
 def test_every_effect_of_the_book_and_of_the_simulator_has_a_recipe() -> None:
-    assert set(RECIPES) == set(BOOK) == set(EFFECTS)
+    assert set(RECIPES) == set(EFFECTS) == set(SIMULATED)
 
 
 def test_foreign_effects_are_in_no_book() -> None:
     assert len(FOREIGN) >= 6
-    assert not set(FOREIGN) & (set(BOOK) | set(EFFECTS))
+    assert not set(FOREIGN) & (set(EFFECTS) | set(SIMULATED))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -60,7 +60,7 @@ def test_every_kind_of_fault_is_found_and_words_are_left_alone(found: list[Mutan
 def test_a_fault_changes_one_place_and_the_rest_stays_byte_for_byte(found: list[Mutant]) -> None:
     assert found
     for mutant in found:
-        changed = mutant.applied(SOURCE)
+        changed = mutant.effect(SOURCE)
         assert changed != SOURCE
         assert mutant.is_python(SOURCE)
         before, after = SOURCE.splitlines(), changed.splitlines()
@@ -87,7 +87,7 @@ def test_every_file_that_matters_is_there(path: str) -> None:
     [
         ("gcs_autotune/link/vehicle/rc_monitor.py", "tests/link/test_rc_monitor.py"),
         ("gcs_autotune/sname.py", "tests/test_sname.py"),
-        ("gcs_autotune/effects/between.py", "tests/effects/test_motion_kernels.py"),
+        ("gcs_autotune/effects/kernels.py", "tests/effects/test_motion_kernels.py"),
         ("gcs_autotune/manoeuvres/envelope.py", "tests/manoeuvres/test_envelope.py"),
     ],
 )

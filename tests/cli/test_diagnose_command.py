@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.cli import main
-from gcs_autotune.effects.book import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings
 
@@ -106,7 +106,7 @@ def test_without_out_the_folder_is_named_for_the_first_run(capsys, tmp_path, mon
 
 def test_effects_left_out_are_not_tried():
     tried = DiagnosisSettings(without=("dead-zone", "outliers")).slugs()
-    assert tried == tuple(slug for slug in BOOK if slug not in ("dead-zone", "outliers"))
+    assert tried == tuple(slug for slug in EFFECTS if slug not in ("dead-zone", "outliers"))
     assert DiagnosisSettings().slugs() is None
     with pytest.raises(UsageError, match="no effect is left"):
         DiagnosisSettings(effects=("outliers",), without=("outliers",)).slugs()

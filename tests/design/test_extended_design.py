@@ -18,9 +18,7 @@ from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.plant import Region, heavier
 from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.design.treatments import _LEFT_OUT, _TREATMENTS
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.identify.model_file import as_extended
 from gcs_autotune.models import SingleDof
@@ -33,12 +31,12 @@ ALPHA, BETA, SPEED = 0.8, 0.8, 2.0
 SPEC = Spec(speed=SPEED, step_duration=20.0, noise_std=0.002)
 
 
-def boat(*effects: Applied, model: SingleDof | None = None) -> ExtendedModel:
+def boat(*effects: EffectInstance, model: SingleDof | None = None) -> ExtendedModel:
     return ExtendedModel(as_extended(model or yaw(ALPHA, BETA)).base, effects)
 
 
-def on(slug: str, place: str = "N", **values: float) -> Applied:
-    return Applied(slug, place, values)
+def on(slug: str, place: str = "N", **values: float) -> EffectInstance:
+    return EffectInstance(slug, place, values)
 
 
 def acted(actuator: Actuator, outputs: Array, dt: float = 0.02) -> Array:
@@ -47,7 +45,7 @@ def acted(actuator: Actuator, outputs: Array, dt: float = 0.02) -> Array:
     return np.array([actuate(float(u), vector, memory) for u in outputs])
 
 
-def proposed(*effects: Applied) -> Proposal:
+def proposed(*effects: EffectInstance) -> Proposal:
     key = tuple((e.slug, e.place, *e.values.values()) for e in effects)
     if key not in _DONE:
         _DONE[key] = design_from(boat(*effects), ROVER_HEADING, ROVER_DEFAULTS, SPEC)
@@ -154,7 +152,7 @@ def test_hunting_is_that_of_the_describing_function() -> None:
 # -- what the design makes of effects
 
 
-def cost(gains: Proposal, aware: Proposal, *effects: Applied) -> tuple[float, float]:
+def cost(gains: Proposal, aware: Proposal, *effects: EffectInstance) -> tuple[float, float]:
     """Return mean ITAE over a full and a small step, and overshoot, of a design on the craft with the effects."""
     r = reduce(boat(*effects), "yaw", {})
     law = LAWS["rover-heading"]
@@ -171,7 +169,7 @@ def cost(gains: Proposal, aware: Proposal, *effects: Applied) -> tuple[float, fl
     [on("dead-zone", width=0.06), on("backlash", width=0.1), on("input-delay", delay=0.5)],
     ids=lambda e: e.slug,
 )
-def test_gains_designed_with_the_effect_are_better_on_the_craft_that_has_it(effect: Applied) -> None:
+def test_gains_designed_with_the_effect_are_better_on_the_craft_that_has_it(effect: EffectInstance) -> None:
     naive, aware = proposed(), proposed(effect)
     blind, seeing = cost(naive, aware, effect), cost(aware, aware, effect)
     priced = [itae * (1.0 + 4.0 * max(0.0, overshoot - 0.05)) for itae, overshoot in (blind, seeing)]
@@ -213,7 +211,7 @@ def test_dead_zone_and_play_say_what_is_left_and_what_to_do() -> None:
 
 
 def test_an_rovs_depth_is_designed_with_its_dead_zone_and_weight() -> None:
-    effects = (on("dead-zone", "Z", width=0.0625), Applied("net-buoyancy", "heave", {"force": 0.05}))
+    effects = (on("dead-zone", "Z", width=0.0625), EffectInstance("net-buoyancy", "heave", {"force": 0.05}))
     model = ExtendedModel(as_extended(heave(0.4, 0.7)).base, effects)
     present = {**DEFAULTS["sub-depth"], "SCHED_LOOP_RATE": 50.0}
     proposal = design_from(model, SUB_DEPTH, present, Spec(step_duration=15.0))
@@ -242,7 +240,10 @@ def test_effects_that_are_linear_become_the_models_own_numbers() -> None:
 def test_newtons_and_a_rudder_that_turns_the_other_way_come_out_the_same() -> None:
     full = -0.5  # rad of rudder at full output, port for positive angles
     turned = SingleDof("yaw", "rad", ALPHA * full, BETA * full, 0.0, 0.0, 0.0)
-    effects = (Applied("asymmetric-thrust", "delta", {"ratio": 0.5}), Applied("dead-zone", "delta", {"width": 0.03}))
+    effects = (
+        EffectInstance("asymmetric-thrust", "delta", {"ratio": 0.5}),
+        EffectInstance("dead-zone", "delta", {"width": 0.03}),
+    )
     model = ExtendedModel(as_extended(turned).base, effects)
     spec = replace(SPEC, settling_time=3.0)
     there = design_from(model, ROVER_HEADING, ROVER_DEFAULTS, replace(spec, full_scale=full), inputs={"delta": "rad"})
@@ -279,13 +280,13 @@ def test_uncertainty_goes_along() -> None:
 
 
 def test_a_payload_and_a_sagging_battery_are_within_the_margins() -> None:
-    r = reduce(boat(Applied("mass-change", "yaw", {"ratio": 1.8, "time": 20.0})), "yaw", {})
+    r = reduce(boat(EffectInstance("mass-change", "yaw", {"ratio": 1.8, "time": 20.0})), "yaw", {})
     region = heavier(Region(r.model, r.covariance, ()), r.heavier)
     assert [m.alpha for m in region.samples] == pytest.approx([1.8 * ALPHA])
-    lost = reduce(boat(Applied("mass-change", "yaw", {"ratio": 0.5, "time": 20.0})), "yaw", {})
+    lost = reduce(boat(EffectInstance("mass-change", "yaw", {"ratio": 0.5, "time": 20.0})), "yaw", {})
     assert (lost.model.alpha, lost.heavier) == pytest.approx((0.5 * ALPHA, 2.0))
     assert reduce(boat(on("gain-drift", rate=1e-3)), "yaw", {}).actuator.weakest == pytest.approx(0.3)
 
 
 def test_every_effect_of_the_book_is_accounted_for() -> None:
-    assert set(BOOK) == set(_TREATMENTS) | set(_LEFT_OUT)
+    assert set(EFFECTS) == set(_TREATMENTS) | set(_LEFT_OUT)

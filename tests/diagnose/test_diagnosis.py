@@ -12,9 +12,7 @@ from runs_in_the_tank import towed
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.screen import Candidate
 from gcs_autotune.diagnose.search import _taken_for
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.trial import Channel
 
@@ -38,7 +36,7 @@ def test_nothing_is_found_where_nothing_is_hidden():
 def test_a_hidden_effect_is_named_with_its_numbers_and_its_gain_on_unseen_data(slug, place, values):
     told = diagnose(towed((slug, place, values)))
     assert told.verdict == "effect-found"
-    assert [c.applied.slug for c in told.causes] == [slug]
+    assert [c.effect.slug for c in told.causes] == [slug]
     for name, value in values.items():
         got = told.causes[0].parameters[name]
         assert abs(got.value - value) < max(4.0 * got.std, 0.01 * abs(value))
@@ -51,12 +49,12 @@ def test_a_hidden_effect_is_named_with_its_numbers_and_its_gain_on_unseen_data(s
 def test_two_causes_that_only_pay_together_are_both_named():
     told = diagnose(towed(("backlash", "N", {"width": 0.3}), ("quadratic-drag", "yaw", {"coefficient": 1.5})))
     assert told.verdict == "effect-found"
-    assert {c.applied.slug for c in told.causes} == {"backlash", "quadratic-drag"}
+    assert {c.effect.slug for c in told.causes} == {"backlash", "quadratic-drag"}
 
 
 def test_a_common_lag_is_named_by_its_usual_cause_with_those_it_cannot_be_told_from():
     told = diagnose(towed(("input-delay", "N", {"delay": 0.4})))
-    assert told.causes[0].applied.slug == "input-delay"
+    assert told.causes[0].effect.slug == "input-delay"
     assert {"input-delay", "time-offset"} <= set(told.indistinguishable[0])
     assert told.next_manoeuvre
 
@@ -75,7 +73,7 @@ def test_a_given_model_is_judged_as_it_is_and_its_wrong_number_is_told():
     plain = diagnose(towed()).extended_model
     wrong = ExtendedModel(plain.base.with_values({"N_r": 1.3 * plain.base["N_r"]}))
     told = diagnose(towed(("dead-zone", "N", {"width": 0.15}), seed=2), model=wrong)
-    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
     assert told.verdict == "wrong-numbers-and-effect"
     assert [n.name for n in told.wrong_numbers] == ["N_r"]
     again = diagnose(towed(("dead-zone", "N", {"width": 0.15}), seed=3), model=told.extended_model)
@@ -86,7 +84,7 @@ def test_somebody_elses_simulation_of_the_same_commands_is_diagnosed():
     runs = towed(("dead-zone", "N", {"width": 0.15}))
     theirs = [replace(s, name=f"sim{k}") for k, s in enumerate(towed(noise=0.0))]
     told = diagnose(runs, simulations=theirs)
-    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
     assert any(d.slug == "simulation-off" for d in told.doubts)
     with pytest.raises(UsageError, match="one per run"):
         diagnose(runs, simulations=theirs[:1])
@@ -114,21 +112,21 @@ def test_only_the_effects_asked_for_are_tried_and_others_must_be_in_the_book():
         diagnose(towed(), effects=["dead-zoone"])
 
 
-@pytest.mark.parametrize("slug", BOOK)
+@pytest.mark.parametrize("slug", EFFECTS)
 def test_every_entry_of_the_book_says_what_it_is_and_what_separates_it(slug):
-    entry = BOOK[slug]
+    entry = EFFECTS[slug]
     assert entry.slug == slug
     assert entry.meaning
     assert entry.shown_by
     assert entry.separated_by
-    assert set(entry.mistaken_for) <= set(BOOK)
-    assert set(entry.yields_to) <= set(BOOK)
+    assert set(entry.mistaken_for) <= set(EFFECTS)
+    assert set(entry.yields_to) <= set(EFFECTS)
 
 
 def test_what_a_promising_cause_is_easily_mistaken_for_is_fitted_too_however_little_it_promised():
     def candidate(slug, place):
-        return Candidate(Applied(slug, place, {}), None, 0.0, np.zeros(0))
+        return Candidate(EffectInstance(slug, place, {}), None, 0.0, np.zeros(0))
 
     passed_over = [candidate(*c) for c in (("rudder-stall", "N"), ("rudder-stall", "delta"), ("dead-zone", "N"))]
-    taken = _taken_for(Applied("saturation", "N", {"limit": 1.0}), passed_over)
+    taken = _taken_for(EffectInstance("saturation", "N", {"limit": 1.0}), passed_over)
     assert [(c.own.slug, c.own.place) for c in taken] == [("rudder-stall", "N")]

@@ -25,7 +25,7 @@ from gcs_autotune.diagnose.judging import (
     price_of,
     winner_of,
 )
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of
 
@@ -36,7 +36,7 @@ def fit(
     parameters: int, *, samples: int = 500, cost: float = 0.0, learnt: int = 0, signals: tuple[str, ...] = ("r",)
 ) -> Fitted:
     """Return as much of a fit as judging looks at; *learnt* numbers were learnt from what was left over."""
-    wave = Applied("wave-disturbance", "yaw", {f"w{i}": 1.0 for i in range(learnt)})
+    wave = EffectInstance("wave-disturbance", "yaw", {f"w{i}": 1.0 for i in range(learnt)})
     return cast(
         Fitted,
         SimpleNamespace(
@@ -54,7 +54,7 @@ BASE = fit(3)
 
 def judged(slug: str, **values: Any) -> Judged:
     told: dict[str, Any] = {"fitted": fit(4), "evidence": 50.0, "likelihood": 60.0, "gain": 0.3, "p": 1e-6, **values}
-    return Judged(Applied(slug, "yaw", {}), unseen=None, **told)
+    return Judged(EffectInstance(slug, "yaw", {}), unseen=None, **told)
 
 
 @pytest.mark.parametrize(("parameters", "learnt", "more"), [(3, 0, 0), (4, 0, 1), (5, 0, 2), (4, 3, 4), (2, 0, -1)])

@@ -15,13 +15,13 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.by_blocks import judged_by_blocks
 from gcs_autotune.diagnose.search import begin_search
 from gcs_autotune.diagnose.unspoilt import unspoilt
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
 
 
 def named(told) -> list[str]:
-    return [cause.applied.slug for cause in told.causes]
+    return [cause.effect.slug for cause in told.causes]
 
 
 def test_drag_is_found_from_a_base_that_has_none_and_drifts_away_within_seconds() -> None:
@@ -72,17 +72,17 @@ def test_signals_are_read_as_they_were_before_a_wrong_sign_or_unit() -> None:
     (run, *_) = towed()
     form = plain_form([run])
     (stretch,) = stretches_of([run], form)[0]
-    wrong = [Applied("sign-error", "psi", {}), Applied("unit-error", "r", {"factor": 180.0 / math.pi})]
+    wrong = [EffectInstance("sign-error", "psi", {}), EffectInstance("unit-error", "r", {"factor": 180.0 / math.pi})]
     right = unspoilt(wrong, stretch)
     np.testing.assert_allclose(right.record.signals["psi"].values, -stretch.record.signals["psi"].values)
     np.testing.assert_allclose(right.record.signals["r"].values, stretch.record.signals["r"].values * math.pi / 180.0)
-    assert unspoilt([Applied("sign-error", "psi@another", {})], stretch) is stretch
+    assert unspoilt([EffectInstance("sign-error", "psi@another", {})], stretch) is stretch
 
 
 def test_a_heading_that_counts_the_other_way_is_found_on_a_boat_whose_way_over_ground_is_measured() -> None:
     told = diagnose(sailed(("sign-error", "psi", {})), effects=["sign-error", "channel-swap", "unit-error"])
     assert told.verdict == "effect-found"
-    assert [(c.applied.slug, c.applied.place) for c in told.causes] == [("sign-error", "psi")]
+    assert [(c.effect.slug, c.effect.place) for c in told.causes] == [("sign-error", "psi")]
 
 
 def test_of_two_columns_that_disagree_by_a_unit_either_may_be_wrong_and_that_is_said() -> None:

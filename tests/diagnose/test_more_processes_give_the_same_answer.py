@@ -43,6 +43,6 @@ def test_a_diagnosis_does_not_depend_on_the_number_of_processes() -> None:
     runs = [run_with_dead_zone(seed) for seed in (1, 2)]
     effects = ("dead-zone", "input-bias", "saturation", "quadratic-actuator")
     one, two = (diagnose(runs, effects=effects, jobs=jobs) for jobs in (1, 2))
-    assert [c.applied for c in one.causes] == [c.applied for c in two.causes]
-    assert [c.applied.slug for c in one.causes] == ["dead-zone"]
+    assert [c.effect for c in one.causes] == [c.effect for c in two.causes]
+    assert [c.effect.slug for c in one.causes] == ["dead-zone"]
     assert one.ranking == two.ranking

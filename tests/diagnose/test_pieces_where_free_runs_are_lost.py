@@ -51,7 +51,7 @@ def test_a_horizon_that_makes_no_sense_is_refused() -> None:
 def test_in_gusts_a_cause_is_a_hypothesis_at_most() -> None:
     diagnosis = diagnose([sailed(seed, 0.02, 0.15) for seed in (2, 3)], effects=FEW)
     assert diagnosis.verdict in ("partly-explained", "unexplained")
-    named = {c.applied.slug for c in diagnosis.causes}
+    named = {c.effect.slug for c in diagnosis.causes}
     short = any(d.slug == "short-horizon" for d in diagnosis.doubts)
     assert named <= {"dead-zone"}
     assert not short or named
@@ -67,7 +67,7 @@ def test_calm_runs_are_not_cut() -> None:
 
 def test_pieces_asked_for_make_a_name_sure_only_where_whole_runs_are_foretold_as_well() -> None:
     calm = diagnose([sailed(seed, 0.0, 0.15) for seed in (2, 3)], effects=("dead-zone",), horizon=30.0)
-    assert (calm.verdict, [c.applied.slug for c in calm.causes]) == ("effect-found", ["dead-zone"])
+    assert (calm.verdict, [c.effect.slug for c in calm.causes]) == ("effect-found", ["dead-zone"])
     gusty = diagnose([sailed(seed, 0.0003, 0.15) for seed in (2, 3)], effects=("dead-zone",), horizon=3.0)
-    assert [c.applied.slug for c in gusty.causes] == ["dead-zone"]
+    assert [c.effect.slug for c in gusty.causes] == ["dead-zone"]
     assert gusty.verdict == "partly-explained"

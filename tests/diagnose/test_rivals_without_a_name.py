@@ -11,8 +11,7 @@ from runs_in_the_tank import towed
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.nameless import outdone_by
 from gcs_autotune.diagnose.ringing import rings
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
 from sitl.body import Loads
@@ -56,8 +55,8 @@ def fitted(runs, slug, values):
     """The runs with one effect fitted to them, right or wrong."""
     form = plain_form(runs, None)
     problem, base = fit_base(form, stretches_of(runs, form)[0])
-    entry, place = BOOK[slug], "yaw"
-    own = Applied(slug, place, values, entry.constants(place, problem.scene))
+    entry, place = EFFECTS[slug], "yaw"
+    own = EffectInstance(slug, place, values, entry.constants(place, problem.scene))
     found = problem.fit(base.theta, (own,), base.initial, shift=base.shift)
     assert found is not None
     return problem, found
@@ -80,7 +79,7 @@ def test_a_wave_holds_its_ground_against_ringing_and_ringing_after_every_command
 
 def test_ringing_that_filters_could_follow_gets_no_confident_name():
     told = diagnose(towed(Ringing(frequency=1.9, damping=0.08)), effects=("wave-disturbance",))
-    assert [c.applied.slug for c in told.causes] == ["wave-disturbance"]
+    assert [c.effect.slug for c in told.causes] == ["wave-disturbance"]
     assert told.verdict == "partly-explained"
 
 
@@ -90,7 +89,7 @@ def test_a_cause_that_only_the_runs_kept_apart_show_is_found_in_all_together():
     asked = ("saturation", "rate-limit", "quadratic-actuator", "quadratic-drag")
     assert diagnose(small, effects=asked).verdict == "no-effect"
     told = diagnose(small, unseen=large, effects=asked)
-    assert [c.applied.slug for c in told.causes] == ["saturation"]
+    assert [c.effect.slug for c in told.causes] == ["saturation"]
     assert told.causes[0].parameters["limit"].value == pytest.approx(0.55, abs=0.02)
     assert "validation-was-needed" in [d.slug for d in told.doubts]
 
@@ -101,4 +100,4 @@ def test_readings_rounded_far_beyond_their_noise_leave_no_heavy_tails():
     asked = ("quantisation", "input-bias", "tether-pull", "wind-moment", "outliers")
     told = diagnose(towed(rounded, biased, noise=0.004), effects=asked)
     assert told.verdict == "effect-found"
-    assert {c.applied.slug for c in told.causes} == {"quantisation", "input-bias"}
+    assert {c.effect.slug for c in told.causes} == {"quantisation", "input-bias"}

@@ -15,8 +15,7 @@ from runs_in_the_tank import towed
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.search import begin_search
 from gcs_autotune.diagnose.second_thoughts import drop_swallowed
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.extended.base import fit_base
 from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
 from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
@@ -85,14 +84,14 @@ def test_an_effect_does_not_make_honest_numbers_wrong():
     told = diagnose(towed(DEAD_ZONE, seed=2), model=with_numbers(), effects=FEW)
     assert told.verdict == "effect-found"
     assert told.wrong_numbers == ()
-    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
 
 
 def test_an_effect_beside_a_wrong_number_gains_over_the_model_with_its_numbers_set_right():
     told = diagnose(towed(DEAD_ZONE, seed=2), model=with_numbers(N_r=1.3), effects=FEW)
     assert told.verdict == "wrong-numbers-and-effect"
     assert [n.name for n in told.wrong_numbers] == ["N_r"]
-    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
     assert told.numbers is not None and told.gain is not None
     right = {g.signal: g for g in told.numbers.gains}
     assert right.keys() == {g.signal for g in told.gains}
@@ -105,7 +104,7 @@ def test_an_effect_beside_a_wrong_number_gains_over_the_model_with_its_numbers_s
 def test_a_cause_gains_no_more_than_over_the_better_of_the_model_as_given_and_with_its_numbers_fitted():
     model = as_extended(SingleDof("yaw", "N m", alpha=3.0, beta=1.0, delta=1e-6))  # a free constant force drifts unseen
     told = diagnose(towed(DEAD_ZONE, seed=2), model=model, effects=FEW)
-    assert [c.applied.slug for c in told.causes] == ["dead-zone"]
+    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
     assert told.numbers is not None
     given = {g.signal: (g.before, g.after) for g in told.numbers.gains}
     errors = np.array([[*given[g.signal], g.before] for g in told.gains])
@@ -114,7 +113,7 @@ def test_a_cause_gains_no_more_than_over_the_better_of_the_model_as_given_and_wi
 
 
 def test_a_number_of_an_effect_in_the_model_may_be_the_wrong_one():
-    own = Applied("input-delay", "N", {"delay": 0.8})
+    own = EffectInstance("input-delay", "N", {"delay": 0.8})
     told = diagnose(towed(("input-delay", "N", {"delay": 0.4})), model=with_numbers(own), effects=FEW)
     assert told.verdict == "wrong-numbers"
     (wrong,) = told.wrong_numbers
@@ -219,7 +218,7 @@ def test_a_cause_that_only_leads_the_fit_out_of_a_valley_is_not_credited_with_it
 def test_a_cause_whose_interval_holds_no_effect_is_dropped():
     search = the_search(towed(), FEW)
     base = search.fitted
-    late = search.problem.fit(base.theta, (Applied("input-bias", "yaw", {"bias": 0.0}),), base.initial)
+    late = search.problem.fit(base.theta, (EffectInstance("input-bias", "yaw", {"bias": 0.0}),), base.initial)
     assert late is not None and math.isfinite(late.cost)
     search.fitted = late
     drop_swallowed(search)

@@ -11,9 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.effects import BOOK, Applied, Scene
+from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
 from gcs_autotune.effects.actuator import quickest
-from gcs_autotune.effects.effect import Drive
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.models.coupled.form import Form
 from gcs_autotune.trial import Channel
@@ -40,13 +39,13 @@ STAMPS = np.arange(0.0, 30.0, 0.1)
 FINE = 1e-3
 
 
-def scene(form: Form = YAW, *, tau: float = 1.0, **more: object) -> Scene:
+def scene(form: Form = YAW, *, tau: float = 1.0, **more: object) -> DataSummary:
     channels = {"N": (-SWING, SWING), "psi": (-1.0, 1.0), "r": (-0.5, 0.5), "u": (0.2, 1.5)}
-    return Scene(
+    return DataSummary(
         form=form,
         inputs=dict.fromkeys(form.inputs, "N m"),
         signals={"psi": "rad", "r": "rad/s"},
-        swing=dict.fromkeys(form.inputs, SWING),
+        amplitude=dict.fromkeys(form.inputs, SWING),
         spread={"psi": 0.5, "r": 0.2},
         level={"psi": 0.01, "r": 0.01},
         channels=frozenset(channels),
@@ -77,8 +76,8 @@ def drive_of(u: Array | None = None, **more: Array) -> Drive:
     return Drive(STAMPS, {"N": commands() if u is None else u, **more}, 0.0, {"u": speed})
 
 
-def applied(slug: str, **values: float) -> Applied:
-    return Applied(slug, "N", values, dict(BOOK[slug].constants("N", scene(tau=0.1))))
+def applied(slug: str, **values: float) -> EffectInstance:
+    return EffectInstance(slug, "N", values, dict(EFFECTS[slug].constants("N", scene(tau=0.1))))
 
 
 def held(drive: Drive, at: Array, name: str = "N") -> Array:
@@ -168,14 +167,14 @@ EXACT: dict[str, Callable[[Array, float, float, Array], Array]] = {
 
 def test_a_delay_shifts_commands_exactly_and_holds_the_first_one_before() -> None:
     u = commands() + 1.0
-    late = BOOK["input-delay"].drive(applied("input-delay", delay=0.237), drive_of(u))
+    late = EFFECTS["input-delay"].drive(applied("input-delay", delay=0.237), drive_of(u))
     at = np.arange(0.0, 29.9, 0.0173)
     assert held(late, at) == pytest.approx([command_at(max(s - 0.237, 0.0), u) for s in at], abs=0)
 
 
 def test_a_delay_of_one_channel_leaves_the_others_alone() -> None:
     other = np.cos(STAMPS)
-    late = BOOK["input-delay"].drive(applied("input-delay", delay=0.237), drive_of(X=other))
+    late = EFFECTS["input-delay"].drive(applied("input-delay", delay=0.237), drive_of(X=other))
     at = np.arange(0.0, 29.9, 0.0173)
     assert held(late, at, "X") == pytest.approx([command_at(s, other) for s in at], abs=0)
     assert held(late, at) == pytest.approx([command_at(max(s - 0.237, 0.0), commands()) for s in at], abs=0)
@@ -185,7 +184,7 @@ def test_a_delay_of_one_channel_leaves_the_others_alone() -> None:
 def test_a_rate_limit_runs_after_the_command_at_its_rate(others: bool) -> None:
     u, rate = commands() + 1.0, 3.0
     more = {"X": np.cos(STAMPS)} if others else {}
-    slow = BOOK["rate-limit"].drive(applied("rate-limit", rate=rate), drive_of(u, **more))
+    slow = EFFECTS["rate-limit"].drive(applied("rate-limit", rate=rate), drive_of(u, **more))
     y, worst = u[0], 0.0
     for i in range(29_900):
         worst = max(worst, abs(held(slow, np.array([(i + 0.5) * FINE]))[0] - y))
@@ -196,7 +195,7 @@ def test_a_rate_limit_runs_after_the_command_at_its_rate(others: bool) -> None:
 
 def test_a_lag_follows_every_command_exponentially() -> None:
     u, T = commands() + 1.0, 0.7
-    slow = BOOK["actuator-lag"].drive(applied("actuator-lag", time_constant=T), drive_of(u))
+    slow = EFFECTS["actuator-lag"].drive(applied("actuator-lag", time_constant=T), drive_of(u))
     y, errors = u[0], []
     for i in range(29_900):
         c = command_at((i + 0.5) * FINE, u)
@@ -215,7 +214,9 @@ def test_backlash_drags_its_output_along_a_loop() -> None:
         elif c + 0.6 < y:
             y = c + 0.6
         expected.append(y)
-    assert BOOK["backlash"].drive(applied("backlash", width=1.2), drive_of(u)).channels["N"] == pytest.approx(expected)
+    assert EFFECTS["backlash"].drive(applied("backlash", width=1.2), drive_of(u)).channels["N"] == pytest.approx(
+        expected
+    )
 
 
 def _stall(u: float) -> float:
@@ -233,10 +234,10 @@ def _stall(u: float) -> float:
         (applied("rudder-stall", angle=2.5, drop=1.5), _stall),
         (applied("asymmetric-thrust", ratio=0.6), lambda u: u if u > 0 else 0.6 * u),
     ],
-    ids=lambda a: a.slug if isinstance(a, Applied) else "",
+    ids=lambda a: a.slug if isinstance(a, EffectInstance) else "",
 )
-def test_static_curves_keep_their_law_in_drive_and_picture(own: Applied, law: Callable[[float], float]) -> None:
-    entry = BOOK[own.slug]
+def test_static_curves_keep_their_law_in_drive_and_picture(own: EffectInstance, law: Callable[[float], float]) -> None:
+    entry = EFFECTS[own.slug]
     assert entry.drive(own, drive_of()).channels["N"] == pytest.approx([law(c) for c in commands()], abs=1e-12)
     picture = entry.curve(own, scene())
     assert picture is not None
@@ -246,7 +247,7 @@ def test_static_curves_keep_their_law_in_drive_and_picture(own: Applied, law: Ca
 @pytest.mark.parametrize("rate", [0.02, 0.05, -0.02])
 def test_gain_drifts_from_the_first_stamp_and_never_below_a_twentieth(rate: float) -> None:
     sparse = Drive(np.array([2.0, 8.0, 21.0]), {"N": np.array([3.0, -4.0, 1.0])}, 1.0, drive_of().measured)
-    faded = BOOK["gain-drift"].drive(applied("gain-drift", rate=rate), sparse)
+    faded = EFFECTS["gain-drift"].drive(applied("gain-drift", rate=rate), sparse)
     out = np.arange(2.0, 29.9, 0.1)
     fine = np.arange(2.0, 30.0, FINE)
     gain = np.maximum(1.0 - rate * (fine + 0.5 * FINE - 1.0), 0.05)
@@ -256,8 +257,8 @@ def test_gain_drifts_from_the_first_stamp_and_never_below_a_twentieth(rate: floa
 
 
 def test_steering_goes_with_the_square_of_the_measured_speed() -> None:
-    own = Applied("speed-dependent-steering", "N", {"share": 0.7}, {"U_ref": 1.1})
-    flown = BOOK[own.slug].drive(own, drive_of())
+    own = EffectInstance("speed-dependent-steering", "N", {"share": 0.7}, {"U_ref": 1.1})
+    flown = EFFECTS[own.slug].drive(own, drive_of())
     at = np.arange(0.013, 29.5, 0.0473)
     speed = 0.9 + 0.6 * np.sin(0.4 * at)
     expected = [command_at(s, commands()) * (0.3 + 0.7 * (v / 1.1) ** 2) for s, v in zip(at, speed, strict=True)]
@@ -267,15 +268,15 @@ def test_steering_goes_with_the_square_of_the_measured_speed() -> None:
 def test_steering_takes_little_notice_of_noise_in_the_speed() -> None:
     t = np.arange(0.0, 30.0, 0.1)
     noisy = Channel("u", "m/s", t, 1.0 + 0.1 * np.random.default_rng(1).standard_normal(len(t)))
-    own = Applied("speed-dependent-steering", "N", {"share": 1.0}, {"U_ref": 1.0})
-    flown = BOOK[own.slug].drive(own, Drive(STAMPS, {"N": np.ones(300)}, 0.0, {"u": noisy}))
+    own = EffectInstance("speed-dependent-steering", "N", {"share": 1.0}, {"U_ref": 1.0})
+    flown = EFFECTS[own.slug].drive(own, Drive(STAMPS, {"N": np.ones(300)}, 0.0, {"u": noisy}))
     assert np.std(flown.channels["N"][10:-10]) < 0.6 * 2.0 * 0.1
 
 
 def test_steering_is_left_alone_where_no_speed_was_recorded() -> None:
-    own = Applied("speed-dependent-steering", "N", {"share": 0.7}, {"U_ref": 1.1})
+    own = EffectInstance("speed-dependent-steering", "N", {"share": 0.7}, {"U_ref": 1.1})
     drive = Drive(STAMPS, {"N": commands()}, 0.0)
-    assert BOOK[own.slug].drive(own, drive) is drive
+    assert EFFECTS[own.slug].drive(own, drive) is drive
 
 
 # -- what a craft sees of it
@@ -285,7 +286,7 @@ def test_steering_is_left_alone_where_no_speed_was_recorded() -> None:
 @pytest.mark.parametrize("T", [0.02, 0.3, 3.0])
 def test_no_craft_notices_that_a_lag_is_held_in_pieces(tau: float, T: float) -> None:
     u, out = commands() + 0.3, STAMPS[:250]
-    slow = BOOK["actuator-lag"].drive(applied("actuator-lag", time_constant=T), drive_of(u))
+    slow = EFFECTS["actuator-lag"].drive(applied("actuator-lag", time_constant=T), drive_of(u))
     expected = between_stamps(lambda t, y, c: (c - y) / T, u, tau, out)
     assert np.abs(craft(slow.t, slow.channels["N"], tau, out) - expected).max() < 1e-3 * SWING
 
@@ -298,7 +299,7 @@ def test_no_craft_notices_that_a_lag_is_held_in_pieces(tau: float, T: float) -> 
 )
 def test_nor_between_the_stamps(slug: str, name: str, value: float, tau: float) -> None:
     u, out = commands() + 0.3, np.arange(0.0, 25.0, 0.0371)
-    moved = BOOK[slug].drive(applied(slug, **{name: value}), drive_of(u))
+    moved = EFFECTS[slug].drive(applied(slug, **{name: value}), drive_of(u))
     expected = EXACT[slug](u, value, tau, out)
     assert np.abs(craft(moved.t, moved.channels["N"], tau, out) - expected).max() < 1e-3 * SWING
 
@@ -313,7 +314,7 @@ def test_a_plain_euler_loop_sees_the_same_ramps(rate: float) -> None:
             seen.append(nu)
         last, y = y, y + min(max(c - y, -rate * h), rate * h)
         nu += h / 0.5 * (0.5 * (last + y) - nu)
-    slow = BOOK["rate-limit"].drive(applied("rate-limit", rate=rate), drive_of(u))
+    slow = EFFECTS["rate-limit"].drive(applied("rate-limit", rate=rate), drive_of(u))
     assert np.abs(craft(slow.t, slow.channels["N"], 0.5, out) - np.array(seen[:140])).max() < 2e-3 * SWING
 
 
@@ -323,8 +324,8 @@ def test_stamps_are_added_after_changes_only_and_fewer_for_slow_craft(slug: str,
     u = np.where((t // 60.0) % 2 == 0, SWING, -SWING)
     counts = []
     for tau in (0.1, 20.0):
-        own = Applied(slug, "N", values, BOOK[slug].constants("N", scene(tau=tau)))
-        counts.append(len(BOOK[slug].drive(own, Drive(t, {"N": u}, 0.0)).t) - len(t))
+        own = EffectInstance(slug, "N", values, EFFECTS[slug].constants("N", scene(tau=tau)))
+        counts.append(len(EFFECTS[slug].drive(own, Drive(t, {"N": u}, 0.0)).t) - len(t))
     assert counts[0] < 9 * 120
     assert counts[1] < 0.5 * counts[0]
 
@@ -332,7 +333,7 @@ def test_stamps_are_added_after_changes_only_and_fewer_for_slow_craft(slug: str,
 @pytest.mark.parametrize("slug", ["actuator-lag", "rate-limit"])
 def test_motion_goes_on_after_the_last_command(slug: str) -> None:
     value = {"actuator-lag": {"time_constant": 2.0}, "rate-limit": {"rate": 1.0}}[slug]
-    moved = BOOK[slug].drive(applied(slug, **value), Drive(np.array([0.0, 1.0]), {"N": np.array([0.0, SWING])}, 0.0))
+    moved = EFFECTS[slug].drive(applied(slug, **value), Drive(np.array([0.0, 1.0]), {"N": np.array([0.0, SWING])}, 0.0))
     middle = {"actuator-lag": SWING * (1.0 - math.exp(-1.0)), "rate-limit": 2.0}[slug]
     assert held(moved, np.array([3.0]))[0] == pytest.approx(middle, abs=0.06)
     assert held(moved, np.array([100.0]))[0] == SWING
@@ -355,7 +356,7 @@ def test_small_and_smaller_differences_agree(slug: str, name: str, value: float)
 
     def response(x: float) -> Array:
         values = {"drop": 1.0, name: x} if slug == "rudder-stall" else {name: x}
-        moved = BOOK[slug].drive(applied(slug, **values), drive_of())
+        moved = EFFECTS[slug].drive(applied(slug, **values), drive_of())
         return craft(moved.t, moved.channels["N"], 0.5, STAMPS)
 
     here = response(value)
@@ -370,7 +371,7 @@ def test_small_and_smaller_differences_agree(slug: str, name: str, value: float)
 )
 def test_differences_are_those_of_the_continuous_motion(slug: str, name: str, value: float) -> None:
     def response(x: float) -> Array:
-        moved = BOOK[slug].drive(applied(slug, **{name: x}), drive_of())
+        moved = EFFECTS[slug].drive(applied(slug, **{name: x}), drive_of())
         return craft(moved.t, moved.channels["N"], 0.5, STAMPS)
 
     h = 1e-3 * value
@@ -388,10 +389,10 @@ def test_thrust_is_lost_with_speed_whatever_made_the_command(gain: float | str) 
     form = Form("plain", "", ("yaw",), ("N_rdot", "N_r"), known, {"N": (("N", gain),)}, coriolis=False)
     k = {1.0: 1.0, "k_N": 1.6, "-k_N": -1.6}[gain]
     told = scene(form)
-    told = Scene(**{**{n: getattr(told, n) for n in Scene.__slots__}, "base": {**told.base, **known}})
-    entry, loss = BOOK["advance-speed-loss"], 0.21
-    own = Applied(entry.slug, "N", {"loss": loss}, entry.constants("N", told))
-    dead = BOOK["dead-zone"].drive(applied("dead-zone", width=0.5), drive_of())
+    told = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "base": {**told.base, **known}})
+    entry, loss = EFFECTS["advance-speed-loss"], 0.21
+    own = EffectInstance(entry.slug, "N", {"loss": loss}, entry.constants("N", told))
+    dead = EFFECTS["dead-zone"].drive(applied("dead-zone", width=0.5), drive_of())
     extended = form.freeing(*entry.derivatives(own))
     model = CoupledModel(extended, {"N_rdot": -2.0, "N_r": -0.4, **known, **entry.derivatives(own)})
     motion = model.simulate(dead.t, dead.channels, STAMPS)
@@ -412,13 +413,13 @@ def test_thrust_is_lost_with_speed_whatever_made_the_command(gain: float | str) 
 
 
 def test_lost_thrust_has_an_axis_a_unit_and_a_picture() -> None:
-    entry = BOOK["advance-speed-loss"]
+    entry = EFFECTS["advance-speed-loss"]
     surge = Form("plain", "", ("surge",), ("X_udot", "X_u"), {}, {"X": (("X", 1.0),)}, coriolis=False)
     told = scene(surge)
     assert entry.places(told) == ("X",)
     assert entry.unit_of("loss", "X", told) == "s/m"
     assert entry.unit_of("loss", "N", scene()) == "s/rad"
-    own = Applied(entry.slug, "X", {"loss": 0.3}, entry.constants("X", told))
+    own = EffectInstance(entry.slug, "X", {"loss": 0.3}, entry.constants("X", told))
     assert entry.derivatives(own) == {"X_|X|u": -0.3}
     picture = entry.curve(own, told)
     assert picture is not None and picture.plain is not None
@@ -440,9 +441,9 @@ def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: f
     k = {1.0: 1.0, "-k_N": -1.6}.get(gain, 1.6)
     told = scene(form)
     base = {"X_udot": -3.0, "X_u": -1.5, "N_rdot": -2.0, "N_r": -0.4, **known}
-    told = Scene(**{**{n: getattr(told, n) for n in Scene.__slots__}, "base": base})
-    entry = BOOK["speed-dependent-steering"]
-    own = Applied(entry.slug, "N", {"share": 0.7}, entry.constants("N", told))
+    told = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "base": base})
+    entry = EFFECTS["speed-dependent-steering"]
+    own = EffectInstance(entry.slug, "N", {"share": 0.7}, entry.constants("N", told))
     push = 2.0 * np.sin(0.3 * STAMPS)
     drive = drive_of(X=push)
     assert entry.drive(own, drive) is drive
@@ -472,7 +473,7 @@ def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: f
 
 @pytest.mark.parametrize("slug", ACTUATORS)
 def test_starts_lie_within_bounds_and_are_few(slug: str) -> None:
-    entry = BOOK[slug]
+    entry = EFFECTS[slug]
     for tau in (0.05, 0.1, 1.0, 20.0, 1000.0):
         here = scene(tau=tau)
         starts, bounds = entry.starts("N", here), entry.bounds("N", here)
@@ -499,15 +500,15 @@ NEUTRAL = {
 
 @pytest.mark.parametrize("slug", NEUTRAL)
 def test_a_neutral_value_changes_nothing(slug: str) -> None:
-    moved = BOOK[slug].drive(applied(slug, **NEUTRAL[slug]), drive_of())
+    moved = EFFECTS[slug].drive(applied(slug, **NEUTRAL[slug]), drive_of())
     at = 0.5 * (STAMPS[1:] + STAMPS[:-1])
     assert held(moved, at) == pytest.approx(held(drive_of(), at), abs=1e-9)
 
 
 @pytest.mark.parametrize("slug", ACTUATORS)
 def test_every_actuator_has_a_picture_and_words(slug: str) -> None:
-    entry = BOOK[slug]
-    own = Applied(slug, "N", entry.starts("N", scene())[0], entry.constants("N", scene()))
+    entry = EFFECTS[slug]
+    own = EffectInstance(slug, "N", entry.starts("N", scene())[0], entry.constants("N", scene()))
     picture = entry.curve(own, scene())
     assert entry.family == "actuator"
     assert picture is not None and picture.plain is not None
@@ -519,7 +520,7 @@ def test_every_actuator_has_a_picture_and_words(slug: str) -> None:
 
 
 def test_actuators_act_in_the_order_of_the_book() -> None:
-    assert [s for s in BOOK if s in ACTUATORS] == ACTUATORS
+    assert [s for s in EFFECTS if s in ACTUATORS] == ACTUATORS
 
 
 def test_places_are_where_the_runs_can_show_an_effect() -> None:
@@ -534,27 +535,29 @@ def test_places_are_where_the_runs_can_show_an_effect() -> None:
     )
     here = scene(twin)
     extent = {**here.extent, "X": (0.0, 3.0), "delta": (-0.4, 0.4), "left": (-1.0, 1.0), "idle": (0.0, 0.0)}
-    told = Scene(
+    told = DataSummary(
         **{
-            **{n: getattr(here, n) for n in Scene.__slots__},
+            **{n: getattr(here, n) for n in DataSummary.__slots__},
             "extent": extent,
             "inputs": {"X": "N", "delta": "rad", "left": "N", "idle": "1"},
-            "swing": {"X": 3.0, "delta": 0.4, "left": 1.0, "idle": 0.0},
+            "amplitude": {"X": 3.0, "delta": 0.4, "left": 1.0, "idle": 0.0},
         }
     )
-    assert BOOK["saturation"].places(told) == ("X", "delta", "left")
-    assert BOOK["asymmetric-thrust"].places(told) == ("delta", "left")
-    assert BOOK["rudder-stall"].places(told) == ("delta", "left")
-    assert BOOK["speed-dependent-steering"].places(told) == ("delta", "left")
-    assert BOOK["advance-speed-loss"].places(told) == ("X",)
-    steady = Scene(**{**{n: getattr(told, n) for n in Scene.__slots__}, "extent": {**extent, "u": (0.98, 1.02)}})
-    assert BOOK["speed-dependent-steering"].places(steady) == ()
-    blind = Scene(**{**{n: getattr(told, n) for n in Scene.__slots__}, "channels": frozenset({"psi"})})
-    assert BOOK["speed-dependent-steering"].places(blind) == ()
+    assert EFFECTS["saturation"].places(told) == ("X", "delta", "left")
+    assert EFFECTS["asymmetric-thrust"].places(told) == ("delta", "left")
+    assert EFFECTS["rudder-stall"].places(told) == ("delta", "left")
+    assert EFFECTS["speed-dependent-steering"].places(told) == ("delta", "left")
+    assert EFFECTS["advance-speed-loss"].places(told) == ("X",)
+    steady = DataSummary(
+        **{**{n: getattr(told, n) for n in DataSummary.__slots__}, "extent": {**extent, "u": (0.98, 1.02)}}
+    )
+    assert EFFECTS["speed-dependent-steering"].places(steady) == ()
+    blind = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "channels": frozenset({"psi"})})
+    assert EFFECTS["speed-dependent-steering"].places(blind) == ()
 
 
 @pytest.mark.parametrize("tau", [0.05, 0.6, 3.0, 100.0])
 def test_the_quickest_craft_is_read_off_the_base_with_caution(tau: float) -> None:
     assert quickest(scene(tau=tau)) == pytest.approx(min(max(tau / 3.0, 0.1), 5.0))
-    without = Scene(**{**{n: getattr(scene(tau=tau), n) for n in Scene.__slots__}, "base": {}})
+    without = DataSummary(**{**{n: getattr(scene(tau=tau), n) for n in DataSummary.__slots__}, "base": {}})
     assert quickest(without) == quickest(scene(tau=tau))

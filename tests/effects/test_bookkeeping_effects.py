@@ -8,10 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from gcs_autotune.effects import BOOK, Applied, Scene
-from gcs_autotune.effects.effect import Drive, Observed
-from gcs_autotune.effects.extended import ExtendedModel
-from gcs_autotune.effects.simulator import passage_of
+from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, ExtendedModel, Observed, passage_of
 from gcs_autotune.models.coupled import CoupledModel, form_from
 
 SLUGS = ("time-scale", "time-offset", "unit-error", "sign-error", "channel-swap")
@@ -33,14 +30,14 @@ PLANAR = {
 }
 
 
-def scene(form: dict[str, object], *signals: str, runs: tuple[str, ...] = ("a",)) -> Scene:
+def scene(form: dict[str, object], *signals: str, runs: tuple[str, ...] = ("a",)) -> DataSummary:
     made = form_from(form, "test")
     force = {"X": "N", "N": "N m", "delta": "rad", "M1": "N m"}
-    return Scene(
+    return DataSummary(
         form=made,
         inputs={c: force[c] for c in made.inputs},
         signals={s: UNITS[s] for s in signals},
-        swing=dict.fromkeys(made.inputs, 2.0),
+        amplitude=dict.fromkeys(made.inputs, 2.0),
         spread=dict.fromkeys(signals, 0.5),
         level=dict.fromkeys(signals, 0.01),
         channels=frozenset((*made.inputs, *signals)),
@@ -57,7 +54,7 @@ def seen(**signals: np.ndarray) -> Observed:
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_starts_lie_within_the_bounds(slug: str) -> None:
-    effect = BOOK[slug]
+    effect = EFFECTS[slug]
     about = scene(PLANAR, "u", "v", "r", "psi", "x", "y")
     assert effect.places(about)
     for place in effect.places(about):
@@ -70,25 +67,25 @@ def test_starts_lie_within_the_bounds(slug: str) -> None:
 
 
 def test_bookkeeping_is_looked_for_first() -> None:
-    assert tuple(BOOK)[: len(SLUGS)] == SLUGS
+    assert tuple(EFFECTS)[: len(SLUGS)] == SLUGS
 
 
 def test_a_fast_clock_is_set_right_about_the_first_stamp() -> None:
-    own = Applied("time-scale", "t", {"factor": 1.25})
-    true = BOOK["time-scale"].retime(own, T, 10.0, inputs=False)
+    own = EffectInstance("time-scale", "t", {"factor": 1.25})
+    true = EFFECTS["time-scale"].retime(own, T, 10.0, inputs=False)
     assert true[0] == 10.0
     assert true[-1] == pytest.approx(10.0 + 4.0 / 1.25)
-    np.testing.assert_array_equal(true, BOOK["time-scale"].retime(own, T, 10.0, inputs=True))
+    np.testing.assert_array_equal(true, EFFECTS["time-scale"].retime(own, T, 10.0, inputs=True))
 
 
 def test_a_wrong_clock_needs_a_position_beside_its_velocity_to_show() -> None:
-    effect = BOOK["time-scale"]
+    effect = EFFECTS["time-scale"]
     assert effect.places(scene(yaw(), "psi", "r")) == ("t",)
     assert effect.places(scene(yaw(), "r")) == ()
     assert effect.places(scene(PLANAR, "u", "r", "psi", "x", "y")) == ("t",)
 
 
-def craft(effects: tuple[Applied, ...], t_in: np.ndarray, stamps: np.ndarray) -> dict[str, np.ndarray]:
+def craft(effects: tuple[EffectInstance, ...], t_in: np.ndarray, stamps: np.ndarray) -> dict[str, np.ndarray]:
     form = form_from(yaw(), "test")
     model = ExtendedModel(CoupledModel(form, {"N_rdot": -1.0, "N_r": -0.5}), effects)
     command = np.where(t_in >= 2.0, 1.0, 0.0) - 2.0 * (t_in >= 5.0)
@@ -100,7 +97,7 @@ def craft(effects: tuple[Applied, ...], t_in: np.ndarray, stamps: np.ndarray) ->
 @pytest.mark.parametrize("offset", [-0.7, 0.4])
 def test_signals_stamped_late_are_the_motion_of_earlier_commands(offset: float) -> None:
     t = np.arange(0.0, 10.0, 0.1)
-    late = craft((Applied("time-offset", "t", {"offset": offset}),), t, t)
+    late = craft((EffectInstance("time-offset", "t", {"offset": offset}),), t, t)
     # By hand: the response of r' = (N - 0.5 r), command jumps moved by the offset in the signals' clock.
     r, dt, fine = 0.0, 1e-3, []
     for k in range(int(10.0 / dt)):
@@ -113,7 +110,7 @@ def test_signals_stamped_late_are_the_motion_of_earlier_commands(offset: float) 
 def test_a_file_with_a_fast_clock_moves_too_slowly_for_its_rates() -> None:
     t = np.arange(0.0, 10.0, 0.1)
     plain = craft((), t, t)
-    fast = craft((Applied("time-scale", "t", {"factor": 2.0}),), 2.0 * t, 2.0 * t)
+    fast = craft((EffectInstance("time-scale", "t", {"factor": 2.0}),), 2.0 * t, 2.0 * t)
     # The same motion, written on another clock; the command of craft() jumps at other places, so compare kinematics.
     turned = np.gradient(fast["psi"], 2.0 * t)[5:-5]
     swing = np.ptp(fast["r"])
@@ -122,18 +119,18 @@ def test_a_file_with_a_fast_clock_moves_too_slowly_for_its_rates() -> None:
 
 
 def test_a_slip_of_units_scales_a_signal_and_unscales_a_command() -> None:
-    effect = BOOK["unit-error"]
-    own = Applied("unit-error", "r", {"factor": 180.0 / math.pi})
+    effect = EFFECTS["unit-error"]
+    own = EffectInstance("unit-error", "r", {"factor": 180.0 / math.pi})
     shown = effect.observe(own, seen(r=np.full(41, math.pi), psi=T))
     np.testing.assert_allclose(shown.signals["r"], 180.0)
     np.testing.assert_array_equal(shown.signals["psi"], T)
     commands = Drive(T, {"N": np.full(41, 98.0665)}, 10.0)
-    true = effect.drive(Applied("unit-error", "N", {"factor": 9.80665}), commands)
+    true = effect.drive(EffectInstance("unit-error", "N", {"factor": 9.80665}), commands)
     np.testing.assert_allclose(true.channels["N"], 10.0)
 
 
 def test_the_factor_of_a_slip_is_chosen_not_fitted() -> None:
-    effect = BOOK["unit-error"]
+    effect = EFFECTS["unit-error"]
     assert effect.fixed == ("factor",)
     about = scene(yaw(), "psi", "r")
     factors = [s["factor"] for s in effect.starts("psi", about)]
@@ -142,7 +139,7 @@ def test_the_factor_of_a_slip_is_chosen_not_fitted() -> None:
 
 
 def test_units_are_doubted_only_where_something_checks_them() -> None:
-    effect = BOOK["unit-error"]
+    effect = EFFECTS["unit-error"]
     assert effect.places(scene(yaw(), "r")) == ()
     assert effect.places(scene(yaw(), "psi", "r")) == ("psi", "r")
     # With the inertia known the moment's unit matters, and so does a lone gyro's.
@@ -155,19 +152,19 @@ def test_units_are_doubted_only_where_something_checks_them() -> None:
 
 
 def test_a_wrong_sign_sits_in_every_run_or_in_one() -> None:
-    effect = BOOK["sign-error"]
+    effect = EFFECTS["sign-error"]
     r = np.sin(T)
-    np.testing.assert_array_equal(effect.observe(Applied("sign-error", "r", {}), seen(r=r)).signals["r"], -r)
-    np.testing.assert_array_equal(effect.observe(Applied("sign-error", "r@b", {}), seen(r=r)).signals["r"], -r)
-    np.testing.assert_array_equal(effect.observe(Applied("sign-error", "r@a", {}), seen(r=r)).signals["r"], r)
+    np.testing.assert_array_equal(effect.observe(EffectInstance("sign-error", "r", {}), seen(r=r)).signals["r"], -r)
+    np.testing.assert_array_equal(effect.observe(EffectInstance("sign-error", "r@b", {}), seen(r=r)).signals["r"], -r)
+    np.testing.assert_array_equal(effect.observe(EffectInstance("sign-error", "r@a", {}), seen(r=r)).signals["r"], r)
     drive = Drive(T, {"N": r}, 10.0, run="run+1@dock")
     for place, sign in (("N", -1.0), ("N@run+1@dock", -1.0), ("N@run", 1.0), ("r", 1.0)):
-        found = effect.drive(Applied("sign-error", place, {}), drive).channels["N"]
+        found = effect.drive(EffectInstance("sign-error", place, {}), drive).channels["N"]
         np.testing.assert_array_equal(found, sign * r)
 
 
 def test_the_sign_of_a_rudder_is_fitted_anyway_unless_one_run_differs() -> None:
-    effect = BOOK["sign-error"]
+    effect = EFFECTS["sign-error"]
     rudder = yaw({"delta": {"N": "N_delta"}})
     assert effect.places(scene(rudder, "psi", "r")) == ("psi", "r")
     several = effect.places(scene(rudder, "r", runs=("a", "b")))
@@ -176,18 +173,18 @@ def test_the_sign_of_a_rudder_is_fitted_anyway_unless_one_run_differs() -> None:
 
 
 def test_exchanged_columns_come_back_exchanged() -> None:
-    effect = BOOK["channel-swap"]
-    swapped = effect.observe(Applied("channel-swap", "u+v", {}), seen(u=T, v=-T, r=0.0 * T))
+    effect = EFFECTS["channel-swap"]
+    swapped = effect.observe(EffectInstance("channel-swap", "u+v", {}), seen(u=T, v=-T, r=0.0 * T))
     np.testing.assert_array_equal(swapped.signals["u"], -T)
     np.testing.assert_array_equal(swapped.signals["v"], T)
-    drive = effect.drive(Applied("channel-swap", "X+N", {}), Drive(T, {"X": T, "N": -T}, 10.0))
+    drive = effect.drive(EffectInstance("channel-swap", "X+N", {}), Drive(T, {"X": T, "N": -T}, 10.0))
     np.testing.assert_array_equal(drive.channels["X"], -T)
-    untouched = effect.drive(Applied("channel-swap", "u+v", {}), drive)
+    untouched = effect.drive(EffectInstance("channel-swap", "u+v", {}), drive)
     np.testing.assert_array_equal(untouched.channels["X"], -T)
 
 
 def test_only_columns_of_one_kind_are_taken_for_exchanged() -> None:
-    effect = BOOK["channel-swap"]
+    effect = EFFECTS["channel-swap"]
     assert effect.places(scene(PLANAR, "u", "v", "r", "psi", "x", "y")) == ("u+v", "x+y", "X+N")
     assert effect.places(scene(yaw(), "psi", "r")) == ()
     pods = yaw({"N": {"N": "k_1"}, "M1": {"N": "k_2"}}, free=["N_rdot", "N_r", "k_1", "k_2"])

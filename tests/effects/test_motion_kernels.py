@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import cholesky, expm, solve_continuous_lyapunov
 
-from gcs_autotune.effects.backlash import _play
-from gcs_autotune.effects.between import SETTLED, fading, following, limited
-from gcs_autotune.effects.earlier import earlier
-from gcs_autotune.effects.narrow_band import Oscillator, rung, whitened
+from gcs_autotune.effects import rung
+from gcs_autotune.effects.actuator import play
+from gcs_autotune.effects.kernels import SETTLED, earlier, fading, following, limited
+from gcs_autotune.effects.narrow_band import Oscillator, whitened
 
 T = np.array([0.5, 1.5, 1.9, 4.0])
 U = np.array([0.3, -1.0, 0.8, 0.8])
@@ -101,8 +101,8 @@ def test_a_fading_gain_has_the_exact_mean_on_every_piece(rate: float, floor: flo
 
 def test_play_is_dragged_along_by_its_flanks() -> None:
     u = np.array([0.0, 0.3, 1.0, 0.8, 0.2, -1.0, -0.9, 0.0])
-    assert _play(u, 0.25) == pytest.approx([0.0, 0.05, 0.75, 0.75, 0.45, -0.75, -0.75, -0.25])
-    assert _play(u, 0.0) == pytest.approx(u)
+    assert play(u, 0.25) == pytest.approx([0.0, 0.05, 0.75, 0.75, 0.45, -0.75, -0.75, -0.25])
+    assert play(u, 0.0) == pytest.approx(u)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.37])

@@ -10,24 +10,23 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import kurtosis, multivariate_normal, norm
 
-from gcs_autotune.effects import BOOK, Applied, Scene
-from gcs_autotune.effects.earlier import earlier
-from gcs_autotune.effects.effect import Leftover, Observed
-from gcs_autotune.effects.grid import grid_step
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, Leftover, Observed
+from gcs_autotune.effects.kernels import earlier
 from gcs_autotune.effects.narrow_band import Oscillator, whitened
+from gcs_autotune.effects.sensor_noise import grid_step
 from gcs_autotune.models.coupled import form_from
 
 UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}
 BASE = {"N_rdot": -2.0, "N_r": -1.0}
 
 
-def scene(*signals: str, base: dict[str, float] | None = None) -> Scene:
+def scene(*signals: str, base: dict[str, float] | None = None) -> DataSummary:
     form = form_from({"name": "yaw", "dofs": ["yaw"], "free": ["N_rdot", "N_r"], "inputs": {"N": {"N": 1.0}}}, "test")
-    return Scene(
+    return DataSummary(
         form=form,
         inputs={"N": "N m"},
         signals={s: UNITS[s] for s in signals},
-        swing={"N": 0.5},
+        amplitude={"N": 0.5},
         spread=dict.fromkeys(signals, 0.5),
         level=dict.fromkeys(signals, 0.01),
         channels=frozenset(("N", *signals)),
@@ -45,15 +44,15 @@ def left(error: np.ndarray, signal: str = "psi", predicted: np.ndarray | None = 
     return Leftover(run, signal, t, error, motion + error, float(np.std(error)))
 
 
-def begun(slug: str, place: str, about: Scene) -> Applied:
-    effect = BOOK[slug]
-    return Applied(slug, place, effect.starts(place, about)[0], effect.constants(place, about))
+def begun(slug: str, place: str, about: DataSummary) -> EffectInstance:
+    effect = EFFECTS[slug]
+    return EffectInstance(slug, place, effect.starts(place, about)[0], effect.constants(place, about))
 
 
-def cost_of(slug: str, own: Applied, rests: Sequence[Leftover]) -> tuple[float, float]:
+def cost_of(slug: str, own: EffectInstance, rests: Sequence[Leftover]) -> tuple[float, float]:
     """Return minus twice the log-likelihood (less n (1 + log 2 pi)) with and without the effect, one signal's."""
     raw = np.concatenate([x.error for x in rests])
-    judged = [BOOK[slug].judge(own, x, np.zeros((len(x.error), 1))) for x in rests]
+    judged = [EFFECTS[slug].judge(own, x, np.zeros((len(x.error), 1))) for x in rests]
     after = np.concatenate([j[0] for j in judged])
     penalty = sum(j[2] for j in judged)
     return len(after) * math.log(float(np.mean(after**2))) + penalty, len(raw) * math.log(float(np.mean(raw**2)))
@@ -64,7 +63,7 @@ def cost_of(slug: str, own: Applied, rests: Sequence[Leftover]) -> tuple[float, 
 
 @pytest.mark.parametrize("slug", ["compass-deviation", "gyro-bias", "measurement-delay", "quantisation", "outliers"])
 def test_starts_are_within_bounds_and_every_place_has_some(slug: str) -> None:
-    effect, about = BOOK[slug], scene("psi", "r", "u", "v", "x", "y")
+    effect, about = EFFECTS[slug], scene("psi", "r", "u", "v", "x", "y")
     assert effect.places(about)
     for place in effect.places(about):
         bounds = effect.bounds(place, about)
@@ -74,7 +73,7 @@ def test_starts_are_within_bounds_and_every_place_has_some(slug: str) -> None:
 
 
 def test_a_misaligned_compass_is_sought_only_where_a_track_tells() -> None:
-    effect = BOOK["compass-deviation"]
+    effect = EFFECTS["compass-deviation"]
     assert all("A" not in s for s in effect.starts("psi", scene("psi", "r")))
     assert all("A" in s for s in effect.starts("psi", scene("psi", "r", "x", "y")))
     assert effect.places(scene("psi", "u", "v")) == ("psi", "psi+u+v")
@@ -86,22 +85,23 @@ def test_velocities_turned_by_a_wrong_compass_keep_their_size() -> None:
     u, v = 1.0 + 0.1 * psi, 0.3 * np.cos(psi)
     seen = Observed(psi, {"psi": psi, "u": u, "v": v}, 0.0)
     values = {"A": 0.1, "B": 0.2, "C": -0.3}
-    shown = BOOK["compass-deviation"].observe(Applied("compass-deviation", "psi+u+v", values), seen).signals
+    shown = EFFECTS["compass-deviation"].observe(EffectInstance("compass-deviation", "psi+u+v", values), seen).signals
     d = 0.1 + 0.2 * np.sin(psi) - 0.3 * np.cos(psi)
     np.testing.assert_allclose(shown["psi"], psi + d)
     # Over ground the motion is the same, whichever heading it is turned by.
     np.testing.assert_allclose(
         (shown["u"] + 1j * shown["v"]) * np.exp(1j * shown["psi"]), (u + 1j * v) * np.exp(1j * psi)
     )
-    alone = BOOK["compass-deviation"].observe(Applied("compass-deviation", "psi", values), seen).signals
+    alone = EFFECTS["compass-deviation"].observe(EffectInstance("compass-deviation", "psi", values), seen).signals
     np.testing.assert_array_equal(alone["u"], u)
 
 
 def test_a_gyro_bias_adds_to_the_rate_alone() -> None:
-    effect = BOOK["gyro-bias"]
+    effect = EFFECTS["gyro-bias"]
     assert effect.places(scene("psi", "r")) == ("r",)
     seen = effect.observe(
-        Applied("gyro-bias", "r", {"bias": 0.2}), Observed(np.zeros(2), {"r": np.ones(2), "psi": np.ones(2)}, 0.0)
+        EffectInstance("gyro-bias", "r", {"bias": 0.2}),
+        Observed(np.zeros(2), {"r": np.ones(2), "psi": np.ones(2)}, 0.0),
     )
     np.testing.assert_allclose(seen.signals["r"], 1.2)
     np.testing.assert_array_equal(seen.signals["psi"], np.ones(2))
@@ -154,12 +154,14 @@ def test_a_delay_has_the_right_derivative() -> None:
 
 
 def test_all_signals_late_or_each_alone() -> None:
-    effect = BOOK["measurement-delay"]
+    effect = EFFECTS["measurement-delay"]
     assert effect.places(scene("psi", "r")) == ("psi", "r", "psi+r")
     assert effect.places(scene("psi")) == ("psi",)
     t = 0.1 * np.arange(100)
     r, psi = stepped(t, 2.0)
-    seen = effect.observe(Applied("measurement-delay", "psi", {"delay": 0.2}), Observed(t, {"r": r, "psi": psi}, 0.0))
+    seen = effect.observe(
+        EffectInstance("measurement-delay", "psi", {"delay": 0.2}), Observed(t, {"r": r, "psi": psi}, 0.0)
+    )
     np.testing.assert_array_equal(seen.signals["r"], r)
     assert np.max(np.abs(seen.signals["psi"] - psi)) > 0.1
 
@@ -175,9 +177,9 @@ def test_rounded_readings_give_the_noise_before_rounding(ratio: float) -> None:
     step = ratio * level
     read = np.round((predicted + level * rng.standard_normal(900)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = BOOK["quantisation"].learn(begun("quantisation", "psi", about), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", about), [rest])
     assert own["step"] == pytest.approx(step, rel=1e-6)
-    judged, _, _ = BOOK["quantisation"].judge(own, rest, np.zeros((900, 1)))
+    judged, _, _ = EFFECTS["quantisation"].judge(own, rest, np.zeros((900, 1)))
     assert np.sqrt(np.mean(judged**2)) == pytest.approx(level, rel=0.25 if ratio > 10.0 else 0.12)
     with_it, without = cost_of("quantisation", own, [rest])
     assert with_it < without - 300.0
@@ -189,7 +191,7 @@ def test_the_interval_likelihood_is_the_one_of_the_cells() -> None:
     step, level = 0.05, 0.02
     read = np.round((predicted + level * rng.standard_normal(500)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
     s = own.constants["level"]
     cells = norm.cdf((rest.error + step / 2) / s) - norm.cdf((rest.error - step / 2) / s)
     # Over the density's unit, less the constant, less one bit per reading that lies on the grid.
@@ -205,7 +207,7 @@ def test_a_worse_prediction_costs_more_wherever_the_noise_was_learnt() -> None:
     bad = left(read - 1.02 * predicted, predicted=1.02 * predicted)
     costs = {}
     for name, taught in (("good", good), ("bad", bad)):
-        own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [taught])
+        own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [taught])
         costs[name] = [cost_of("quantisation", own, [x])[0] for x in (good, bad)]
         assert costs[name][0] < costs[name][1] - 100.0
     # Each prediction is likeliest with the noise it was taught by.
@@ -219,9 +221,9 @@ def test_the_noise_drawn_from_behind_coarse_rounding_is_normal(ratio: float) -> 
     step = 0.004 * ratio
     read = np.round((predicted + 0.004 * rng.standard_normal(4000)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
-    judged = BOOK["quantisation"].judge(own, rest, np.zeros((4000, 1)))[0]
-    drawn = BOOK["quantisation"].normal(own, rest)
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    judged = EFFECTS["quantisation"].judge(own, rest, np.zeros((4000, 1)))[0]
+    drawn = EFFECTS["quantisation"].normal(own, rest)
     assert kurtosis(judged) > 2.0 or ratio < 5.0
     assert abs(kurtosis(drawn)) < 0.25
     assert np.std(drawn) == pytest.approx(1.0, abs=0.05)
@@ -234,9 +236,9 @@ def test_a_grid_finer_than_the_noise_is_no_finding(step: float) -> None:
     predicted = 2.0 * np.sin(0.05 * np.arange(900))
     read = np.round((predicted + 0.01 * rng.standard_normal(900)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
     assert own["step"] == 0.0
-    judged, _, penalty = BOOK["quantisation"].judge(own, rest, np.zeros((900, 1)))
+    judged, _, penalty = EFFECTS["quantisation"].judge(own, rest, np.zeros((900, 1)))
     np.testing.assert_array_equal(judged, rest.error)
     assert penalty == 0.0
 
@@ -244,9 +246,9 @@ def test_a_grid_finer_than_the_noise_is_no_finding(step: float) -> None:
 def test_noise_free_readings_are_found_too() -> None:
     predicted = 2.0 * np.sin(0.05 * np.arange(600))
     rest = left(np.round(predicted / 0.1) * 0.1 - predicted, predicted=predicted)
-    own = BOOK["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
     assert own["step"] == pytest.approx(0.1)
-    judged, columns, penalty = BOOK["quantisation"].judge(own, rest, np.ones((600, 1)))
+    judged, columns, penalty = EFFECTS["quantisation"].judge(own, rest, np.ones((600, 1)))
     assert np.all(np.isfinite(judged)) and np.all(np.isfinite(columns)) and math.isfinite(penalty)
     assert np.sqrt(np.mean(judged**2)) < 0.1 * np.sqrt(np.mean(rest.error**2))
 
@@ -270,7 +272,7 @@ def spiky(n: int, share: float, size: float, seed: int) -> tuple[np.ndarray, np.
 @pytest.mark.parametrize(("share", "size"), [(0.02, 0.1), (0.1, 0.08), (0.01, 1.0)])
 def test_outliers_are_counted_and_sized(share: float, size: float) -> None:
     runs = [left(spiky(600, share, size, 10 + k)[0], run=str(k)) for k in range(3)]
-    effect = BOOK["outliers"]
+    effect = EFFECTS["outliers"]
     own = effect.learn(begun("outliers", "psi", scene("psi")), runs)
     std = effect.uncertainty(own, runs)
     assert abs(own["share"] - share) < 3.0 * std["share"]
@@ -281,7 +283,7 @@ def test_outliers_are_counted_and_sized(share: float, size: float) -> None:
 
 def test_the_cost_of_outliers_is_that_of_their_law() -> None:
     rest = left(spiky(800, 0.05, 0.2, 4)[0])
-    own = BOOK["outliers"].learn(begun("outliers", "psi", scene("psi")), [rest])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [rest])
     level = own.constants["level"]
     broad = math.hypot(own["size"], level)
     one = np.log(own["share"]) + norm.logpdf(rest.error, scale=broad)
@@ -295,7 +297,7 @@ def test_the_cost_of_outliers_is_that_of_their_law() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_normal_noise_has_no_outliers_worth_their_price(seed: int) -> None:
     rest = left(0.01 * np.random.default_rng(seed).standard_normal(600))
-    own = BOOK["outliers"].learn(begun("outliers", "psi", scene("psi")), [rest])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [rest])
     with_it, without = cost_of("outliers", own, [rest])
     assert with_it > without - 2.0 * math.log(600)
 
@@ -308,21 +310,21 @@ def test_spikes_at_every_change_of_motion_are_a_wrong_model() -> None:
         predicted[i:] += (-1.0) ** k
     error = 0.01 * rng.standard_normal(600)
     error[at] += 0.3 * np.sign(predicted[at] - predicted[at - 1])
-    own = BOOK["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(error, predicted=predicted)])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(error, predicted=predicted)])
     assert own["share"] == 0.0
     bursts = 0.01 * rng.standard_normal(600)
     for i in at[::2]:
         bursts[i : i + 3] += 0.3
-    own = BOOK["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(bursts)])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(bursts)])
     assert own["share"] == 0.0
 
 
 def test_a_perfect_prediction_teaches_nothing() -> None:
     rests = [left(np.zeros(300), s) for s in ("psi", "r")]
     for slug, place in (("outliers", "psi"), ("quantisation", "psi"), ("wave-disturbance", "yaw")):
-        own = BOOK[slug].learn(begun(slug, place, scene("psi", "r")), rests)
+        own = EFFECTS[slug].learn(begun(slug, place, scene("psi", "r")), rests)
         for rest in rests:
-            judged, _, penalty = BOOK[slug].judge(own, rest, np.ones((300, 2)))
+            judged, _, penalty = EFFECTS[slug].judge(own, rest, np.ones((300, 2)))
             np.testing.assert_array_equal(judged, rest.error)
             assert penalty == 0.0
 
@@ -330,7 +332,7 @@ def test_a_perfect_prediction_teaches_nothing() -> None:
 def test_one_sample_off_in_noise_free_readings_is_seen() -> None:
     error = np.zeros(300)
     error[[50, 120, 200]] = (0.2, -0.3, 0.25)
-    own = BOOK["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(error)])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(error)])
     assert own["share"] == pytest.approx(0.01, rel=0.1)
 
 
@@ -362,7 +364,7 @@ def wavy(n: int, frequency: float, bandwidth: float, force: float, seed: int, no
 
 @pytest.mark.parametrize(("frequency", "bandwidth"), [(2.0, 0.05), (1.2, 0.15)])
 def test_waves_are_found_with_their_force_frequency_and_bandwidth(frequency: float, bandwidth: float) -> None:
-    effect = BOOK["wave-disturbance"]
+    effect = EFFECTS["wave-disturbance"]
     rests = [x for k in range(3) for x in wavy(600, frequency, bandwidth, 0.1, 20 + k)]
     own = effect.learn(begun("wave-disturbance", "yaw", scene("psi", "r")), rests)
     std = effect.uncertainty(own, rests)
@@ -382,7 +384,7 @@ def test_one_sine_of_unknown_phase_is_a_wave_of_no_bandwidth() -> None:
     t = 0.1 * np.arange(600)
     rng = np.random.default_rng(8)
     rest = left(0.03 * np.sin(3.0 * t + 1.0) + 0.01 * rng.standard_normal(600), "r")
-    own = BOOK["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [rest])
+    own = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [rest])
     assert own["frequency"] == pytest.approx(3.0, rel=0.01)
     assert own["bandwidth"] < 0.01
     # Of ``2 r' + r = N``: the rms of N behind a rate of 0.03 sin(3 t).
@@ -440,7 +442,7 @@ def colours(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def test_colours_that_are_no_narrow_band_of_their_own_are_not_waves(kind: str, seed: int) -> None:
     error, motion = colours(seed)[kind]
     own = begun("wave-disturbance", "yaw", scene("r"))
-    learnt = BOOK["wave-disturbance"].learn(own, [left(error, "r", motion)])
+    learnt = EFFECTS["wave-disturbance"].learn(own, [left(error, "r", motion)])
     assert learnt["amplitude"] == 0.0
 
 
@@ -454,16 +456,16 @@ def test_what_is_left_of_a_smoothed_record_is_no_wave_though_each_sample_follows
     error *= 0.1 / np.std(error)
     seen = error + rng.normal(0.0, 0.01, len(error))
     found = [
-        BOOK["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(e, "r")])
+        EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(e, "r")])
         for e in (error, seen)
     ]
     assert [own["amplitude"] > 0.0 for own in found] == [False, True]
 
 
 def test_only_the_own_motion_tells_ringing_from_waves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs_autotune.effects.wave_fit.OWN", 1.0)
+    monkeypatch.setattr("gcs_autotune.effects.wave_disturbance.OWN", 1.0)
     error, motion = colours(1)["ringing after its own motion"]
-    learnt = BOOK["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(error, "r", motion)])
+    learnt = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(error, "r", motion)])
     assert learnt["amplitude"] > 0.0
 
 
@@ -472,22 +474,22 @@ def test_without_the_craft_known_a_wave_has_no_force() -> None:
     own = begun("wave-disturbance", "yaw", about)
     assert "amplitude" not in own.values
     rests = [x for x in wavy(600, 2.0, 0.05, 0.1, 31) if x.signal == "r"]
-    learnt = BOOK["wave-disturbance"].learn(own, rests)
+    learnt = EFFECTS["wave-disturbance"].learn(own, rests)
     assert learnt["frequency"] == pytest.approx(2.0, rel=0.05)
     assert "amplitude" not in learnt.values
 
 
 def test_curves_are_drawn_of_what_was_learnt() -> None:
     about = scene("psi", "r")
-    wave = BOOK["wave-disturbance"].learn(begun("wave-disturbance", "yaw", about), wavy(600, 2.0, 0.1, 0.1, 5))
-    spectrum = BOOK["wave-disturbance"].curve(wave, about)
+    wave = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", about), wavy(600, 2.0, 0.1, 0.1, 5))
+    spectrum = EFFECTS["wave-disturbance"].curve(wave, about)
     assert spectrum is not None
     # The area under a spectrum is the variance.
     assert np.trapezoid(spectrum.y, spectrum.x) == pytest.approx(wave["amplitude"] ** 2, rel=0.1)
-    spikes = BOOK["outliers"].learn(begun("outliers", "psi", about), [left(spiky(600, 0.05, 0.2, 1)[0])])
-    law = BOOK["outliers"].curve(spikes, about)
+    spikes = EFFECTS["outliers"].learn(begun("outliers", "psi", about), [left(spiky(600, 0.05, 0.2, 1)[0])])
+    law = EFFECTS["outliers"].curve(spikes, about)
     assert law is not None
     assert np.trapezoid(law.y, law.x) == pytest.approx(1.0, abs=0.02)
-    stairs = BOOK["quantisation"].curve(Applied("quantisation", "psi", {"step": 0.1}), about)
+    stairs = EFFECTS["quantisation"].curve(EffectInstance("quantisation", "psi", {"step": 0.1}), about)
     assert stairs is not None
     assert np.ptp(stairs.y - stairs.x) == pytest.approx(0.1, rel=0.05)

@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from water_bench import BOAT, COASTER, DIVER, HOVERER, SLIPPERY, SPINNER, T_OUT, Craft, Fit, Water
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.extended import ExtendedModel
-from gcs_autotune.effects.simulator import ExtendedSimulator
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, ExtendedSimulator
 
 TURN = np.pi
 
@@ -129,9 +126,9 @@ def sailed(case: Case) -> dict[str, np.ndarray]:
     return _SAILED[id(case)]
 
 
-def applied(case: Case, scene: Scene) -> Applied:
-    found = dict(BOOK[case.slug].constants(case.place, scene))
-    return Applied(case.slug, case.place, dict(case.values), {**found, **(case.constants or {})})
+def applied(case: Case, scene: DataSummary) -> EffectInstance:
+    found = dict(EFFECTS[case.slug].constants(case.place, scene))
+    return EffectInstance(case.slug, case.place, dict(case.values), {**found, **(case.constants or {})})
 
 
 def test_the_law_is_that_of_equations_written_out(case: Case) -> None:
@@ -147,7 +144,7 @@ def test_the_law_is_that_of_equations_written_out(case: Case) -> None:
 
 
 def test_it_has_a_place_with_starts_within_bounds_and_no_size_does_nothing(case: Case) -> None:
-    truth, entry = sailed(case), BOOK[case.slug]
+    truth, entry = sailed(case), EFFECTS[case.slug]
     scene, passage = case.craft.scene(truth), case.craft.passage(truth)
     assert case.place in entry.places(scene)
     bounds = entry.bounds(case.place, scene)
@@ -188,7 +185,7 @@ def test_sensitivities_are_difference_quotients(case: Case) -> None:
 
 def test_the_size_is_found_again_from_the_most_promising_starts(case: Case) -> None:
     """Base parameters, initial states and the effect fitted together to a run with a little noise."""
-    truth, entry, craft = sailed(case), BOOK[case.slug], case.craft
+    truth, entry, craft = sailed(case), EFFECTS[case.slug], case.craft
     scene, rng = craft.scene(truth), np.random.default_rng(1)
     levels = {n: 2e-3 * float(np.std(truth[n])) for n in craft.measured}
     noisy = {n: truth[n] + rng.normal(0.0, levels[n], len(T_OUT)) for n in craft.measured}

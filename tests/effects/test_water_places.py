@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from water_bench import BOAT, COASTER, DIVER, HOVERER, SPINNER, Water, craft, form, levels
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Drive, Scene
+from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
 
 SLUGS = (
     "linear-drag", "quadratic-drag", "coriolis-coupling", "sway-yaw-coupling", "mass-change", "net-buoyancy",
@@ -20,12 +19,12 @@ CRAFT = {"boat": BOAT, "spinner": SPINNER, "diver": DIVER, "hoverer": HOVERER, "
 SCENES = {n: c.scene(c.sail(Water())) for n, c in CRAFT.items()}
 
 
-def without(scene: Scene, *signals: str) -> Scene:
+def without(scene: DataSummary, *signals: str) -> DataSummary:
     return replace(scene, signals={n: u for n, u in scene.signals.items() if n not in signals})
 
 
 def test_the_book_holds_them_in_the_order_they_are_told() -> None:
-    assert [s for s in BOOK if s in SLUGS] == list(SLUGS)
+    assert [s for s in EFFECTS if s in SLUGS] == list(SLUGS)
 
 
 @pytest.mark.parametrize(
@@ -55,22 +54,22 @@ def test_the_book_holds_them_in_the_order_they_are_told() -> None:
     ],
 )
 def test_places(slug: str, name: str, places: tuple[str, ...]) -> None:
-    assert BOOK[slug].places(SCENES[name]) == places
+    assert EFFECTS[slug].places(SCENES[name]) == places
 
 
 def test_what_goes_with_the_heading_needs_a_measured_heading() -> None:
-    assert BOOK["wind-moment"].places(without(SCENES["spinner"], "psi")) == ()
-    assert BOOK["tether-pull"].places(without(SCENES["spinner"], "psi")) == ()
-    assert BOOK["steady-current"].places(without(SCENES["boat"], "psi")) == ()
+    assert EFFECTS["wind-moment"].places(without(SCENES["spinner"], "psi")) == ()
+    assert EFFECTS["tether-pull"].places(without(SCENES["spinner"], "psi")) == ()
+    assert EFFECTS["steady-current"].places(without(SCENES["boat"], "psi")) == ()
 
 
 def test_positions_without_speeds_leave_one_reading_of_a_current() -> None:
-    assert BOOK["steady-current"].places(without(SCENES["boat"], "u", "v")) == ("over ground",)
-    assert BOOK["steady-current"].places(without(SCENES["boat"], "x", "y")) == ("over ground",)
+    assert EFFECTS["steady-current"].places(without(SCENES["boat"], "u", "v")) == ("over ground",)
+    assert EFFECTS["steady-current"].places(without(SCENES["boat"], "x", "y")) == ("over ground",)
 
 
 def test_depth_has_to_change_by_more_than_its_noise() -> None:
-    assert BOOK["ground-effect"].places(replace(SCENES["diver"], level={"z": 10.0})) == ()
+    assert EFFECTS["ground-effect"].places(replace(SCENES["diver"], level={"z": 10.0})) == ()
 
 
 @pytest.mark.parametrize(
@@ -81,8 +80,8 @@ def test_depth_has_to_change_by_more_than_its_noise() -> None:
 )  # fmt: skip
 def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: str, there: str) -> None:
     scene = SCENES[name]
-    before = BOOK[slug].places(scene)
-    after = BOOK[slug].places(replace(scene, form=scene.form.freeing(there)))
+    before = EFFECTS[slug].places(scene)
+    after = EFFECTS[slug].places(replace(scene, form=scene.form.freeing(there)))
     assert len(after) < len(before)
 
 
@@ -105,17 +104,17 @@ def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: s
     ],
 )
 def test_units(slug: str, name: str, place: str, units: dict[str, str]) -> None:
-    assert {n: BOOK[slug].unit_of(n, place, SCENES[name]) for n in units} == units
+    assert {n: EFFECTS[slug].unit_of(n, place, SCENES[name]) for n in units} == units
 
 
 def test_units_where_thrust_is_a_share_of_full_output() -> None:
     scene = SCENES["spinner"]
     shares = replace(scene, form=replace(scene.form, normalised=True), inputs={"N": "1"})
-    assert BOOK["wind-moment"].unit_of("strength", "yaw", shares) == "1"
-    assert BOOK["quadratic-drag"].unit_of("coefficient", "yaw", shares) == "s^2/rad^2"
+    assert EFFECTS["wind-moment"].unit_of("strength", "yaw", shares) == "1"
+    assert EFFECTS["quadratic-drag"].unit_of("coefficient", "yaw", shares) == "s^2/rad^2"
 
 
-def reversed_rudder() -> Scene:
+def reversed_rudder() -> DataSummary:
     """A boat whose positive rudder turns it to port: inertia and drag are negative in units of rudder."""
     ship = craft(("yaw",), {"r": -2.0}, {"r": -1.5}, {"delta": levels(0.4)}, {"psi": 0.0, "r": 0.0}, ("psi", "r"))
     return replace(ship.scene(ship.sail(Water())), form=form(("yaw",), {"N_rdot": 2.0, "N_r": 1.5}, ("delta",)))
@@ -133,8 +132,8 @@ def reversed_rudder() -> Scene:
 def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back(
     slug: str, values: dict[str, float], forces: dict[str, float]
 ) -> None:
-    scene, entry = reversed_rudder(), BOOK[slug]
-    own = Applied(slug, "yaw", values, dict(entry.constants("yaw", scene)))
+    scene, entry = reversed_rudder(), EFFECTS[slug]
+    own = EffectInstance(slug, "yaw", values, dict(entry.constants("yaw", scene)))
     assert entry.derivatives(own) == pytest.approx(forces)
     assert entry.unit_of(next(iter(values)), "yaw", scene).startswith("rad")
 
@@ -143,9 +142,9 @@ def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back
 def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name: str) -> None:
     scene, pictures = SCENES[name], 0
     for slug in SLUGS:
-        entry = BOOK[slug]
+        entry = EFFECTS[slug]
         for place in entry.places(scene):
-            own = Applied(slug, place, dict(entry.starts(place, scene)[0]), dict(entry.constants(place, scene)))
+            own = EffectInstance(slug, place, dict(entry.starts(place, scene)[0]), dict(entry.constants(place, scene)))
             drawn = entry.curve(own, scene)
             if drawn is None:
                 continue
@@ -159,7 +158,7 @@ def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name:
 
 def test_every_entry_tells_what_it_is_and_points_to_others() -> None:
     for slug in SLUGS:
-        entry = BOOK[slug]
+        entry = EFFECTS[slug]
         assert slug not in entry.mistaken_for and entry.mistaken_for
         assert {q.name for q in entry.parameters} >= set(entry.grows_with)
         assert len(entry.meaning) > 30 and len(entry.shown_by) > 30 and len(entry.separated_by) > 30
@@ -167,11 +166,11 @@ def test_every_entry_tells_what_it_is_and_points_to_others() -> None:
 
 def test_a_change_of_mass_leaves_commands_as_they_are() -> None:
 
-    entry = BOOK["mass-change"]
+    entry = EFFECTS["mass-change"]
     truth = SPINNER.sail(Water())
     passage = SPINNER.passage(truth)
 
-    own = Applied("mass-change", "yaw", {"ratio": 2.0, "time": 13.0})
+    own = EffectInstance("mass-change", "yaw", {"ratio": 2.0, "time": 13.0})
     drive = entry.drive(own, Drive(passage.t_in, passage.commands, passage.start, passage.measured))
     assert np.all(np.diff(drive.t) > 0.0)
     assert drive.channels["payload"][drive.t < 13.0] == pytest.approx(1.0)

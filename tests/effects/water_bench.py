@@ -10,8 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.simulator import ExtendedSimulator, Passage, passage_of
+from gcs_autotune.effects import DataSummary, EffectInstance, ExtendedSimulator, Passage, passage_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel
@@ -104,13 +103,13 @@ class Craft:
     def passage(self, signals: Mapping[str, np.ndarray]) -> Passage:
         return passage_of("run", T_IN, self.commands, dict.fromkeys(self.measured, T_OUT), self.channels(signals))
 
-    def scene(self, signals: Mapping[str, np.ndarray]) -> Scene:
+    def scene(self, signals: Mapping[str, np.ndarray]) -> DataSummary:
         channels = self.channels(signals)
-        return Scene(
+        return DataSummary(
             form=self.form,
             inputs={n: SIGNALS[n][0] for n in self.commands},
             signals={n: SIGNALS[n][0] for n in self.measured},
-            swing={n: float(np.abs(v).max()) for n, v in self.commands.items()},
+            amplitude={n: float(np.abs(v).max()) for n, v in self.commands.items()},
             spread={n: float(np.std(signals[n])) for n in self.measured},
             level=dict.fromkeys(self.measured, 1e-3),
             channels=frozenset(channels),
@@ -182,7 +181,7 @@ class Fit:
     def __init__(
         self,
         craft: Craft,
-        effects: tuple[Applied, ...],
+        effects: tuple[EffectInstance, ...],
         noisy: Mapping[str, np.ndarray],
         levels: Mapping[str, float],
         bounds: Mapping[str, tuple[float, float]],

@@ -8,9 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Portrait, Ranked, Signature, Value
-from gcs_autotune.effects.book import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify.result import Doubt, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form
 
@@ -83,11 +81,11 @@ def portraits(act, sense, drag=DRAG, wave=0.0, explained=False):
     return portrait("r", "rad/s", rates), portrait("psi", "rad", headings)
 
 
-SCENE = Scene(
+SCENE = DataSummary(
     form=FORM,
     inputs={"N": "N m"},
     signals={"psi": "rad", "r": "rad/s"},
-    swing={"N": 1.0},
+    amplitude={"N": 1.0},
     spread={"psi": 1.5, "r": 0.5},
     level={"psi": NOISE, "r": NOISE},
     channels=frozenset({"psi", "r", "N"}),
@@ -114,8 +112,8 @@ def gains(before, after):
 
 def cause(slug, place, share, **values):
     """A cause from ``name=(value, unit, std)``."""
-    applied = Applied(slug, place, {n: v[0] for n, v in values.items()})
-    entry = BOOK[slug]
+    applied = EffectInstance(slug, place, {n: v[0] for n, v in values.items()})
+    entry = EFFECTS[slug]
     return Cause(applied, {n: Value(*v) for n, v in values.items()}, entry.meaning, share, entry.curve(applied, SCENE))
 
 
@@ -125,7 +123,7 @@ def ranked(slug, place, gain, p_value, evidence, step=1, **values):
 
 def diagnosis(before, after, **differences):
     plain = ExtendedModel(CoupledModel(FORM, {"N_rdot": -INERTIA, "N_r": -DRAG}))
-    found = tuple(c.applied for c in differences.get("causes", ()))
+    found = tuple(c.effect for c in differences.get("causes", ()))
     improved = gains(before, after) if found else ()
     told = Diagnosis(
         verdict="no-effect",

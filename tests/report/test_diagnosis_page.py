@@ -15,8 +15,7 @@ from page_reader import Page
 from rich.console import Console
 
 from gcs_autotune.diagnose.result import Value
-from gcs_autotune.effects.book import BOOK
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
 from gcs_autotune.report.diagnosis_names import named, place_words, value_words
 from gcs_autotune.report.diagnosis_views import bin_means, telling_view, views_of
@@ -152,7 +151,7 @@ def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides()
     ],
 )
 def test_the_picture_shown_is_the_one_in_which_the_effect_shows(told, slug, place, kind, name, signal):
-    view = telling_view(told().before, BOOK[slug], place)
+    view = telling_view(told().before, EFFECTS[slug], place)
     assert (view.kind, view.name, view.portrait.signal) == (kind, name, signal)
     assert view.share > 0.5
 
@@ -180,7 +179,7 @@ def test_places_and_values_are_called_what_people_call_them():
     assert place_words("t") == "the file's clock"
     assert place_words("surge+sway+yaw") == "surge, sway and yaw"
     assert place_words("psi+r+u+v") == "4 columns (psi, r, u, v)"
-    current = replace(dead_zone().causes[0], applied=Applied("steady-current", "over ground", {}))
+    current = replace(dead_zone().causes[0], effect=EffectInstance("steady-current", "over ground", {}))
     assert named(current) == "steady current (over ground)"
     assert value_words(Value(math.radians(6.93), "rad", math.radians(0.17))) == "0.121 ± 0.003 rad (6.93°)"
     assert value_words(Value(math.nan, "rad", math.nan)) == "?"
@@ -201,12 +200,12 @@ def test_a_heading_that_is_not_told_is_not_given_and_a_depth_is_never_wrapped() 
 
 
 def test_the_list_of_effects_has_every_entry_under_its_family():
-    text = " ".join(render_text(effects_list(BOOK)).split())
-    for slug, effect in BOOK.items():
+    text = " ".join(render_text(effects_list(EFFECTS)).split())
+    for slug, effect in EFFECTS.items():
         assert slug in text
         assert all(f"{q.name} [" in text for q in effect.parameters)
-    listed = json.loads(json.dumps(effects_to_dict(BOOK)))["effects"]
-    assert [e["slug"] for e in listed] == list(BOOK)
+    listed = json.loads(json.dumps(effects_to_dict(EFFECTS)))["effects"]
+    assert [e["slug"] for e in listed] == list(EFFECTS)
     assert all(e["separated_by"] and e["family"] for e in listed)
     bounds = {(e["slug"], q["name"]): q["bounds"] for e in listed for q in e["parameters"]}
     assert bounds["dead-zone", "width"] == [0.0, 0.95]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from gcs_autotune.design.result import Margins
 from gcs_autotune.diagnose.result import Signature
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, fit
 from gcs_autotune.identify.colour import remainder_of
 from gcs_autotune.identify.pictures import draw_trace
@@ -113,7 +113,7 @@ def test_damping_is_called_as_the_field_calls_it_and_explained_at_first_use(foun
 
 
 def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_table() -> None:
-    curve = Applied("quadratic-actuator", "N", {"share": 0.824}, {"u_ref": 1.0})
+    curve = EffectInstance("quadratic-actuator", "N", {"share": 0.824}, {"u_ref": 1.0})
     plain = stories.fit()
     share = Parameter("quadratic-actuator@N.share", 0.824, "1", 0.031)
     bent = replace(plain, effects=(curve,), parameters={**plain.parameters, share.name: share})

@@ -7,8 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import FORMS, CoupledModel
 from gcs_autotune.models.coupled.form import Form
@@ -77,9 +76,9 @@ def test_without_a_largest_command_full_output_is_one_unit(tmp_path):
 
 def test_effects_come_with_the_model_and_their_inputs_become_shares(tmp_path):
     effects = [
-        Applied("dead-zone", "N", {"width": 0.6}, {"swing": 3.0}),
-        Applied("input-bias", "yaw", {"bias": 0.3}),
-        Applied("compass-deviation", "psi", {"B": 0.1, "C": 0.2, "A": 0.0}),
+        EffectInstance("dead-zone", "N", {"width": 0.6}, {"swing": 3.0}),
+        EffectInstance("input-bias", "yaw", {"bias": 0.3}),
+        EffectInstance("compass-deviation", "psi", {"B": 0.1, "C": 0.2, "A": 0.0}),
     ]
     path, _ = written(tmp_path, YAW, YAW_VALUES, effects)
     vehicle = rov(model=read_model(path)).vehicle

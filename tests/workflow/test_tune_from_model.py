@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.model_file import as_extended, load_model
 from gcs_autotune.models import SingleDof
@@ -21,7 +20,7 @@ ALPHA, BETA = 16.36, 4.912
 DEAD = 0.06
 
 
-def model_file(folder: Path, *effects: Applied, unit: str = "1", alpha: float = ALPHA) -> Path:
+def model_file(folder: Path, *effects: EffectInstance, unit: str = "1", alpha: float = ALPHA) -> Path:
     """Write a model file as a diagnosis does."""
     plain = as_extended(SingleDof("yaw", unit, alpha, BETA))
     path = folder / "model.json"
@@ -33,7 +32,7 @@ def model_file(folder: Path, *effects: Applied, unit: str = "1", alpha: float = 
 def tuned(tmp_path_factory):
     folder = tmp_path_factory.mktemp("given")
     harbour = Harbour(folder, effects=[make_effect("dead-zone", "N", {"width": DEAD})])
-    given = load_model(model_file(folder, Applied("dead-zone", "N", {"width": DEAD})))
+    given = load_model(model_file(folder, EffectInstance("dead-zone", "N", {"width": DEAD})))
     return harbour, harbour.tune(given=given)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import Limits
@@ -63,7 +63,7 @@ def fit_base(form: Form, stretches: Sequence[Stretch], *, trials: int = 30) -> t
 
 
 def given_base(
-    model: CoupledModel, effects: Sequence[Applied], stretches: Sequence[Stretch]
+    model: CoupledModel, effects: Sequence[EffectInstance], stretches: Sequence[Stretch]
 ) -> tuple[Problem, Fitted | None, Fitted]:
     """Return the problem, the fit of a model taken as it is (initial states only), and the same model refitted.
 

@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Scene
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
 from gcs_autotune.identify.axis.residuals import rounding_error
 from gcs_autotune.identify.coupled.fit_doubts import fit_percent_of, general_doubts
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
@@ -80,7 +78,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
     solution = solution_of(problem, fitted)
     parameters, covariance = _parameters(problem.scene, fitted, solution)
     doubts = [*notes, *general_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
-    model = replace(fitted.model, swing=problem.scene.full, units=problem.scene.inputs)
+    model = replace(fitted.model, amplitude=problem.scene.full, units=problem.scene.inputs)
     return Fit(
         dof="+".join(fitted.form.dofs),
         structure=" + ".join((fitted.form.name, *(f"{e.slug}@{e.place}" for e in fitted.effects))),
@@ -105,7 +103,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
     )
 
 
-def _parameters(scene: Scene, fitted: Fitted, solution: CoupledSolution) -> tuple[Mapping[str, Parameter], Array]:
+def _parameters(scene: DataSummary, fitted: Fitted, solution: CoupledSolution) -> tuple[Mapping[str, Parameter], Array]:
     """Return all numbers with units, standard errors and Cramer-Rao bounds, and their covariance (p, p)."""
     form = fitted.form
     normalised = form.normalised or set(scene.inputs.values()) == {"1"}
@@ -113,11 +111,11 @@ def _parameters(scene: Scene, fitted: Fitted, solution: CoupledSolution) -> tupl
     units = {n: unit_of(n, scene.inputs, normalised=normalised, per_inertia=form.per_inertia) for n in form.parameters}
     learnt = []
     for own in fitted.effects:
-        entry = BOOK[own.slug]
+        entry = EFFECTS[own.slug]
         for name, value in own.values.items():
             label = label_of(own, name)
             values[label], units[label] = value, entry.unit_of(name, own.place, scene)
-            if entry.overrides("learn"):
+            if entry.is_disturbance:
                 learnt.append(label)
     names = list(values)
     covariance = np.zeros((len(names),) * 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gcs_autotune.effects.effect import Applied
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import Wish
@@ -38,7 +38,7 @@ def with_effects(problem: Problem, fitted: Fitted, wishes: Sequence[Wish]) -> Fi
     return fitted
 
 
-def _best(problem: Problem, fitted: Fitted, others: Sequence[Applied], wish: Wish) -> Fitted:
+def _best(problem: Problem, fitted: Fitted, others: Sequence[EffectInstance], wish: Wish) -> Fitted:
     best: Fitted | None = None
     taken = {(e.slug, e.place) for e in others}
     for own in wish.candidates(problem.scene):
@@ -55,5 +55,5 @@ def _best(problem: Problem, fitted: Fitted, others: Sequence[Applied], wish: Wis
     return final
 
 
-def _meant(own: Applied, wish: Wish) -> bool:
+def _meant(own: EffectInstance, wish: Wish) -> bool:
     return own.slug == wish.slug and wish.place in (None, own.place)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from gcs_autotune import chi_square
-from gcs_autotune.effects import BOOK
+from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.result import Doubt, Parameter
@@ -22,7 +22,7 @@ def effect_doubts(
 ) -> Iterator[Doubt]:
     """Yield a doubt for every effect the runs do not call for: the likelihood ratio, *correlation* samples as one."""
     for own in fitted.effects:
-        entry = BOOK[own.slug]
+        entry = EFFECTS[own.slug]
         others = tuple(e for e in fitted.effects if e is not own)
         without = problem.fit(fitted.theta, others, fitted.initial, shift=fitted.shift)
         pays = math.inf if without is None else without.cost - fitted.cost

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Applied
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.models.coupled import CoupledModel, Form
 
@@ -47,7 +46,7 @@ class Fitted:
 
     form: Form
     theta: Array
-    effects: tuple[Applied, ...]
+    effects: tuple[EffectInstance, ...]
     initial: tuple[Array, ...]
     cost: float
     levels: Mapping[str, float]

@@ -13,9 +13,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
-from gcs_autotune.effects.simulator import in_order
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, in_order
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
@@ -58,7 +56,7 @@ class Problem:
         self,
         form: Form,
         stretches: Sequence[Stretch],
-        scene: Scene,
+        scene: DataSummary,
         limits: Limits,
         free: Sequence[str] | None = None,
         held: Collection[tuple[str, str, str]] = (),
@@ -80,17 +78,17 @@ class Problem:
         """Return the same problem with the base parameters *free* only, and the numbers *held* of effects known."""
         return Problem(self.form, self.stretches, self.scene, self.limits, free, held)
 
-    def edges(self, effects: Sequence[Applied], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
+    def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
         """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""
         low, high = self.limits.of(self.free)
-        own = [BOOK[effects[i].slug].bounds(effects[i].place, self.scene) for i, _ in free_effects]
+        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, self.scene) for i, _ in free_effects]
         pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(own, free_effects, strict=True)]
         return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
 
     def fit(
         self,
         theta: Array,
-        effects: Sequence[Applied],
+        effects: Sequence[EffectInstance],
         initial: Sequence[Array],
         *,
         trials: int = 30,
@@ -102,7 +100,7 @@ class Problem:
         task = Task(self, theta, in_order(effects), tuple(initial), fixed_effects, shift)
         low, high = task.limits()
         x = np.clip(task.pack(), low, high)
-        learns = learn and any(BOOK[e.slug].overrides("learn") for e in task.effects)
+        learns = learn and any(EFFECTS[e.slug].is_disturbance for e in task.effects)
         if learns:
             task.learn(x)
         minimum = descend(task.local, x, low, high, trials=trials, tolerance=TOLERANCE)
@@ -117,7 +115,7 @@ class Problem:
                 minimum = again
         return task.fitted(minimum.x, minimum.converged)
 
-    def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[Applied, ...], tuple[Array, ...]]:
+    def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...]]:
         """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
         task = Task(self, fitted.theta, fitted.effects, fitted.initial, False, fitted.shift)
         low, high = task.limits()
@@ -129,14 +127,14 @@ class Problem:
         return ground_of(self.form, [s.record for s in stretches]).initial
 
     def states(
-        self, theta: Array, effects: Sequence[Applied], initial: Sequence[Array], shift: float = 0.0
+        self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0
     ) -> Fitted | None:
         """Fit the initial states (and the shift of input stamps) only: how a given model predicts these stretches."""
         alone = self.on(self.stretches, free=())
         return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
 
 
-def _way(signal: str, scene: Scene) -> float:
+def _way(signal: str, scene: DataSummary) -> float:
     """Return up to where the spread of a signal counts."""
     if signal in ANGLES:
         return TURN

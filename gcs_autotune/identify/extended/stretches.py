@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import Scene
-from gcs_autotune.effects.simulator import Passage, passage_of
+from gcs_autotune.effects import DataSummary, Passage, passage_of
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.axis.record import INPUTS, MIN_SAMPLES, dating_of
 from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of, prepare_coupled, signals_of, within_horizon
@@ -334,7 +333,7 @@ def _stretch(
     return Stretch(record, passage, form, dating, lags)
 
 
-def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float] | None = None) -> Scene:
+def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float] | None = None) -> DataSummary:
     """Return what may be known of the runs before any effect is fitted; *base*: values of the base model."""
     records = [s.record for s in stretches]
     signals = {n: SIGNALS[n][0] for r in records for n in r.signals}
@@ -350,11 +349,11 @@ def scene_of(form: Form, stretches: Sequence[Stretch], base: Mapping[str, float]
     steps = [float(np.median(np.diff(s.t))) for r in records for s in r.signals.values() if len(s.t) > 1]
     inertia = [(f"{DOFS[d].force}_{DOFS[d].velocity}") for d in form.dofs]
     paces = [abs(base[f"{n}dot"] / base[n]) for n in inertia if base and base.get(n) and f"{n}dot" in base]
-    return Scene(
+    return DataSummary(
         form=form,
         inputs=units,
         signals=signals,
-        swing={n: max(float(np.abs(s.passage.commands[n]).max()) for s in stretches) for n in form.inputs},
+        amplitude={n: max(float(np.abs(s.passage.commands[n]).max()) for s in stretches) for n in form.inputs},
         spread={n: max(float(np.std(v)), 1e-12) for n, v in values.items()},
         level=first_levels_of(records),
         channels=frozenset(joined),

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.actuator import horizon
-from gcs_autotune.effects.effect import Applied, Leftover, Scene
-from gcs_autotune.effects.simulator import STEP, ExtendedSimulator
+from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, Leftover, horizon
 from gcs_autotune.identify.coupled.objective import free_states
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
 from gcs_autotune.identify.extended.stretches import Stretch
@@ -35,12 +32,12 @@ REACH = 1.5
 little beyond for an autopilot that acts on its next loop only."""
 
 
-def judged_by(effects: Sequence[Applied], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+def judged_by(effects: Sequence[EffectInstance], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
     """Return a residual (n,), its derivatives (n, k) and the penalty as all disturbances among *effects* leave them."""
     fee = 0.0
     for own in effects:
-        if BOOK[own.slug].overrides("judge"):
-            error, columns, more = BOOK[own.slug].judge(own, left, columns)
+        if EFFECTS[own.slug].is_disturbance:
+            error, columns, more = EFFECTS[own.slug].judge(own, left, columns)
             left, fee = replace(left, error=error), fee + more
     return left.error, columns, fee
 
@@ -50,9 +47,9 @@ def slack_of(dating: float) -> float:
     return dating
 
 
-def typical_of(own: Applied, scene: Scene) -> dict[str, float]:
+def typical_of(own: EffectInstance, scene: DataSummary) -> dict[str, float]:
     """Return the size of each parameter of an effect: the largest of its starts, or of its value."""
-    entry = BOOK[own.slug]
+    entry = EFFECTS[own.slug]
     starts = entry.starts(own.place, scene)
     sizes = {}
     for name in own.values:
@@ -68,7 +65,7 @@ class Task:
         self,
         problem: Problem,
         theta: Array,
-        effects: tuple[Applied, ...],
+        effects: tuple[EffectInstance, ...],
         initial: tuple[Array, ...],
         fixed_effects: bool,
         shift: float,
@@ -82,7 +79,7 @@ class Task:
             (i, name)
             for i, own in enumerate(effects)
             for name in own.values
-            if not fixed_effects and name not in BOOK[own.slug].fixed and not (BOOK[own.slug].overrides("learn"))
+            if not fixed_effects and name not in EFFECTS[own.slug].fixed and not (EFFECTS[own.slug].is_disturbance)
             if (own.slug, own.place, name) not in problem.held
         )
         sizes = [typical_of(own, scene) for own in effects]
@@ -126,7 +123,7 @@ class Task:
             rest[-1] = REACH * self.problem.dating
         return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
-    def unpack(self, x: Array) -> tuple[Array, tuple[Applied, ...], list[Array], float]:
+    def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], list[Array], float]:
         """Undo :meth:`pack`."""
         p = len(self.places)
         theta = self.theta.copy()
@@ -218,7 +215,7 @@ class Task:
     def learn(self, x: Array) -> None:
         """Let disturbances learn from what is left over."""
         theta, effects, initial, shift = self.unpack(x)
-        plain = tuple(e for e in effects if not BOOK[e.slug].overrides("judge"))
+        plain = tuple(e for e in effects if not EFFECTS[e.slug].is_disturbance)
         task = Task(self.problem, theta, plain, tuple(initial), True, shift)
         found = task.rests(task.pack(), sensitivities=False)
         if found is None:
@@ -228,7 +225,7 @@ class Task:
         levels = {n: max(float(np.sqrt(sums[n] / max(counts[n], 1))), self.problem.floors[n]) for n in sums}
         runs = self.problem.stretches
         left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
-        self.effects = tuple(BOOK[e.slug].learn(e, left) if BOOK[e.slug].overrides("learn") else e for e in effects)
+        self.effects = tuple(EFFECTS[e.slug].learn(e, left) if EFFECTS[e.slug].is_disturbance else e for e in effects)
         self._recent.clear()
         self.theta, self.initial, self.shift, self.levels = theta, tuple(initial), shift, levels
 

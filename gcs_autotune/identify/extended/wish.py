@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from gcs_autotune.effects import BOOK
-from gcs_autotune.effects.effect import Applied, Scene
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
@@ -20,7 +19,7 @@ class Wish:
     slug: str
     place: str | None = None
 
-    def candidates(self, scene: Scene) -> Iterator[Applied]:
+    def candidates(self, scene: DataSummary) -> Iterator[EffectInstance]:
         """Yield the effect at every place and with every start these runs allow.
 
         Raises
@@ -28,7 +27,7 @@ class Wish:
         UsageError
             These runs cannot show it, or not there.
         """
-        entry = BOOK[self.slug]
+        entry = EFFECTS[self.slug]
         places = entry.places(scene)
         if not places:
             raise UsageError(f"these runs cannot show '{self.slug}' ({entry.meaning}); leave it out")
@@ -37,7 +36,7 @@ class Wish:
         for place in places if self.place is None else (self.place,):
             constants = entry.constants(place, scene)
             for start in entry.starts(place, scene):
-                yield Applied(self.slug, place, dict(start), dict(constants))
+                yield EffectInstance(self.slug, place, dict(start), dict(constants))
 
 
 def wish_of(text: str) -> Wish:
@@ -49,9 +48,9 @@ def wish_of(text: str) -> Wish:
         No such effect in the book.
     """
     slug, _, place = text.strip().partition("@")
-    return Wish(lookup(BOOK, slug, "effect").slug, place or None)
+    return Wish(lookup(EFFECTS, slug, "effect").slug, place or None)
 
 
-def label_of(own: Applied, name: str) -> str:
+def label_of(own: EffectInstance, name: str) -> str:
     """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
     return f"{own.slug}@{own.place}.{name}"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from towed_boats import DRAG, INERTIA, NOISE, yaw_run
 
-from gcs_autotune.effects.extended import ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
 from gcs_autotune.identify import fit
 from gcs_autotune.identify.model_file import load_model, save_model

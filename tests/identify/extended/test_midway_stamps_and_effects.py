@@ -38,13 +38,13 @@ def test_a_misdating_the_messages_allow_is_no_effect_and_without_that_excuse_it_
     runs = [dated_midway(yaw_run(seed, {})) for seed in (1, 2)]
     assert diagnose(runs, effects=LATE).verdict == "no-effect"
     told = diagnose([replace(run, meta={}) for run in runs], effects=LATE)
-    assert told.verdict == "effect-found" and told.causes[0].applied.slug == "input-delay"
+    assert told.verdict == "effect-found" and told.causes[0].effect.slug == "input-delay"
 
 
 def test_a_delay_beyond_the_messages_is_found_as_exactly_as_stamps_allow() -> None:
     hidden = {"input-delay@N": {"delay": 0.3}}
     told = diagnose([dated_midway(yaw_run(seed, hidden)) for seed in (1, 2)], effects=LATE)
     delay = told.causes[0].parameters["delay"]
-    assert (told.verdict, told.causes[0].applied.slug) == ("effect-found", "input-delay")
+    assert (told.verdict, told.causes[0].effect.slug) == ("effect-found", "input-delay")
     assert abs(delay.value - 0.3) < 2.0 * delay.std
     assert 0.2 * STEP < delay.std < 0.6 * STEP

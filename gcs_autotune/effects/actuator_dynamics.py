@@ -1,0 +1,190 @@
+"""Effects of actuators that take time: delay, lag, rate limit, and a gain that drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gcs_autotune.effects.actuator import Actuator, Gradual, horizon, last_stamp, redrawn
+from gcs_autotune.effects.effect import INPUT, Curve, Drive, EffectInstance, Quantity
+from gcs_autotune.effects.kernels import fading, following, limited
+from gcs_autotune.effects.summary import DataSummary
+
+__all__ = ["ActuatorLag", "GainDrift", "InputDelay", "RateLimit"]
+
+
+class InputDelay(Actuator):
+    """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
+
+    slug = "input-delay"
+    meaning = "commands act later than they were sent: radio, autopilot loops, motor controller"
+    parameters = (Quantity("delay", "s", "time from command to action"),)
+    grows_with = ("delay",)
+    shown_by = "residual right after every change of command: the motion begins late, then runs in step"
+    mistaken_for = (
+        "actuator-lag",
+        "measurement-delay",
+        "time-offset",
+        "rate-limit",
+        "backlash",
+    )
+    separated_by = (
+        "full steps from rest with ten samples or more per time constant: a delay leaves the craft still, then starts "
+        "it at full pace; a lag starts it at once and gently. Inputs stepped one by one tell it from late clocks"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """From a sample to the craft's own pace."""
+        return tuple({"delay": float(d)} for d in np.geomspace(*horizon(data), 5))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """None, to twice the craft's pace."""
+        return {"delay": (0.0, 2.0 * horizon(data)[1])}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Shift the changes of the channel; a lone channel keeps no other stamps."""
+        u = drive.channels[effect.place]
+        changes = np.r_[True, np.diff(u) != 0.0]
+        t, u = drive.t[changes] + effect["delay"], u[changes]
+        t[0] = drive.t[0]
+        return redrawn(drive, effect.place, t, u)
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """A step, commanded and acting."""
+        t = np.linspace(-0.5, 2.5, 601) * max(effect["delay"], data.interval)
+        acting, commanded = (t >= effect["delay"]).astype(float), (t >= 0.0).astype(float)
+        return Curve(t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Input delay", plain=commanded)
+
+
+class RateLimit(Gradual):
+    """The actuator runs after the command at ``rate`` until it has reached it; it starts at the first command."""
+
+    slug = "rate-limit"
+    meaning = "the actuator runs after its command at a fixed speed: a slow servo, a ramp in the motor controller"
+    parameters = (Quantity("rate", f"{INPUT}/s", "fastest change of what acts"),)
+    shown_by = "residual after changes of command: the larger the change, the longer it lasts"
+    mistaken_for = ("actuator-lag", "input-delay", "saturation", "backlash")
+    separated_by = (
+        "steps of a quarter of full command and full reversals: a rate limit makes large steps late in proportion and "
+        "small ones hardly, lag and delay make all equally late"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """From zero to full in less than a sample to twice the craft's pace."""
+        shortest, longest = horizon(data)
+        return tuple({"rate": float(data.amplitude[place] / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """From zero to full in a fiftieth of a sample to ten times the craft's pace."""
+        shortest, longest = horizon(data)
+        return {"rate": (0.1 * data.amplitude[place] / longest, 50.0 * data.amplitude[place] / shortest)}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Run after the command."""
+        u = drive.channels[effect.place]
+        return redrawn(drive, effect.place, *limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """A step from zero to full command, commanded and acting."""
+        full = data.amplitude[effect.place]
+        t = np.linspace(-0.5, 2.0, 501) * full / effect["rate"]
+        commanded = np.where(t >= 0.0, full, 0.0)
+        acting = np.clip(effect["rate"] * t, 0.0, full)
+        return Curve(
+            t, acting, "time [s]", f"{effect.place} [{data.inputs[effect.place]}]", "Rate limit", plain=commanded
+        )
+
+
+INSTANT = 1e-6
+"""A lag shorter than this [s] is none."""
+
+
+class ActuatorLag(Gradual):
+    """What acts follows the command with ``time_constant``; it starts at the first command."""
+
+    slug = "actuator-lag"
+    meaning = "thrust or rudder follow the command gradually: propeller and water take time to speed up"
+    parameters = (Quantity("time_constant", "s", "time until 63 % of a step in command acts"),)
+    grows_with = ("time_constant",)
+    shown_by = "residual after every change of command: the motion bends in gently where it should kink"
+    mistaken_for = (
+        "input-delay",
+        "rate-limit",
+        "measurement-delay",
+        "time-offset",
+        "mass-change",
+    )
+    separated_by = (
+        "full steps from rest, recorded ten times per time constant or faster, once more at half command: a lag bends "
+        "the start at once and equally at both sizes; a delay holds it still, a rate limit makes the larger step the "
+        "later one"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """From a sample to the craft's own pace."""
+        return tuple({"time_constant": float(T)} for T in np.geomspace(*horizon(data), 4))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """None, to five times the craft's pace."""
+        return {"time_constant": (0.0, 5.0 * horizon(data)[1])}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Follow the command."""
+        u = drive.channels[effect.place]
+        if effect["time_constant"] < INSTANT:
+            return drive
+        return redrawn(drive, effect.place, *following(drive.t, u, effect["time_constant"], self.resolution(effect, u)))
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """A step, commanded and acting."""
+        T = max(effect["time_constant"], INSTANT)
+        t = np.linspace(-1.0, 5.0, 601) * T
+        commanded = (t >= 0.0).astype(float)
+        acting = -np.expm1(-np.maximum(t, 0.0) / T)
+        return Curve(t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Actuator lag", plain=commanded)
+
+
+LEAST_GAIN = 0.05
+"""What is left of the gain in the end."""
+
+
+class GainDrift(Gradual):
+    """Commands act times ``1 - rate (t - t_0)``, ``t_0`` the run's first stamp, never less than a twentieth."""
+
+    slug = "gain-drift"
+    meaning = "thrust weakens (or grows) in the course of a run: the battery sags, a motor heats up"
+    parameters = (Quantity("rate", "1/s", "share of the first gain lost per second"),)
+    grows_with = ("rate",)
+    shown_by = "residual against time: follows the command in the beginning and opposes it in the end"
+    mistaken_for = (
+        "mass-change",
+        "time-scale",
+        "quadratic-drag",
+        "speed-dependent-steering",
+    )
+    separated_by = (
+        "the same full steps at the beginning and at the end of one long run, and once more with a fresh battery: "
+        "with a weaker gain they start and end slower, with a larger mass they start slower and end equally fast"
+    )
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A third and most of the gain lost within the longest run, and a third gained."""
+        return tuple({"rate": share / data.duration} for share in (0.3, 0.8, -0.3))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """From doubling within the longest run to running out in a third of it."""
+        return {"rate": (-1.0 / data.duration, 3.0 / data.duration)}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Let the commands fade."""
+        u = drive.channels[effect.place]
+        resolution = self.resolution(effect, u)
+        faded = fading(drive.t, u, drive.start, last_stamp(drive), effect["rate"], LEAST_GAIN, resolution)
+        return redrawn(drive, effect.place, *faded)
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """Gain over time."""
+        t = np.linspace(0.0, data.duration, 201)
+        gain = np.maximum(1.0 - effect["rate"] * t, LEAST_GAIN)
+        return Curve(t, gain, "time in the run [s]", f"gain of {effect.place} [1]", "Gain drift", plain=np.ones_like(t))

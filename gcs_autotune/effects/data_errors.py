@@ -1,0 +1,260 @@
+"""Errors of the data: clocks, units, signs and columns. They mimic physics, and so are looked for beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import combinations
+from typing import ClassVar
+
+from gcs_autotune.effects.effect import Array, Drive, Effect, EffectInstance, Observed, Quantity, columns_of, concerns
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.sname import DOFS
+
+__all__ = ["SLIPS", "ChannelSwap", "SignError", "TimeOffset", "TimeScale", "UnitError"]
+
+
+class TimeScale(Effect):
+    """File time is ``factor`` times true time: a wrong sample rate, a simulation faster than the world."""
+
+    slug = "time-scale"
+    family = "data errors"
+    meaning = "the clock of the file runs fast or slow: a wrong sample rate, or not real time"
+    parameters = (Quantity("factor", "1", "seconds in the file per true second"),)
+    grows_with = ("factor",)
+    neutral: ClassVar[Mapping[str, float]] = {"factor": 1.0}
+    shown_by = "every position changes by the same factor more (or less) than its velocity says"
+    mistaken_for = ("unit-error", "time-offset", "mass-change")
+    separated_by = "a stopwatch beside the recorder: one minute of recording must hold one minute of stamps"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """The whole file, when a position is measured beside its velocity; else inertia and drag absorb it."""
+        return ("t",) if rates_checked(data) else ()
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Slightly and grossly, both ways."""
+        return tuple({"factor": f} for f in (0.5, 0.85, 1.18, 2.0))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A factor beyond ten is a time column in another unit, which reading the file finds."""
+        return {"factor": (0.1, 10.0)}
+
+    def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
+        """Run the true clock from the first stamp on."""
+        return start + (t - start) / effect["factor"]
+
+
+class TimeOffset(Effect):
+    """The signals' stamps are late by ``offset`` against the inputs'; negative: motion begins before its command."""
+
+    slug = "time-offset"
+    family = "data errors"
+    meaning = "commands and motion were stamped by two clocks that disagree"
+    parameters = (Quantity("offset", "s", "lateness of the signals' stamps"),)
+    yields_to = ("input-delay",)
+    grows_with = ("offset",)
+    shown_by = "the same residual after every change of command, in every signal; correlated at one lag"
+    mistaken_for = ("input-delay", "measurement-delay", "actuator-lag")
+    separated_by = "the same manoeuvre in two recordings: a delay stays, the offset of clocks changes"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """The clocks of the file, when something is commanded."""
+        return ("t",) if data.inputs else ()
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A few samples, and shares of the craft's time constant, both ways."""
+        low, high = self.bounds(place, data)["offset"]
+        sizes = (2.0 * data.interval, max(0.3 * data.pace, 4.0 * data.interval))
+        return tuple({"offset": min(max(sign * s, 0.8 * low), 0.8 * high)} for s in sizes for sign in (-1.0, 1.0))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Two time constants, a dozen samples at least; never more than a quarter of a run."""
+        most = min(max(2.0 * data.pace, 12.0 * data.interval), 0.25 * data.duration)
+        return {"offset": (-most, most)}
+
+    def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
+        """Bring the inputs' stamps to the signals' clock."""
+        return t + effect["offset"] if inputs else t
+
+
+SLIPS: Mapping[str, tuple[float, ...]] = {
+    "rad": (180.0 / math.pi, 0.5 / math.pi),
+    "rad/s": (180.0 / math.pi, 30.0 / math.pi, 0.5 / math.pi),
+    "m": (1.0 / 0.3048, 100.0, 1000.0),
+    "m/s": (3600.0 / 1852.0, 3.6, 1.0 / 0.3048, 1.852, 100.0, 1000.0),
+    "N": (1.0 / 9.80665, 0.001, 0.22480894),
+    "N m": (1.0 / 9.80665, 0.001, 0.73756215),
+    "1": (100.0,),
+}
+"""SI unit -> number in the file per number in SI, for the usual slips; each also happens the other way round."""
+
+
+class UnitError(Effect):
+    """The file's number is ``factor`` times the true one. The factor is one of :data:`SLIPS`, chosen and not fitted."""
+
+    slug = "unit-error"
+    family = "data errors"
+    meaning = "the numbers of a column are in another unit than its head says"
+    parameters = (Quantity("factor", "1", "number in the file per true number in SI"),)
+    shown_by = "one column against its own kin: a position changes 57.3, 3.6 or 1.94 times what its rate says"
+    mistaken_for = ("time-scale", "steady-current")
+    separated_by = "a known motion: one full turn, or a measured length sailed both ways"
+    fixed = ("factor",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Columns whose scale something else in the file checks."""
+        signals = tuple(s for s, unit in data.signals.items() if unit in SLIPS and signal_scale_shows(s, data))
+        inputs = tuple(c for c, unit in data.inputs.items() if unit in SLIPS and input_scale_shows(c, data))
+        return signals + inputs
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Every usual slip of this unit, both ways round."""
+        unit = data.signals.get(place, data.inputs.get(place, ""))
+        return tuple({"factor": f} for slip in SLIPS[unit] for f in (slip, 1.0 / slip))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """What the table of slips spans."""
+        return {"factor": (1e-3, 1e3)}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Read the true command from the column."""
+        u = drive.channels.get(effect.place)
+        return drive if u is None else drive.with_channel(effect.place, u / effect["factor"])
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Write the signal in the wrong unit."""
+        y = seen.signals.get(effect.place)
+        return seen if y is None else seen.with_signal(effect.place, y * effect["factor"])
+
+
+class SignError(Effect):
+    """A column has the wrong sign, in all runs (``"N"``) or in one (``"N@run"``)."""
+
+    slug = "sign-error"
+    family = "data errors"
+    meaning = "a column counts the other way: positive to port, upwards, or a plug turned round"
+    shown_by = "the simulation goes the opposite way at every command, or heading and rate disagree"
+    mistaken_for = ("channel-swap", "time-offset")
+    separated_by = "one long push to starboard (ahead, down) while somebody watches"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every signal, and every input whose sign the model does not fit anyway; with several runs also each alone."""
+        columns = (*data.signals, *(c for c in data.inputs if not sign_is_free(c, data.form)))
+        # Of one run only, the sign of any input shows against the other runs.
+        each = (*data.signals, *data.inputs) if len(data.runs) > 1 else ()
+        return (*columns, *(f"{c}@{run}" for c in each for run in data.runs))
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Turn the command round."""
+        (name,) = columns_of(effect.place)
+        if name not in drive.channels or not concerns(effect.place, drive.run):
+            return drive
+        return drive.with_channel(name, -drive.channels[name])
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Turn the signal round."""
+        (name,) = columns_of(effect.place)
+        if name not in seen.signals or not concerns(effect.place, seen.run):
+            return seen
+        return seen.with_signal(name, -seen.signals[name])
+
+
+class ChannelSwap(Effect):
+    """Two columns, ``"a+b"``, carry each other's data: plugs, axes or a table's heads exchanged."""
+
+    slug = "channel-swap"
+    family = "data errors"
+    meaning = "two columns carry each other's data: plugs, axes or heads exchanged"
+    shown_by = "a motion answers the other channel's command; two residuals that are each other's signal"
+    mistaken_for = ("sign-error", "coriolis-coupling", "sway-yaw-coupling")
+    separated_by = "one axis at a time: push on one, rest, then on the other"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Pairs of signals of one unit, and pairs of inputs that do not merely exchange free gains."""
+        signals = [(a, b) for a, b in combinations(data.signals, 2) if data.signals[a] == data.signals[b]]
+        inputs = [(a, b) for a, b in combinations(data.inputs, 2) if not _alike(a, b, data)]
+        return tuple(f"{a}+{b}" for a, b in (*signals, *inputs))
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Exchange two commands."""
+        a, b = columns_of(effect.place)
+        if a not in drive.channels or b not in drive.channels:
+            return drive
+        first, second = drive.channels[a], drive.channels[b]
+        return drive.with_channel(a, second).with_channel(b, first)
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Exchange two signals."""
+        a, b = columns_of(effect.place)
+        if a not in seen.signals or b not in seen.signals:
+            return seen
+        first, second = seen.signals[a], seen.signals[b]
+        return seen.with_signal(a, second).with_signal(b, first)
+
+
+def _alike(a: str, b: str, data: DataSummary) -> bool:
+    """Return whether the model would not notice: both inputs drive the same forces, with gains to fit."""
+    form = data.form
+    pairs = [form.inputs.get(c, ()) for c in (a, b)]
+    free = all(isinstance(g, str) and g.lstrip("-") in form.free for own in pairs for _, g in own)
+    return free and {f for f, _ in pairs[0]} == {f for f, _ in pairs[1]}
+
+
+_PLANAR = ({"x", "y"}, {"u", "v"})
+
+
+def signal_scale_shows(signal: str, data: DataSummary) -> bool:
+    """Return whether a wrong scale of *signal* would show.
+
+    Forces are known up to the inertia's scale, so it shows against another measured signal of the same kinematics
+    only (``psi`` against ``r``, ``x`` and ``y`` against ``u`` and ``psi``), or when the inertia is known.
+    """
+    have = set(data.signals)
+    for dof in DOFS.values():
+        pair = (dof.position, dof.velocity)
+        if signal in pair:
+            other = pair[1 - pair.index(signal)]
+            if other in have or (dof.name in data.form.dofs and _inertia_known(dof.name, data.form)):
+                return True
+    if signal in ("u", "v"):
+        return bool(have & _PLANAR[0])
+    if signal in ("x", "y"):
+        return bool(have & _PLANAR[1]) or have >= {"x", "y", "psi"}
+    return signal == "psi" and have >= {"x", "y"}
+
+
+def rates_checked(data: DataSummary) -> bool:
+    """Return whether some position is measured beside its velocity: what a wrong clock betrays itself by."""
+    have = set(data.signals)
+    pairs = any(d.position in have and d.velocity in have for d in DOFS.values())
+    return pairs or all(have & group for group in _PLANAR)
+
+
+def input_scale_shows(channel: str, data: DataSummary) -> bool:
+    """Return whether a wrong scale of an input would show: its gain is given, and inertia or a second input is too."""
+    form = data.form
+    for force in _given(channel, form):
+        dof = next(d.name for d in DOFS.values() if d.force == force)
+        others = [c for c in data.inputs if c != channel and force in _given(c, form)]
+        if others or _inertia_known(dof, form):
+            return True
+    return False
+
+
+def sign_is_free(channel: str, form: Form) -> bool:
+    """Return whether the model fits the sign of an input anyway: a rudder's, or any whose every gain is free."""
+    return channel == "delta" or not _given(channel, form)
+
+
+def _given(channel: str, form: Form) -> tuple[str, ...]:
+    """Return the forces that *channel* drives with a known gain."""
+    pairs = form.inputs.get(channel, ())
+    return tuple(f for f, g in pairs if not (isinstance(g, str) and g.lstrip("-") in form.free))
+
+
+def _inertia_known(dof: str, form: Form) -> bool:
+    d = DOFS[dof]
+    body = {"yaw": "I_z", "roll": "I_x", "pitch": "I_y"}.get(dof, "m")
+    names = {body, f"{d.force}_{d.velocity}dot"}
+    return not names & set(form.free) and bool(names & set(form.known))

@@ -1,0 +1,267 @@
+"""Effects of the surroundings: a constant force, current, wind, a tether."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import cos, inf, pi, sin
+
+import numpy as np
+
+from gcs_autotune.effects.effect import INPUT, Curve, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.summary import DataSummary, force_scale, force_unit, sense, stiffness_unit, top_speed
+from gcs_autotune.sname import DOFS
+
+__all__ = ["OVER_GROUND", "THROUGH_WATER", "InputBias", "SteadyCurrent", "TetherPull", "WindMoment"]
+
+
+class InputBias(Effect):
+    """A constant ``bias`` in one equation: trim, a tether's steady pull, a list. Heave has ``net-buoyancy`` instead."""
+
+    slug = "input-bias"
+    family = "environment"
+    meaning = "a constant force or moment: trim, tether, list, an actuator off centre"
+    parameters = (Quantity("bias", INPUT, "constant force, on the side of the input"),)
+    grows_with = ("bias",)
+    shown_by = "mean of the one-step residual; free run drifts to one side"
+    mistaken_for = ("asymmetric-thrust", "gyro-bias", "wind-moment", "steady-current")
+    separated_by = "a minute with no command at all, then the same manoeuvre on another heading"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every degree of freedom but heave, unless the base model has a constant force there."""
+        there = set(data.form.parameters)
+        return tuple(d for d in data.form.dofs if d != "heave" and f"{DOFS[d].force}_0" not in there)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A tenth of the largest command, to be scaled: the effect is linear."""
+        return ({"bias": 0.1 * force_scale(place, data)},)
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``X_0``, ``N_0`` and so on."""
+        return {f"{DOFS[effect.place].force}_0": effect["bias"]}
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """That of the force; of the input when forces are known as fractions or angles."""
+        return force_unit(place, data)
+
+
+OVER_GROUND, THROUGH_WATER = "over ground", "through water"
+"""What the file's ``u``, ``v`` are: from a satellite receiver or a bottom-locked log, or from a paddle wheel."""
+
+FASTEST = 5.0
+"""Fastest current looked for [m/s]; the strongest tidal races run at more than that, but nobody tunes a boat there."""
+
+_NAMES: Mapping[str, Mapping[str, str]] = {
+    OVER_GROUND: {"V_x": "V_x", "V_y": "V_y"},
+    THROUGH_WATER: {"V_x": "drift_x", "V_y": "drift_y"},
+}
+
+
+class SteadyCurrent(Effect):
+    """Irrotational and steady: the equations of motion hold for the velocity through the water (Fossen2011, 8.3).
+
+    Speeds over ground then show the current turned into the body; speeds through the water do not, and only positions
+    drift. Files with positions and heading but no speeds are the same under either reading; they get the first.
+    """
+
+    slug = "steady-current"
+    family = "environment"
+    meaning = "the water moves over the ground: the craft is set one way, whatever it steers"
+    parameters = (
+        Quantity("V_x", "m/s", "current towards north"),
+        Quantity("V_y", "m/s", "current towards east"),
+    )
+    shown_by = "position residual grows evenly towards one side; speeds over ground: one wave per turn against heading"
+    mistaken_for = ("input-bias", "compass-deviation", "tether-pull", "asymmetric-thrust")
+    separated_by = "steady straight legs on four headings at one throttle, or drift for two minutes"
+    grows_with = ("V_x", "V_y")
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Both readings of the speeds, as far as the file can show them apart from a constant force.
+
+        Without a heading only the drift of a position against a measured speed can be told.
+        """
+        form, seen = data.form, set(data.signals)
+        if {"V_x", "V_y", "drift_x", "drift_y"} & set(form.parameters) or not {"surge", "sway"} & set(form.dofs):
+            return ()
+        speeds, positions = seen & {"u", "v"}, seen & {"x", "y"}
+        turns = "yaw" in form.dofs and "psi" in seen
+        if "yaw" in form.dofs and not turns:
+            return ()
+        over_ground = turns and (bool(speeds) or len(positions) == 2)
+        return (OVER_GROUND,) * over_ground + (THROUGH_WATER,) * bool(speeds and positions)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Along each axis and between them; either sign by scaling. Only north, or east, for a craft on a line."""
+        V = 0.2 * max(top_speed(d, data) for d in ("surge", "sway") if d in data.form.dofs)
+        if "yaw" in data.form.dofs or {"surge", "sway"} <= set(data.form.dofs):
+            return tuple({"V_x": a * V, "V_y": b * V} for a, b in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)))
+        return ({"V_x": V},) if "surge" in data.form.dofs else ({"V_y": V},)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Water is not that fast."""
+        return {"V_x": (-FASTEST, FASTEST), "V_y": (-FASTEST, FASTEST)}
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """The current of the kernel, seen or unseen by the speeds."""
+        names = _NAMES[effect.place]
+        return {names[n]: v for n, v in effect.values.items()}
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """How fast the water carries along each heading."""
+        psi = np.linspace(0.0, 2.0 * np.pi, 181)
+        along = effect.values.get("V_x", 0.0) * np.cos(psi) + effect.values.get("V_y", 0.0) * np.sin(psi)
+        return Curve(psi, along, "heading [rad]", "current from astern [m/s]", "Current", polar=True)
+
+
+DIRECTIONS = 6
+"""Directions to begin from, evenly round."""
+
+
+class WindMoment(Effect):
+    """``N += strength sin(direction - psi)``: it turns the bow towards ``direction``, upwind or down.
+
+    Which of the two is the hull's affair. Needs a measured heading. ``direction`` counts from north over east; a fit
+    may leave it outside [0, 2 pi).
+    """
+
+    slug = "wind-moment"
+    family = "environment"
+    meaning = "wind on the hull turns the bow towards one direction, most when lying across it"
+    parameters = (
+        Quantity("strength", INPUT, "moment when the wind is abeam"),
+        Quantity("direction", "rad", "heading the bow is turned towards"),
+    )
+    shown_by = "yaw residual against heading: one wave per turn, in the gyro as well as in the compass"
+    mistaken_for = ("input-bias", "compass-deviation", "tether-pull", "gyro-bias")
+    separated_by = "two slow full turns, one each way, and half a minute without command on two headings"
+    grows_with = ("strength",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Yaw, with a measured heading."""
+        there = {"N_sinpsi", "N_cospsi"} & set(data.form.parameters)
+        return ("yaw",) if "yaw" in data.form.dofs and "psi" in data.signals and not there else ()
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A fifth of the largest command, from all round."""
+        strength = 0.2 * force_scale(place, data)
+        turns = (2.0 * pi * k / DIRECTIONS for k in range(DIRECTIONS))
+        return tuple({"strength": strength, "direction": d if d <= pi else d - 2.0 * pi} for d in turns)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Strength is positive, the direction says the rest."""
+        return {"strength": (0.0, inf), "direction": (-3.0 * pi, 3.0 * pi)}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """Which sign turns to starboard."""
+        return sense(place, data)
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``N_cospsi`` and ``N_sinpsi``: the sine of a difference taken apart."""
+        strength = effect.sense * effect["strength"]
+        return {"N_cospsi": strength * sin(effect["direction"]), "N_sinpsi": -strength * cos(effect["direction"])}
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """The wind rose: moment over heading."""
+        psi = np.linspace(0.0, 2.0 * np.pi, 181)
+        moment = effect["strength"] * np.sin(effect["direction"] - psi)
+        unit = force_unit(effect.place, data)
+        return Curve(psi, moment, "heading [rad]", f"moment to starboard [{unit}]", "Wind moment", polar=True)
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """That of the moment, and of the heading."""
+        return force_unit(place, data) if name == "strength" else "rad"
+
+
+PLANE = "surge+sway"
+
+STRENGTH = 0.3
+"""Pull to begin from over the range of positions visited, in shares of the largest force."""
+
+AWAY = 5.0
+"""How far from the middle of the positions an anchor may lie, in ranges visited; farther off it is a constant force."""
+
+
+class TetherPull(Effect):
+    """``- stiffness (position - anchor)`` in one degree of freedom, or towards a place ``x``, ``y`` on the plane.
+
+    On the plane the pull is earth-fixed and turned into the body frame; a craft that does not turn heads north.
+    """
+
+    slug = "tether-pull"
+    family = "environment"
+    meaning = "a spring holds the craft: the pull goes with the distance from where the tether is slack"
+    parameters = (
+        Quantity("stiffness", "force/m or moment/rad", "pull per distance"),
+        Quantity("anchor", "m or rad", "position without pull"),
+        Quantity("x", "m", "the same on the plane, north"),
+        Quantity("y", "m", "the same on the plane, east"),
+    )
+    shown_by = "residual against position: a slope back to one place; left alone it returns there"
+    mistaken_for = ("input-bias", "net-buoyancy", "steady-current", "wind-moment")
+    separated_by = "let go without command at three positions (headings, depths): does it come back?"
+    grows_with = ("stiffness",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Yaw and heave with their position measured; surge by itself on a line; surge and sway on the plane."""
+        form, seen = data.form, set(data.signals)
+        found: list[str] = [d for d in ("yaw", "heave") if d in form.dofs and DOFS[d].position in seen]
+        if "surge" in form.dofs and not {"sway", "yaw"} & set(form.dofs) and "x" in seen:
+            found.append("surge")
+        if {"surge", "sway"} <= set(form.dofs) and {"x", "y"} <= seen:
+            found.append(PLANE)
+        return tuple(d for d in found if d == PLANE or f"{DOFS[d].force}_{DOFS[d].position}" not in form.parameters)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Anchored amid the positions visited, and at their ends."""
+        if place == PLANE:
+            (west, east), (south, north) = data.extent["y"], data.extent["x"]
+            span = max(east - west, north - south) or 1.0
+            stiffness = STRENGTH * max(force_scale(d, data) for d in ("surge", "sway")) / span
+            middle = (0.5 * (south + north), 0.5 * (west + east))
+            ends = [(n, e) for n in (south, north) for e in (west, east)]
+            return tuple({"stiffness": stiffness, "x": n, "y": e} for n, e in (middle, *ends))
+        low, high = data.extent[DOFS[place].position]
+        stiffness = STRENGTH * force_scale(place, data) / ((high - low) or 1.0)
+        return tuple({"stiffness": stiffness, "anchor": a} for a in (0.5 * (low + high), low, high))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """It pulls back, to somewhere not too far off."""
+        names = {"x": "x", "y": "y"} if place == PLANE else {"anchor": DOFS[place].position}
+        edges = {name: data.extent[signal] for name, signal in names.items()}
+        span = max(high - low for low, high in edges.values()) or 1.0
+        reach = {n: (0.5 * (a + b) - AWAY * span, 0.5 * (a + b) + AWAY * span) for n, (a, b) in edges.items()}
+        return {"stiffness": (0.0, inf), **reach}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """Which sign pulls back."""
+        return sense(place, data) if place != PLANE else {}
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``N_psi`` and ``N_0``, ``Z_z`` and ``Z_0``; on the plane positions times sine and cosine of the heading."""
+        k = effect.sense * effect["stiffness"]
+        if effect.place != PLANE:
+            d = DOFS[effect.place]
+            return {f"{d.force}_{d.position}": -k, f"{d.force}_0": k * effect["anchor"]}
+        north, east = k * effect["x"], k * effect["y"]
+        return {
+            "X_xcospsi": -k, "X_ysinpsi": -k, "X_cospsi": north, "X_sinpsi": east,
+            "Y_xsinpsi": k, "Y_ycospsi": -k, "Y_sinpsi": -north, "Y_cospsi": east,
+        }  # fmt: skip
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """Pull over position, on the plane over distance."""
+        if effect.place == PLANE:
+            far = max(high - low for low, high in (data.extent["x"], data.extent["y"])) or 1.0
+            distance = np.linspace(0.0, far, 61)
+            unit = force_unit("surge", data)
+            return Curve(distance, effect["stiffness"] * distance, "distance [m]", f"pull [{unit}]", "Tether pull")
+        d = DOFS[effect.place]
+        x = np.linspace(*data.extent[d.position], 61)
+        pull = -effect["stiffness"] * (x - effect["anchor"])
+        unit = force_unit(effect.place, data)
+        return Curve(x, pull, f"{d.position} [{d.position_unit}]", f"pull [{unit}]", "Tether pull")
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """Force per distance, and that of the position."""
+        first = place.split("+")[0]
+        return stiffness_unit(first, data) if name == "stiffness" else DOFS[first].position_unit

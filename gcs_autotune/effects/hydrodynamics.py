@@ -1,0 +1,403 @@
+"""Hydrodynamic effects: drag, coupling of degrees of freedom, mass, buoyancy, the bottom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf, sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from gcs_autotune.effects.effect import Curve, Drive, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.summary import (
+    DataSummary,
+    force_scale,
+    force_unit,
+    inertia_scale,
+    known_of,
+    sense,
+    top_speed,
+)
+from gcs_autotune.models.coupled.derivatives import DEPTH, PAYLOAD
+from gcs_autotune.sname import DOFS
+
+__all__ = [
+    "CoriolisCoupling",
+    "GroundEffect",
+    "LinearDrag",
+    "MassChange",
+    "NetBuoyancy",
+    "QuadraticDrag",
+    "SwayYawCoupling",
+]
+
+
+def drag_names(dof: str) -> tuple[str, str]:
+    """Return the derivatives of linear and quadratic drag, ``("N_r", "N_rr")`` for yaw."""
+    d = DOFS[dof]
+    return f"{d.force}_{d.velocity}", f"{d.force}_{d.velocity}{d.velocity}"
+
+
+def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> Curve:
+    """Return drag over speed with the base's drag and the effect's, against the base's alone."""
+    d = DOFS[effect.place]
+    linear, quadratic = drag_names(effect.place)
+    known, sign = known_of(data), effect.sense
+    nu = np.linspace(-1.0, 1.0, 121) * top_speed(effect.place, data)
+    plain = -sign * (known.get(linear, 0.0) + known.get(quadratic, 0.0) * np.abs(nu)) * nu
+    more = effect["coefficient"] * (nu if effect.slug == "linear-drag" else np.abs(nu) * nu)
+    velocity = f"{d.velocity} [{d.position_unit}/s]"
+    return Curve(nu, plain + more, velocity, f"drag [{force_unit(effect.place, data)}]", title, plain=plain)
+
+
+class Drag(Effect):
+    """``coefficient`` times speed to the ``power``; ``polar`` is the title of its picture."""
+
+    power: ClassVar[int]
+    polar: ClassVar[str]
+    family = "hydrodynamics"
+    grows_with = ("coefficient",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Degrees of freedom whose base model has no such drag."""
+        return tuple(d for d in data.form.dofs if not self._spellings(d) & set(data.form.parameters))
+
+    def _spellings(self, dof: str) -> set[str]:
+        """What a base model may call it."""
+        d, own = DOFS[dof], drag_names(dof)[self.power - 1]
+        return {own} if self.power == 1 else {own, f"{d.force}_|{d.velocity}|{d.velocity}"}
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Shares of the largest force at the largest speed: a heading integrates, so only small ones act linearly."""
+        full = force_scale(place, data) / top_speed(place, data) ** self.power
+        return tuple({"coefficient": share * full} for share in (0.02, 0.1, 0.5))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Drag damps."""
+        return {"coefficient": (0.0, inf)}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """Which sign damps."""
+        return sense(place, data)
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``X_u``, ``N_r`` and so on; ``X_uu``, ``N_rr`` of the second power."""
+        return {drag_names(effect.place)[self.power - 1]: -effect.sense * effect["coefficient"]}
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """The drag polar."""
+        return drag_polar(effect, data, self.polar)
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """Force per that power of speed."""
+        return DOFS[place].parameter_units(force_unit(place, data))[self.power]
+
+
+class LinearDrag(Drag):
+    """``- coefficient nu``: skin friction and wave making at low speed. Only where the base model has none."""
+
+    slug = "linear-drag"
+    power = 1
+    polar = "Linear drag"
+    meaning = "drag that goes with speed: slow motion dies out exponentially"
+    parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per speed, positive when it damps"),)
+    shown_by = "residual against speed: a straight line through zero, most telling at low speed"
+    mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
+    separated_by = "full speed, then no command until it lies still: the tail of the coasting tells"
+
+
+class QuadraticDrag(Drag):
+    """``- coefficient |nu| nu``: pressure drag of the water shed at higher speed (Miskovic2010 (6.33), ``beta_nn``)."""
+
+    slug = "quadratic-drag"
+    power = 2
+    polar = "Drag polar"
+    meaning = "drag that goes with the square of speed: twice the force gives less than twice the speed"
+    parameters = (
+        Quantity("coefficient", "force s^2/m^2 or s^2/rad^2", "drag per squared speed, positive when it damps"),
+    )
+    shown_by = "residual against speed: an S: the simulation is too slow at low speed and too fast at high"
+    mistaken_for = ("saturation", "quadratic-actuator", "linear-drag", "rudder-stall")
+    separated_by = "steps of three sizes each way, held until the speed settles, each left to coast down"
+
+
+TERMS: Mapping[str, tuple[str, str, str]] = {
+    "X_vr": ("surge", "sway", "yaw"),
+    "Y_ur": ("sway", "surge", "yaw"),
+    "N_uv": ("yaw", "surge", "sway"),
+}
+"""Coefficient -> equation it stands in, and the two velocities it goes with."""
+
+SHARE = 0.2
+"""Share of the largest force to begin from, at the largest speeds."""
+
+
+class CoriolisCoupling(Effect):
+    """``X_vr v r``, ``Y_ur u r``, ``N_uv u v``: rigid body and added mass (Miskovic, Vukic and Barisic, (4)).
+
+    With masses ``m_u``, ``m_v``: ``X_vr = m_v``, ``Y_ur = -m_u``, ``N_uv = m_u - m_v`` (the Munk moment).
+    """
+
+    slug = "coriolis-coupling"
+    family = "hydrodynamics"
+    meaning = "momentum carried through a turn: the craft slides outwards, loses way and yaws with it"
+    parameters = (
+        Quantity("X_vr", "force s^2/(m rad)", "surge force per sway and yaw rate; the mass in sway"),
+        Quantity("Y_ur", "force s^2/(m rad)", "sway force per surge and yaw rate; minus the mass in surge"),
+        Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway (Munk)"),
+    )
+    shown_by = "sway residual against u times r; surge residual in turns only"
+    mistaken_for = ("sway-yaw-coupling", "speed-dependent-steering", "steady-current")
+    separated_by = "turning circles both ways at two speeds ahead, and one turn on the spot"
+    grows_with = ("X_vr", "Y_ur", "N_uv")
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Surge, sway and yaw together, where the base model has none of it; fewer have no product of two others."""
+        form = data.form
+        missing = {"surge", "sway", "yaw"} - set(form.dofs)
+        return () if missing or form.coriolis or set(TERMS) & set(form.parameters) else ("surge+sway+yaw",)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """What the base's masses speak for; a fair share of the forces there are, all together and one by one.
+
+        A base model without these forces has often put them into its masses, so the masses alone would mislead.
+        """
+        m_u, m_v = inertia_scale("surge", data), inertia_scale("sway", data)
+        signs = {"X_vr": 1.0, "Y_ur": -1.0, "N_uv": 1.0 if m_u > m_v else -1.0}
+        fair = {n: SHARE * sign * _per_speeds(n, data) for n, sign in signs.items()}
+        alone = tuple({n: (v if n == name else 0.0) for n, v in fair.items()} for name in TERMS)
+        return ({"X_vr": m_v, "Y_ur": -m_u, "N_uv": m_u - m_v}, fair, *alone)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Masses are positive; the moment may have either sign."""
+        return {"X_vr": (0.0, inf), "Y_ur": (-inf, 0.0), "N_uv": (-inf, inf)}
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """Themselves."""
+        return {name: effect[name] for name in TERMS}
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """Force or moment per product of two speeds."""
+        return f"{force_unit(TERMS[name][0], data)} s^2/{'m^2' if name == 'N_uv' else '(m rad)'}"
+
+
+def _per_speeds(name: str, data: DataSummary) -> float:
+    dof, first, second = TERMS[name]
+    return force_scale(dof, data) / (top_speed(first, data) * top_speed(second, data))
+
+
+LARGEST = 0.95
+"""Largest ``Y_rdot`` in shares of the geometric mean of both inertias: at 1 the mass matrix is singular."""
+
+
+class SwayYawCoupling(Effect):
+    """``Y_r r`` in sway, ``N_v v`` in yaw, and ``-Y_rdot`` off the diagonal of the mass matrix, on both sides.
+
+    With the centre of gravity ``x_G`` ahead, ``-Y_rdot`` is ``m x_G`` (Miskovic, Vukic and Barisic, (4)).
+    """
+
+    slug = "sway-yaw-coupling"
+    family = "hydrodynamics"
+    meaning = "turning pushes sideways, sliding turns: centre of gravity or of drag away from midships"
+    parameters = (
+        Quantity("Y_r", "force s/rad", "sway force per yaw rate"),
+        Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),
+        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration, minus the mass matrix's entry"),
+    )
+    shown_by = "sway residual against yaw rate, and yaw residual against sway, also without way ahead"
+    mistaken_for = ("coriolis-coupling", "channel-swap", "steady-current")
+    separated_by = "turn on the spot without way, then push sideways without turning"
+    grows_with = ("Y_r", "N_v", "Y_rdot")
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Sway and yaw, where the base model has no coupling."""
+        form = data.form
+        there = {"Y_r", "N_v", "Y_rdot", "N_vdot", "x_G"} & set(form.parameters)
+        return ("sway+yaw",) if {"sway", "yaw"} <= set(form.dofs) and not there else ()
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Each of the three by itself, at a fair share of the forces there are."""
+        v, r = top_speed("sway", data), top_speed("yaw", data)
+        size = {
+            "Y_r": -0.3 * force_scale("sway", data) / r,
+            "N_v": -0.3 * force_scale("yaw", data) / v,
+            "Y_rdot": -0.3 * _mean_inertia(data),
+        }
+        return tuple({n: (v if n == name else 0.0) for n, v in size.items()} for name in size)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """The mass matrix stays positive definite."""
+        most = LARGEST * _mean_inertia(data) if data.base else inf
+        return {"Y_r": (-inf, inf), "N_v": (-inf, inf), "Y_rdot": (-most, most)}
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """Themselves; the mirror of ``Y_rdot`` comes with it."""
+        return {name: effect[name] for name in ("Y_r", "N_v", "Y_rdot")}
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """Force over speed or acceleration."""
+        per = {"Y_r": "s/rad", "N_v": "s/m", "Y_rdot": "s^2/rad"}
+        return f"{force_unit('yaw' if name == 'N_v' else 'sway', data)} {per[name]}"
+
+
+def _mean_inertia(data: DataSummary) -> float:
+    return sqrt(inertia_scale("sway", data) * inertia_scale("yaw", data))
+
+
+RATIOS, MOMENTS = (1.5, 0.67), 16
+"""Ratios to begin from, at so many moments: between two changes of command nothing tells when, so moments have to lie
+about as close as commands do."""
+
+
+class MassChange(Effect):
+    """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump."""
+
+    slug = "mass-change"
+    family = "hydrodynamics"
+    meaning = "inertia changes within the run: a payload taken aboard or dropped, a hull taking water"
+    parameters = (
+        Quantity("ratio", "1", "inertia after over inertia before"),
+        Quantity("time", "s", "when, after the start of the run"),
+    )
+    happens_at = ("time",)
+    grows_with = ("ratio",)
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+    shown_by = "residual against time: right up to a moment, then every acceleration off by one factor"
+    mistaken_for = ("gain-drift", "actuator-lag", "quadratic-drag")
+    separated_by = "the same pair of steps at the beginning, in the middle and at the end of the run"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """All degrees of freedom at once: the same payload."""
+        return ("+".join(data.form.dofs),)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Heavier and lighter, at moments all over the run."""
+        moments = np.linspace(0.0, data.duration, MOMENTS + 2)[1:-1].tolist()
+        return tuple({"ratio": ratio, "time": t} for ratio in RATIOS for t in moments)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A fifth to five times the inertia, well within the longest run."""
+        return {"ratio": (0.2, 5.0), "time": (0.02 * data.duration, 0.98 * data.duration)}
+
+    def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
+        """What multiplies the inertia."""
+        return (PAYLOAD,)
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Add the payload, with a stamp where it changes."""
+        change = drive.start + effect["time"]
+        finer = drive.on(np.union1d(drive.t, [drive.start, change]))
+        return finer.with_channel(PAYLOAD, np.where(finer.t >= change, effect["ratio"], 1.0))
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """Inertia over time."""
+        t = np.array([0.0, effect["time"], effect["time"], max(data.duration, effect["time"])])
+        ones = np.ones(4)
+        inertia = np.array([1.0, 1.0, effect["ratio"], effect["ratio"]])
+        return Curve(t, inertia, "time in the run [s]", "inertia, in shares of the first", "Mass change", plain=ones)
+
+
+class NetBuoyancy(Effect):
+    """A constant ``force`` in heave, down positive: weight less buoyancy."""
+
+    slug = "net-buoyancy"
+    family = "hydrodynamics"
+    meaning = "weight and buoyancy do not cancel: left alone the craft sinks (positive) or rises"
+    parameters = (Quantity("force", "force", "weight less buoyancy, down positive"),)
+    shown_by = "mean of the heave residual; without command it goes on sinking or rising"
+    mistaken_for = ("asymmetric-thrust", "tether-pull", "gyro-bias", "dead-zone")
+    separated_by = "a minute without heave command, then equal pushes up and down at two depths"
+    grows_with = ("force",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Heave, unless the base model has a constant force there."""
+        return ("heave",) if "heave" in data.form.dofs and "Z_0" not in data.form.parameters else ()
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A tenth of the largest command, to be scaled: the effect is linear."""
+        return ({"force": 0.1 * force_scale(place, data)},)
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``Z_0``."""
+        return {"Z_0": effect["force"]}
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """That of the force."""
+        return force_unit(place, data)
+
+
+LENGTHS = (0.1, 0.3, 0.8)
+"""Lengths to begin from, in shares of the depths visited."""
+
+
+class GroundEffect(Effect):
+    """All drag in one equation times ``1 + strength exp(-(bottom - z)/length)``: water squeezed against the bottom.
+
+    ``bottom`` is the deepest recorded ``z``: where the true bottom lies deeper by h, ``strength`` comes out as
+    ``exp(-h/length)`` of that at the bottom, and the motion is the same. Heave simulates its own depth; other
+    degrees of freedom, when heave is not simulated, take the recorded one.
+    """
+
+    slug = "ground-effect"
+    family = "hydrodynamics"
+    meaning = "drag grows close to the bottom or a wall, where water has to be squeezed out of the way"
+    parameters = (
+        Quantity("strength", "1", "drag at the deepest point over drag far above it, less one"),
+        Quantity("length", "m", "height above the deepest point at which 37 % of that are left"),
+    )
+    shown_by = "residual against depth: right high up, too fast in the simulation near the bottom"
+    mistaken_for = ("quadratic-drag", "net-buoyancy", "tether-pull", "gain-drift")
+    separated_by = "the same pushes up and down just above the bottom, a craft's length above it and far up"
+    grows_with = ("strength",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Degrees of freedom with drag, when depth is recorded and changes by more than its noise."""
+        low, high = data.extent.get("z", (0.0, 0.0))
+        if not high - low > 8.0 * data.level.get("z", 0.0):
+            return ()
+        known = set(data.form.parameters)
+        return tuple(d for d in ("heave", "yaw", "surge", "sway") if d in data.form.dofs and known & {*drag_names(d)})
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Drag doubled at the bottom, over three heights."""
+        low, high = data.extent["z"]
+        return tuple({"strength": 1.0, "length": share * (high - low)} for share in LENGTHS)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Drag grows, within a part of the depths visited or little more."""
+        low, high = data.extent["z"]
+        return {"strength": (0.0, 50.0), "length": (0.02 * (high - low), 2.0 * (high - low))}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """The deepest recorded depth, and whether the simulation has a depth of its own."""
+        return {"bottom": data.extent["z"][1], "dives": float("heave" in data.form.dofs)}
+
+    def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
+        """The recorded depth, for a craft whose heave is not simulated."""
+        return () if effect["dives"] else (DEPTH,)
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Add the recorded depth, between its stamps the mean of both."""
+        if effect["dives"]:
+            return drive
+        z = drive.measured["z"]
+        known = np.isfinite(z.values)
+        finer = drive.on(np.union1d(drive.t, z.t[known]))
+        middle = 0.5 * (finer.t + np.append(finer.t[1:], finer.t[-1]))
+        return finer.with_channel(DEPTH, np.interp(middle, z.t[known], z.values[known]))
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``wall_Z`` with its ``reach`` and ``bottom``."""
+        return {
+            f"wall_{DOFS[effect.place].force}": effect["strength"],
+            "reach": effect["length"],
+            "bottom": effect["bottom"],
+        }
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """Drag over height."""
+        low, high = data.extent["z"]
+        height = np.linspace(0.0, high - low, 121)
+        drag = 1.0 + effect["strength"] * np.exp(-height / effect["length"])
+        name, far = "height above the deepest point [m]", "drag over that far from the bottom"
+        return Curve(height, drag, name, far, "Ground effect", plain=np.ones(len(height)))

@@ -1,0 +1,250 @@
+"""Effects of the water that flows to an actuator: steering that needs way, thrust that is lost with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+
+from gcs_autotune.effects.actuator import Actuator, redrawn, steers
+from gcs_autotune.effects.effect import Array, Curve, Drive, EffectInstance, Quantity
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.models.coupled.derivatives import FORCES, STATES
+from gcs_autotune.slow_imports import scipy_signal
+from gcs_autotune.sname import DOFS, SIGNALS, Dof
+from gcs_autotune.trial import Channel
+
+__all__ = ["AdvanceSpeedLoss", "SpeedDependentSteering"]
+
+
+VARIES = 0.1
+"""Speeds must range over this share of their root mean square for their effect to be seen."""
+
+GAIN_OF = "gain_"
+"""Constants ``gain_N`` and so on: what a simulated flow multiplies, the base model's forces per input."""
+
+WINDOWS = (5, 9, 15, 25, 41, 67, 111)
+"""Samples a parabola may be laid through to smooth the speed; which, every run says itself."""
+
+
+class SpeedDependentSteering(Actuator):
+    """Commands act times ``(1 - share) + share (U/U_ref)^2``: rudder force goes with the square of the flow.
+
+    ``U`` is the surge speed through the water: the simulated one where surge is simulated, as noise in a measured one
+    would come out as a weaker effect; else the measured ``u`` (or speed over ground), smoothed as its noise asks.
+    ``U_ref`` is the root mean square of the recorded one over the runs. Miskovic2010, (2.37):
+    ``k_r1 U^2 delta`` from the boat's way, and a rest, from the propeller's race, that does not depend on it. Where the
+    input's gain is fitted and surge simulated, ``share`` is one of the base model's gain.
+    """
+
+    slug = "speed-dependent-steering"
+    meaning = "the rudder turns the craft the harder, the faster water flows past it"
+    parameters = (
+        Quantity("share", "1", "share of the steering that goes with the speed squared; the rest is always there"),
+    )
+    grows_with = ("share",)
+    shown_by = "yaw residual over command, against speed: too weak a turn when slow, too strong when fast"
+    mistaken_for = ("gain-drift", "quadratic-actuator", "coriolis-coupling", "linear-drag")
+    separated_by = (
+        "the same zig-zag at slow, half and full speed, each speed steady before it begins, in mixed order so that a "
+        "weakening battery cannot pass for speed"
+    )
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every input that turns the craft, when a speed is recorded and varies."""
+        name = _speed(data.channels)
+        if name is None or data.rms.get(name, 0.0) <= 0.0:
+            return ()
+        low, high = data.extent.get(name, (0.0, 0.0))
+        if high - low < VARIES * data.rms[name]:
+            return ()
+        return tuple(n for n in super().places(data) if steers(n, data))
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """Partly, and wholly."""
+        return ({"share": 0.4}, {"share": 0.9})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A little beyond the physical 0 to 1, so that a fit can end at either."""
+        return {"share": (-0.2, 1.2)}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """The root mean square of the recorded speed, and where surge is simulated what it multiplies."""
+        name = _speed(data.channels)
+        if name is None:
+            return {}
+        return {"U_ref": data.rms[name], **_gains(place, data)}
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``N_N`` and ``N_|u||u|N`` and so on, where surge is simulated."""
+        found = {}
+        for key, gain in effect.constants.items():
+            if key.startswith(GAIN_OF):
+                force = key.removeprefix(GAIN_OF)
+                found[f"{force}_{effect.place}"] = -effect["share"] * gain
+                found[f"{force}_|u||u|{effect.place}"] = effect["share"] * gain / effect["U_ref"] ** 2
+        return found
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Scale the commands with the measured flow, held at its mean between stamps, where surge is not simulated."""
+        name = _speed(drive.measured)
+        if name is None or any(key.startswith(GAIN_OF) for key in effect.constants):
+            return drive
+        stamps, flow = _smooth(drive.measured[name])
+        if not len(stamps):
+            return drive
+        t = np.union1d(drive.t, stamps[stamps > drive.t[0]])
+        at = np.interp(t, stamps, flow) / effect["U_ref"]
+        ahead = np.r_[at[1:], at[-1]]
+        mean = (at * at + at * ahead + ahead * ahead) / 3.0
+        u = drive.channels[effect.place][np.searchsorted(drive.t, t, side="right") - 1]
+        return redrawn(drive, effect.place, t, u * ((1.0 - effect["share"]) + effect["share"] * mean))
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """Gain over speed."""
+        name = _speed(data.channels) or "u"
+        low, high = data.extent.get(name, (0.0, 2.0 * effect["U_ref"]))
+        speed = np.linspace(min(low, 0.0), high, 201)
+        gain = (1.0 - effect["share"]) + effect["share"] * (speed / effect["U_ref"]) ** 2
+        return Curve(
+            speed,
+            gain,
+            f"{name} [m/s]",
+            f"gain of {effect.place} [1]",
+            "Steering over speed",
+            plain=np.ones_like(speed),
+        )
+
+
+def _speed(channels: Mapping[str, object] | frozenset[str]) -> str | None:
+    """Return the channel that tells the speed through the water best."""
+    return next((n for n in ("u", "U") if n in channels), None)
+
+
+def _gains(place: str, data: DataSummary) -> dict[str, float]:
+    """Return the gain of every force the input drives, none when surge is not simulated or a gain is not known."""
+    if "surge" not in data.form.dofs:
+        return {}
+    driven = {DOFS[d].force for d in data.form.dofs}
+    found = {}
+    for force, gain in data.form.inputs[place]:
+        if force not in driven:
+            continue
+        if isinstance(gain, str):
+            name = gain.removeprefix("-")
+            if name not in data.base or gain == f"-{force}_{place}":
+                return {}
+            found[GAIN_OF + force] = -data.base[name] if gain.startswith("-") else data.base[name]
+        else:
+            found[GAIN_OF + force] = gain
+    return found
+
+
+@lru_cache(maxsize=64)
+def _smooth(speed: Channel) -> tuple[Array, Array]:
+    """Return stamps and smoothed speeds (n,) of the samples there are, by moving parabolas (Savitzky1964).
+
+    The window is that which foretells samples left out of it best: the noise would come out as speed that varies.
+    """
+    good = np.isfinite(speed.values)
+    t, values = speed.t[good], speed.values[good]
+    best, least = values, np.inf
+    for window in WINDOWS:
+        if 3 * window > len(values):
+            break
+        smooth: Array = scipy_signal().savgol_filter(values, window, 2)
+        own = float(scipy_signal().savgol_coeffs(window, 2)[window // 2])
+        half = window // 2
+        left_out = (values - smooth)[half : len(values) - half] / (1.0 - own)
+        error = float(np.mean(left_out**2))
+        if error < least:
+            best, least = smooth, error
+    return t, best
+
+
+GAIN, AXIS = "gain", "axis"
+"""Constants: magnitude of the base model's force per input, and which force (0 to 5: X Y Z K M N)."""
+
+RUDDER = "rad"
+"""Inputs of this unit are angles, not thrusters."""
+
+PER_SPEED = "s/m or s/rad"
+
+
+class AdvanceSpeedLoss(Actuator):
+    """The force of a thruster is lowered by ``loss |force| nu``: the bilinear thruster.
+
+    Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity
+    through the water along the thruster's axis, which must drive one degree of freedom only. It is a term ``X_|X|u`` of
+    the equations of motion and sees what acts, whatever other effects made of the command. Where the input's gain is
+    fitted, the force meant is that of the base model's gain.
+    """
+
+    slug = "advance-speed-loss"
+    meaning = "a propeller loses thrust with the speed of the water it works in: strong from rest, weak at speed"
+    parameters = (Quantity("loss", PER_SPEED, "share of the thrust lost per speed ahead, gained per speed astern"),)
+    grows_with = ("loss",)
+    shown_by = "residual against speed, under power: grows with the speed; none while drifting to a stop"
+    mistaken_for = ("linear-drag", "quadratic-drag", "saturation")
+    separated_by = (
+        "steady speed at half and at full command, each followed by drifting to a stop with no command: the loss acts "
+        "under power only and brakes more at full command, drag acts all the time"
+    )
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every thruster along one simulated axis."""
+        return tuple(n for n in super().places(data) if _axis(n, data) is not None and data.inputs[n] != RUDDER)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A fifth and two thirds of the thrust at the highest speed."""
+        return tuple({"loss": share / _fastest(place, data)} for share in (0.2, 0.67))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """No gain with speed; at the highest speed at most a few times what it gives from rest."""
+        return {"loss": (0.0, 4.0 / _fastest(place, data))}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """The gain of the input, and which axis it drives."""
+        ((force, gain),) = data.form.inputs[place]
+        size = abs(data.base.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
+        return {GAIN: size, AXIS: float(FORCES.index(force))}
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """``X_|X|u`` and so on."""
+        i = int(effect[AXIS])
+        return {f"{FORCES[i]}_|{effect.place}|{STATES[i]}": -effect["loss"] * effect[GAIN]}
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """Force at full command over speed ahead."""
+        force, velocity = FORCES[int(effect[AXIS])], STATES[int(effect[AXIS])]
+        nu = np.linspace(0.0, _fastest(effect.place, data), 101)
+        rest = np.full_like(nu, effect[GAIN] * data.amplitude[effect.place])
+        unit = data.inputs[effect.place] if effect[GAIN] == 1.0 else SIGNALS[force][0]
+        x_label, y_label = f"{velocity} [{SIGNALS[velocity][0]}]", f"{force} at full {effect.place} [{unit}]"
+        return Curve(nu, rest * (1.0 - effect["loss"] * nu), x_label, y_label, "Thrust over speed", plain=rest)
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """Seconds per metre, or per radian."""
+        dof = _axis(place, data)
+        return "s/rad" if dof is not None and dof.angular else "s/m"
+
+
+def _axis(place: str, data: DataSummary) -> Dof | None:
+    """Return the only degree of freedom an input drives, None when it drives none or several."""
+    pairs = data.form.inputs.get(place, ())
+    driven = [DOFS[d] for d in data.form.dofs for force, _ in pairs if DOFS[d].force == force]
+    return driven[0] if len(pairs) == 1 and len(driven) == 1 else None
+
+
+def _fastest(place: str, data: DataSummary) -> float:
+    """Return the highest speed along an input's axis: measured, or guessed from how far the position goes."""
+    dof = _axis(place, data)
+    if dof is None:
+        return 1.0
+    if dof.velocity in data.extent:
+        found = max(abs(v) for v in data.extent[dof.velocity])
+    else:
+        spread = data.spread.get(dof.position, 1.0)
+        found = spread / min(data.pace, data.duration)
+    return max(found, 1e-9)

@@ -1,0 +1,150 @@
+"""Effects of sensors on the signal: compass deviation, gyro bias, late reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gcs_autotune.effects.effect import SIGNAL, Array, Curve, Effect, EffectInstance, Observed, Quantity, columns_of
+from gcs_autotune.effects.kernels import earlier
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.sname import DOFS
+
+__all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay"]
+
+
+class CompassDeviation(Effect):
+    """The compass shows ``psi + A + B sin(psi) + C cos(psi)``: iron and currents aboard.
+
+    ``A``, a misaligned compass, is sought only where a track, ``x`` and ``y``, tells it from another choice of north.
+    At ``"psi+u+v"`` the velocities are a satellite receiver's, turned into the body by the same compass, as in
+    :mod:`gcs_autotune.models.coupled.compass`.
+    """
+
+    slug = "compass-deviation"
+    family = "sensor"
+    meaning = "the compass errs with sine and cosine of the heading: iron and currents aboard"
+    parameters = (
+        Quantity("B", "rad", "share that goes with the sine of the heading"),
+        Quantity("C", "rad", "share that goes with its cosine"),
+        Quantity("A", "rad", "constant share, a misaligned compass: only where a track is measured"),
+    )
+    grows_with = ("B", "C")
+    shown_by = "heading residual against heading: one wave per turn, while the gyro fits"
+    mistaken_for = ("wind-moment", "steady-current", "tether-pull")
+    separated_by = "two slow full turns, one each way"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """The heading, when it is measured; with it the velocities, when both are."""
+        if "psi" not in data.signals:
+            return ()
+        return ("psi", "psi+u+v") if {"u", "v"} <= set(data.signals) else ("psi",)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A few degrees each way."""
+        A = {"A": 0.0} if _tracked(data) else {}
+        return ({"B": 0.05, "C": 0.0, **A}, {"B": 0.0, "C": 0.05, **A}, {"B": -0.05, "C": -0.05, **A})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Beyond 40 degrees a compass is broken, not deviating."""
+        names = ("B", "C", "A") if _tracked(data) else ("B", "C")
+        return dict.fromkeys(names, (-0.7, 0.7))
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Add the deviation to the heading, and turn the velocities that were turned by it."""
+        psi = seen.signals["psi"]
+        d = _deviation(effect, psi)
+        shown = seen.with_signal("psi", psi + d)
+        if len(columns_of(effect.place)) == 1:
+            return shown
+        u, v = seen.signals["u"], seen.signals["v"]
+        cosine, sine = np.cos(d), np.sin(d)
+        return shown.with_signal("u", cosine * u + sine * v).with_signal("v", cosine * v - sine * u)
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """The deviation card."""
+        psi = np.linspace(0.0, 2.0 * np.pi, 181)
+        return Curve(psi, _deviation(effect, psi), "heading [rad]", "deviation [rad]", "Deviation card", polar=True)
+
+
+def _deviation(effect: EffectInstance, psi: Array) -> Array:
+    d: Array = effect.values.get("A", 0.0) + effect["B"] * np.sin(psi) + effect["C"] * np.cos(psi)
+    return d
+
+
+def _tracked(data: DataSummary) -> bool:
+    return {"x", "y"} <= set(data.signals)
+
+
+class GyroBias(Effect):
+    """The gyro reads ``bias`` too much, all the time."""
+
+    slug = "gyro-bias"
+    family = "sensor"
+    meaning = "the gyro reads a constant rate too much"
+    parameters = (Quantity("bias", SIGNAL, "what a resting gyro reads"),)
+    grows_with = ("bias",)
+    shown_by = "mean of the rate's residual, while the heading's slope fits"
+    mistaken_for = ("input-bias", "asymmetric-thrust", "compass-deviation")
+    separated_by = "a minute moored or aground with the recorder running: only the gyro still turns"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """The rates of turn that are measured."""
+        return tuple(s for s in ("r", "p", "q") if s in data.signals)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A tenth of the rate's spread, to be scaled: the effect is linear."""
+        return ({"bias": 0.1 * data.spread[place]},)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """No more than the largest rate ever read."""
+        most = max((abs(v) for v in data.extent.get(place, ())), default=3.0 * data.spread[place])
+        return {"bias": (-most, most)}
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Add the bias."""
+        return seen.with_signal(effect.place, seen.signals[effect.place] + effect["bias"])
+
+
+_POSITIONS = frozenset(d.position for d in DOFS.values())
+
+
+class MeasurementDelay(Effect):
+    """One signal, or all (``"psi+r"``), shows what was ``delay`` ago: a filter in the sensor, a slow bus."""
+
+    slug = "measurement-delay"
+    family = "sensor"
+    meaning = "a signal is reported late: filtering in the sensor, a slow bus"
+    parameters = (Quantity("delay", "s", "age of what is reported"),)
+    yields_to = ("input-delay", "time-offset")
+    grows_with = ("delay",)
+    shown_by = "residual in proportion to the signal's own rate of change; one signal later than its kin"
+    mistaken_for = ("time-offset", "input-delay", "actuator-lag")
+    separated_by = "a zig-zag with gyro and compass both recorded: a late sensor lags its kin, a late push does not"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Each signal, and all together."""
+        names = tuple(data.signals)
+        return (*names, "+".join(names)) if len(names) > 1 else names
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A sample and a half, and shares of the craft's time constant."""
+        low, high = self.bounds(place, data)["delay"]
+        sizes = {min(max(s, low), 0.8 * high) for s in (1.5 * data.interval, 0.2 * data.pace, 0.7 * data.pace)}
+        return tuple({"delay": s} for s in sorted(sizes))
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Two time constants, a dozen samples at least; never more than a quarter of a run."""
+        return {"delay": (0.0, min(max(2.0 * data.pace, 12.0 * data.interval), 0.25 * data.duration))}
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Show what was."""
+        if effect["delay"] == 0.0:
+            return seen
+        t = np.ascontiguousarray(seen.t, dtype=np.float64)
+        for name in columns_of(effect.place):
+            if name in seen.signals:
+                y = np.ascontiguousarray(seen.signals[name], dtype=np.float64)
+                seen = seen.with_signal(name, earlier(t, y, effect["delay"], coasting=name in _POSITIONS))
+        return seen

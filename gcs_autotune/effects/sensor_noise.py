@@ -1,0 +1,333 @@
+"""Effects of sensors on the noise: rounding and outliers, with the likelihoods they ask for.
+
+The contaminated normal law: Tukey1960; the algorithm that finds it: Dempster1977.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
+from scipy.special import log_ndtr, ndtri_exp
+
+from gcs_autotune.effects.effect import SIGNAL, Array, Curve, Effect, EffectInstance, Leftover, Quantity
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.slow_imports import scipy_stats
+
+__all__ = ["Outliers", "Quantisation", "contamination", "grid_step"]
+
+
+MATTERS = 0.15
+"""Chosen: rounding counts from this share of the residual's mean square on; it is ``step^2 / 12`` (Widrow1961)."""
+FINEST = 0.02
+"""Noise before rounding, in steps, below which it is not resolved."""
+FEWEST = 20
+"""Samples of a run whose grid is looked for."""
+HEADINGS = ("psi", "phi", "theta")
+VISIBLE = 2.0 * math.log(2.0)
+"""Evidence per sample that it lies on the grid: without one it lay half-way between at least as often."""
+
+
+class Quantisation(Effect):
+    """Values are rounded to multiples of ``step``: few bits, few digits.
+
+    No simulation foretells the noise before rounding, so nothing is fitted: given the prediction, a reading says that
+    prediction and noise together lie within half a step of it, and the likelihood is that of this interval.
+    """
+
+    slug = "quantisation"
+    family = "sensor"
+    meaning = "a signal comes in steps: few bits, few digits"
+    parameters = (Quantity("step", SIGNAL, "distance of two neighbouring readings"),)
+    shown_by = "few distinct values, all on one grid; the residual is a saw-tooth over the signal"
+    mistaken_for = ("outliers", "backlash", "dead-zone")
+    separated_by = "the slowest motion the craft can do: the reading then moves in visible stairs"
+    fixed = ("step",)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every signal."""
+        return tuple(data.signals)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """None yet; :meth:`learn` looks at the readings."""
+        return ({"step": 0.0},)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Steps as large as the signal leave nothing of it."""
+        return {"step": (0.0, 3.0 * data.spread[place])}
+
+    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
+        """Take the readings' grid for the cause when it is a fair share of what is left; size the noise before it."""
+        mine = [x for x in left if x.signal == effect.place and len(x.error) >= FEWEST]
+        steps = [_step(x) for x in mine]
+        step = min(steps, default=0.0)
+        error = np.concatenate([x.error for x in mine]) if step > 0.0 else np.zeros(0)
+        if len(error) == 0 or step**2 / 12.0 < MATTERS * float(np.mean(error**2)):
+            return effect.with_values({"step": 0.0})
+        return replace(effect.with_values({"step": step}), constants={"level": _level(error, step)})
+
+    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+        """Return the expected noise before rounding, at its own size.
+
+        It is stretched from the size it has as an expectation, here and now, to that of the noise, and the columns
+        shrunk likewise: so cost, step of a fit and standard errors are those of the interval likelihood, wherever the
+        level was learnt.
+        """
+        step, n = effect["step"], len(left.error)
+        if left.signal != effect.place or step <= 0.0 or n == 0:
+            return left.error, columns, 0.0
+        level = effect.constants["level"]
+        noise, log_chance = _noise(left.error, step, level)
+        stretch = level / max(float(np.sqrt(np.mean(noise**2))), 1e-3 * level)
+        gaussian = 1.0 + math.log(2.0 * math.pi) + 2.0 * math.log(level)
+        penalty = float(np.sum(2.0 * math.log(step) - 2.0 * log_chance - gaussian - VISIBLE))
+        return stretch * noise, columns / stretch, penalty
+
+    def normal(self, effect: EffectInstance, left: Leftover) -> Array:
+        """Return noise drawn from within each reading's interval, on the scale of a standard normal (Dunn1996).
+
+        What is expected there is mostly nothing, sometimes much: heavy tails by construction. A draw has none.
+        """
+        step, level = effect["step"], effect.constants.get("level", 0.0)
+        if left.signal != effect.place or step <= 0.0 or level <= 0.0:
+            return left.error
+        side = np.where(left.error > 0.0, -1.0, 1.0)
+        low, high = ((side * left.error + way * 0.5 * step) / level for way in (-1.0, 1.0))
+        chance = np.random.default_rng(len(left.error)).uniform(size=len(left.error))
+        below, upper = log_ndtr(low), log_ndtr(high)
+        return side * ndtri_exp(upper + np.log1p((chance - 1.0) * -np.expm1(np.minimum(below - upper, 0.0))))
+
+    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
+        """How exactly a grid is read off."""
+        return {"step": TOLERANCE * effect["step"]}
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+        """The stairs, about zero."""
+        x = np.linspace(-5.0, 5.0, 1001) * effect["step"]
+        y = np.round(x / effect["step"]) * effect["step"] if effect["step"] > 0.0 else x
+        unit = data.signals[effect.place]
+        return Curve(
+            x, y, f"{effect.place} true [{unit}]", f"{effect.place} read [{unit}]", "Stairs of the reading", plain=x
+        )
+
+
+def _step(x: Leftover) -> float:
+    """Return the grid of a run's readings; of a heading also as it was before it was made continuous."""
+    turn = 2.0 * math.pi
+    ways = (x.measured, np.mod(x.measured, turn), np.mod(x.measured + math.pi, turn) - math.pi)
+    return next((step for y in ways[: 3 if x.signal in HEADINGS else 1] if (step := grid_step(y)) > 0.0), 0.0)
+
+
+def _noise(error: Array, step: float, level: float) -> tuple[Array, Array]:
+    """Return the noise (n,) expected within half a *step* of *error*, and the log chance (n,) of that interval."""
+    side = np.where(error > 0.0, -1.0, 1.0)  # the far tail is computed from below, where it does not cancel
+    low, high = (side * error - 0.5 * step) / level, (side * error + 0.5 * step) / level
+    upper = log_ndtr(high)
+    log_chance = upper + np.log1p(-np.exp(np.minimum(log_ndtr(low) - upper, -1e-12)))
+    half_log = 0.5 * math.log(2.0 * math.pi)
+    mean = np.exp(-0.5 * low**2 - half_log - log_chance) - np.exp(-0.5 * high**2 - half_log - log_chance)
+    return side * level * mean, log_chance
+
+
+def _level(error: Array, step: float) -> float:
+    """Return the noise before rounding, by maximum likelihood."""
+    low, high = math.log(FINEST * step), math.log(max(2.0 * float(np.sqrt(np.mean(error**2))), step))
+    found = minimize_scalar(
+        lambda log_level: -float(np.sum(_noise(error, step, math.exp(log_level))[1])),
+        bounds=(low, high),
+        method="bounded",
+    )
+    return math.exp(float(found.x))
+
+
+TOLERANCE = 0.02
+"""Share of a step that a reading may lie beside the grid: files hold rounded numbers."""
+FINEST_GRID = 1e-5
+"""A grid finer than this share of the range is not looked for."""
+
+
+def grid_step(values: Array) -> float:
+    """Return the distance of neighbours on the coarsest grid that holds all *values* (n,), as recorded; 0: none.
+
+    An angle is to be given as it was recorded, before it is unwrapped: a turn need not be a multiple of the step.
+    """
+    ordered = np.sort(values[np.isfinite(values)])
+    if len(ordered) < 10 or ordered[-1] == ordered[0]:
+        return 0.0
+    gaps = np.diff(ordered)
+    gaps = gaps[gaps > FINEST_GRID * (ordered[-1] - ordered[0])]
+    # A grid brings readings together: of so many, some are equal.
+    if len(gaps) == 0 or len(gaps) > 0.9 * (len(ordered) - 1):
+        return 0.0
+    for parts in (1, 2, 3):
+        step = float(gaps.min()) / parts
+        counts = np.round(gaps / step)
+        step = float(gaps @ counts / (counts @ counts))
+        if float(np.max(np.abs(gaps / step - np.round(gaps / step)))) < TOLERANCE:
+            return step
+    return 0.0
+
+
+class Outliers(Effect):
+    """A ``share`` of the samples is off by about ``size`` (rms): lost bits, reflections, a fix that jumps.
+
+    They strike anywhere: deviations that come in flocks or with the motion's changes are a wrong model, not outliers.
+    """
+
+    slug = "outliers"
+    family = "sensor"
+    meaning = "single samples are far off: lost bits, reflections, a fix that jumps"
+    parameters = (
+        Quantity("share", "1", "of the samples that are off"),
+        Quantity("size", SIGNAL, "rms of what they are off by"),
+    )
+    shown_by = "lone spikes in the residual, both ways, at no particular command or motion"
+    mistaken_for = ("quantisation", "measurement-delay", "backlash")
+    separated_by = "a minute at rest with the recorder running: the spikes stay"
+    fixed = ("share", "size")
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every signal."""
+        return tuple(data.signals)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """None yet; :meth:`learn` counts and sizes them."""
+        return ({"share": 0.0, "size": 0.1 * data.spread[place]},)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """More than a third are no exceptions."""
+        return {"share": (0.0, 0.3), "size": (0.0, 1e3 * data.spread[place])}
+
+    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
+        """Count and size what stands out of its neighbours; none when it keeps to the motion or to flocks."""
+        mine = [x for x in left if x.signal == effect.place]
+        found = contamination(np.concatenate([stray(x.error) for x in mine])) if mine else None
+        if found is None or not without_motion(
+            [found.flags(stray(x.error)) for x in mine], [x.measured - x.error for x in mine]
+        ):
+            return effect.with_values({"share": 0.0})
+        effect = effect.with_values({"share": found.share, "size": found.size})
+        return replace(effect, constants={**effect.constants, "level": found.level})
+
+    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+        """Weigh outliers by the size they may have, at the price of that size and of picking them."""
+        if left.signal != effect.place or effect["share"] <= 0.0:
+            return left.error, columns, 0.0
+        law = Contamination(effect["share"], effect["size"], effect.constants["level"])
+        off = law.flags(stray(left.error))
+        broader = 1.0 + (law.size / law.level) ** 2
+        weight = np.where(off, 1.0 / math.sqrt(broader), 1.0)
+        count = float(np.sum(off))
+        odds = count * math.log(law.share) + (len(off) - count) * math.log1p(-law.share)
+        return weight * left.error, weight[:, None] * columns, count * math.log(broader) - 2.0 * odds
+
+    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
+        """Of a count, and of the rms of so many."""
+        n = sum(len(x.error) for x in left if x.signal == effect.place)
+        count = max(effect["share"] * n, 1.0)
+        return {"share": math.sqrt(effect["share"] / max(n, 1)), "size": effect["size"] / math.sqrt(2.0 * count)}
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve | None:
+        """The law of the errors: a narrow bell on broad feet."""
+        level = effect.constants.get("level", 0.0)
+        if level <= 0.0:
+            return None
+        law = Contamination(effect["share"], effect["size"], level)
+        x = np.linspace(-3.0, 3.0, 1201) * max(law.size, 2.0 * level)
+        core = np.exp(-0.5 * (x / level) ** 2) / (level * math.sqrt(2.0 * math.pi))
+        unit = data.signals[effect.place]
+        label = f"density [1/({unit})]"
+        return Curve(x, law.density(x), f"error of {effect.place} [{unit}]", label, "Law of the errors", plain=core)
+
+
+Flags = NDArray[np.bool_]
+
+WINDOW = 7
+"""Samples a lone deviation is held against."""
+MOST, LEAST_SIZE = 0.3, 3.0
+"""Chosen: outliers are at most this share of the samples, and at least so many times the noise."""
+DOUBT = 1e-3
+"""Chance of taking outliers that strike anywhere for ones that do not."""
+SWEEPS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Contamination:
+    """A ``share`` of the errors has rms ``size`` on top of the noise ``level`` all have."""
+
+    share: float
+    size: float
+    level: float
+
+    def odds(self, error: Array) -> Array:
+        """Return log odds (n,) that an error is one of the share."""
+        variance = self.level**2 + self.size**2
+        narrow = math.log1p(-self.share) - math.log(self.level) - 0.5 * (error / self.level) ** 2
+        broad = math.log(self.share) - 0.5 * math.log(variance) - 0.5 * error**2 / variance
+        odds: Array = broad - narrow
+        return odds
+
+    def flags(self, error: Array) -> Flags:
+        """Return which errors (n,) are rather than not of the share."""
+        return np.asarray(self.odds(error) > 0.0)
+
+    def density(self, error: Array) -> Array:
+        """Return the density (n,) of the mixture."""
+        variances = (self.level**2, self.level**2 + self.size**2)
+        bells = [np.exp(-0.5 * error**2 / v) / math.sqrt(2.0 * math.pi * v) for v in variances]
+        return np.asarray((1.0 - self.share) * bells[0] + self.share * bells[1])
+
+
+def stray(error: Array) -> Array:
+    """Return errors (n,) against the median of their neighbours: what of them stands alone."""
+    return np.asarray(error - median_filter(error, size=min(WINDOW, len(error)), mode="nearest"))
+
+
+def contamination(error: Array) -> Contamination | None:
+    """Return the mixture *error* (n,) speaks for; None when there is no share of larger ones."""
+    error = error[np.isfinite(error)]
+    if len(error) < 20:
+        return None
+    # Kept off zero: of noise-free readings with a few off, the rest is rounding.
+    floor = 1e-9 * float(np.max(np.abs(error)))
+    level = max(1.4826 * float(np.median(np.abs(error))), floor)
+    far = np.abs(error) > 4.0 * level
+    if floor == 0.0 or not far.any():
+        return None
+    share = float(np.mean(far))
+    size = math.sqrt(float(np.mean(error[far] ** 2)))
+    for _ in range(SWEEPS):
+        if share > MOST or share * len(error) < 1.0 or size < LEAST_SIZE * level:
+            return None
+        law = Contamination(share, size, level)
+        broad = 0.5 * (1.0 + np.tanh(0.5 * np.clip(law.odds(error), -600.0, 600.0)))
+        share = float(np.mean(broad))
+        level = max(math.sqrt(float((1.0 - broad) @ error**2) / float(np.sum(1.0 - broad))), floor)
+        variance = float(broad @ error**2) / max(float(np.sum(broad)), 1e-300)
+        size = math.sqrt(max(variance - level**2, 0.0))
+    return Contamination(share, size, level) if 0.0 < share <= MOST and size >= LEAST_SIZE * level else None
+
+
+def without_motion(flags: Sequence[Flags], motion: Sequence[Array]) -> bool:
+    """Return whether flagged samples strike anywhere: not where the motion (n,) of a run changes fast, not in flocks.
+
+    By the rank test of Mann and Whitney on the motion's change, and by how many have a flagged neighbour.
+    """
+    change = np.concatenate([_rank(np.abs(np.gradient(m))) for m in motion])
+    off = np.concatenate(list(flags))
+    if off.sum() < 3 or off.all():
+        return bool(off.any()) and not bool(off.all())
+    neighbours = sum(int(np.sum(f[1:] & f[:-1])) for f in flags)
+    expected = sum(max(float(f.mean()) ** 2, float(off.mean()) ** 2) * len(f) for f in flags)
+    if float(scipy_stats().poisson.sf(neighbours - 1, expected)) < DOUBT:
+        return False
+    return float(scipy_stats().mannwhitneyu(change[off], change[~off], alternative="greater").pvalue) > DOUBT
+
+
+def _rank(x: Array) -> Array:
+    return np.asarray(np.argsort(np.argsort(x)) / max(len(x), 1), dtype=np.float64)

@@ -1,0 +1,127 @@
+"""What is known of the runs before any effect is fitted, and what that says of units and of sizes to begin from.
+
+Behind a rudder the base model's moment is told in rudder angle, and a rudder whose positive angle turns to port makes
+inertia and drag come out negative. :func:`sense` is -1 then, so that "damps" and "pulls back" keep their meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.sname import DOFS
+
+__all__ = [
+    "DataSummary",
+    "force_scale",
+    "force_unit",
+    "inertia_scale",
+    "known_of",
+    "sense",
+    "stiffness_unit",
+    "top_speed",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DataSummary:
+    """What may be known of the runs before any effect is fitted.
+
+    ``form`` the base model's; ``inputs``/``signals`` unit per driven input and per measured signal; ``amplitude``
+    largest magnitude of each input, ``spread`` standard deviation of each signal, ``level`` its noise (model-free);
+    ``channels`` names of everything recorded; ``interval`` [s] between samples, ``pace`` [s] the base model's slowest
+    time constant, ``duration`` [s] the longest run; ``quantum`` the grid step of each signal (0: none).
+    """
+
+    form: Form
+    inputs: Mapping[str, str]
+    signals: Mapping[str, str]
+    amplitude: Mapping[str, float]
+    spread: Mapping[str, float]
+    level: Mapping[str, float]
+    channels: frozenset[str]
+    interval: float
+    pace: float
+    duration: float
+    quantum: Mapping[str, float] = field(default_factory=dict)
+    extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Smallest and largest value of every recorded channel."""
+    rms: Mapping[str, float] = field(default_factory=dict)
+    """Root mean square of every recorded channel."""
+    base: Mapping[str, float] = field(default_factory=dict)
+    """Values of the base model's parameters."""
+    runs: tuple[str, ...] = ()
+    """Names of the runs."""
+    lags: Mapping[str, float] = field(default_factory=dict)
+    """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
+
+    @property
+    def full(self) -> Mapping[str, float]:
+        """What full output of each input is: 1 where it is recorded in shares of full, else the largest seen."""
+        return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.amplitude.items()}
+
+
+RIGID_BODY = {"surge": "m", "sway": "m", "heave": "m", "roll": "I_x", "pitch": "I_y", "yaw": "I_z"}
+"""Rigid-body inertia per degree of freedom."""
+
+
+def known_of(data: DataSummary) -> Mapping[str, float]:
+    """Return the base model's numbers: as fitted, else as its form knows or begins with them."""
+    return {**data.form.start, **data.form.known, **data.base}
+
+
+def _drives(dof: str, data: DataSummary) -> Iterator[tuple[str, float | str]]:
+    """Yield (channel, gain) of every input that drives *dof*."""
+    for channel, pairs in data.form.inputs.items():
+        for force, gain in pairs:
+            if force == DOFS[dof].force:
+                yield channel, gain
+
+
+def force_unit(dof: str, data: DataSummary) -> str:
+    """Return the unit of the force in that equation: the input's where it drives with a known gain, else SI."""
+    for channel, gain in _drives(dof, data):
+        if not isinstance(gain, str):
+            return data.inputs.get(channel, "1")
+    if DOFS[dof].force in data.form.per_inertia:
+        return "rad/s^2" if DOFS[dof].angular else "m/s^2"
+    if data.form.normalised:
+        return "1"
+    return "N m" if DOFS[dof].angular else "N"
+
+
+def stiffness_unit(dof: str, data: DataSummary) -> str:
+    """Return force per metre or radian."""
+    return f"{force_unit(dof, data)}/{DOFS[dof].position_unit}"
+
+
+def force_scale(dof: str, data: DataSummary) -> float:
+    """Return a size forces in that equation have: what drives it at most, else what its motion takes."""
+    known, total = known_of(data), 0.0
+    for channel, gain in _drives(dof, data):
+        size = abs(known.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
+        total += size * data.amplitude.get(channel, 0.0)
+    return total or inertia_scale(dof, data) * top_speed(dof, data) / max(data.pace, data.interval)
+
+
+def inertia_scale(dof: str, data: DataSummary) -> float:
+    """Return the magnitude of the base's inertia, 1 when it is not known."""
+    return abs(_inertia(dof, data)) or 1.0
+
+
+def _inertia(dof: str, data: DataSummary) -> float:
+    known, d = known_of(data), DOFS[dof]
+    return known.get(RIGID_BODY[dof], 0.0) - known.get(f"{d.force}_{d.velocity}dot", 0.0)
+
+
+def sense(dof: str, data: DataSummary) -> dict[str, float]:
+    """Return the constant ``sense``: the sign of the base's inertia."""
+    return {"sense": -1.0 if _inertia(dof, data) < 0.0 else 1.0}
+
+
+def top_speed(dof: str, data: DataSummary) -> float:
+    """Return the largest speed recorded, else what the positions recorded speak for; 1 when neither tells."""
+    d = DOFS[dof]
+    fastest = max((abs(e) for e in data.extent.get(d.velocity, ())), default=0.0)
+    return fastest or 2.0 * data.spread.get(d.position, 0.0) / max(data.pace, data.interval) or 1.0

@@ -1,0 +1,144 @@
+"""The table of effects: everything a simulation may get wrong that this package knows by name.
+
+Adding one is one class and one line here. The order is that in which effects act on a command, a motion and a
+measurement, and that in which equals are named; errors of the data come first, because they mimic physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gcs_autotune.effects.actuator import (
+    AsymmetricThrust,
+    Backlash,
+    DeadZone,
+    QuadraticActuator,
+    RudderStall,
+    Saturation,
+)
+from gcs_autotune.effects.actuator_dynamics import ActuatorLag, GainDrift, InputDelay, RateLimit
+from gcs_autotune.effects.data_errors import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
+from gcs_autotune.effects.effect import Effect
+from gcs_autotune.effects.environment import InputBias, SteadyCurrent, TetherPull, WindMoment
+from gcs_autotune.effects.hydrodynamics import (
+    CoriolisCoupling,
+    GroundEffect,
+    LinearDrag,
+    MassChange,
+    NetBuoyancy,
+    QuadraticDrag,
+    SwayYawCoupling,
+)
+from gcs_autotune.effects.inflow import AdvanceSpeedLoss, SpeedDependentSteering
+from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay
+from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.wave_disturbance import WaveDisturbance
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.sname import DOFS, SIGNALS
+
+__all__ = ["CRAFT", "EFFECTS", "usual_bounds"]
+
+
+EFFECTS: Mapping[str, Effect] = {
+    e.slug: e
+    for e in (
+        TimeScale(),
+        TimeOffset(),
+        UnitError(),
+        SignError(),
+        ChannelSwap(),
+        InputDelay(),
+        Saturation(),
+        RateLimit(),
+        ActuatorLag(),
+        Backlash(),
+        DeadZone(),
+        QuadraticActuator(),
+        RudderStall(),
+        AsymmetricThrust(),
+        GainDrift(),
+        SpeedDependentSteering(),
+        AdvanceSpeedLoss(),
+        LinearDrag(),
+        QuadraticDrag(),
+        CoriolisCoupling(),
+        SwayYawCoupling(),
+        MassChange(),
+        NetBuoyancy(),
+        GroundEffect(),
+        InputBias(),
+        SteadyCurrent(),
+        WindMoment(),
+        WaveDisturbance(),
+        TetherPull(),
+        CompassDeviation(),
+        GyroBias(),
+        MeasurementDelay(),
+        Quantisation(),
+        Outliers(),
+    )
+}
+"""Slug -> effect."""
+
+
+CRAFT = "largest command 1, time constant 1 s, signals of standard deviation 1, one run of 60 s at 10 Hz"
+
+DURATION, INTERVAL, PACE = 60.0, 0.1, 1.0
+NOISE = 0.01
+_UNITS = {**dict.fromkeys("XYZ", "N"), "N": "N m", "delta": "rad"}
+
+
+def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
+    """Return parameter -> (smallest, largest) at the first place that has it; infinite where there is no bound.
+
+    Raises
+    ------
+    LookupError
+        None of the craft here has a place for it.
+    """
+    for data in _SCENES:
+        for place in effect.places(data):
+            bounds = effect.bounds(place, data)
+            return {q.name: bounds.get(q.name, (-float("inf"), float("inf"))) for q in effect.parameters}
+    raise LookupError(f"{effect.slug} has no place on any of the craft here: add one that has it")
+
+
+def _scene(
+    dofs: tuple[str, ...], drives: Mapping[str, str], signals: tuple[str, ...], *, drag: bool = True
+) -> DataSummary:
+    inputs = {channel: ((DOFS[dof].force, 1.0),) for channel, dof in drives.items()}
+    base: dict[str, float] = {}
+    for dof in dofs:
+        d = DOFS[dof]
+        base |= {f"{d.force}_{d.velocity}dot": -1.0} | ({f"{d.force}_{d.velocity}": -1.0 / PACE} if drag else {})
+    form = Form("plain", "a craft everybody can scale", dofs, tuple(base), {}, inputs, coriolis=False)
+    return DataSummary(
+        form=form,
+        inputs={c: _UNITS[c] for c in drives},
+        signals={s: SIGNALS[s][0] for s in signals},
+        amplitude=dict.fromkeys(drives, 1.0),
+        spread=dict.fromkeys(signals, 1.0),
+        level=dict.fromkeys(signals, NOISE),
+        channels=frozenset((*drives, *signals)),
+        interval=INTERVAL,
+        pace=PACE,
+        duration=DURATION,
+        quantum=dict.fromkeys(signals, 0.0),
+        extent=dict.fromkeys((*drives, *signals), (-1.0, 1.0)),
+        rms=dict.fromkeys((*drives, *signals), 1.0),
+        base=base,
+        runs=("run1", "run2"),
+    )
+
+
+_SCENES = (
+    _scene(
+        ("surge", "sway", "heave", "yaw"),
+        {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"},
+        ("u", "v", "w", "r", "psi", "x", "y", "z"),
+    ),
+    _scene(("yaw",), {"delta": "yaw"}, ("r", "psi", "u")),
+    _scene(("yaw",), {"N": "yaw"}, ("r", "psi"), drag=False),
+)
+"""All but yaw by a rudder; that; and a craft without linear drag."""
