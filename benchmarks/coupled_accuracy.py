@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "coupled"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
-from coupled_water import BOAT, horizontal, levels, sail
+from coupled_plants import BOAT, horizontal, levels, sail
 
 from gcs_autotune.identify import fit
 from gcs_autotune.models.coupled import FORMS, Form

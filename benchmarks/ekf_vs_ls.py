@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "kalman"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
-from cybership_water import BEAM, FORM, KNOWN, TRUTH, sail
+from cybership_plants import BEAM, FORM, KNOWN, TRUTH, sail
 
 from gcs_autotune.identify import METHODS, fit
 from gcs_autotune.trial import Trial

@@ -9,16 +9,23 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "relay"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "research"))
 
-from test_relay_heading_loop import CASES, flown
-from test_relay_matrix_processes import PROCESSES, Process
+from test_heading_loop import CASES, flown
+from test_linear_processes import PROCESSES, Process
 
-from gcs_autotune.identify import find_cycles, heading_loop, identify_process, loop_cycles, process_from_response
-from gcs_autotune.identify.frequency import harmonic_response, loop_process
-from gcs_autotune.identify.relay.heading_loop import loop_trial
+from gcs_autotune.identify import find_cycles
+from gcs_autotune.identify.frequency import harmonic_response
 from gcs_autotune.models import TransferFunction
+from gcs_autotune.research import (
+    heading_loop,
+    identify_process,
+    loop_cycles,
+    loop_process,
+    loop_trial,
+    process_from_response,
+)
 
 
 def by_harmonics(process: Process, noise: float) -> float:

@@ -1,7 +1,7 @@
 """Accuracy of the identification over noise seeds, against the Cramer-Rao bound; and its speed.
 
 Run from the repository root: ``python benchmarks/identification_accuracy.py [seeds]``. The records are flown in
-the tests' own water (tests/identify/identify_water.py), which shares nothing with the code under test.
+the tests' own water (tests/plants/axis_plants.py), which shares nothing with the code under test.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
-from identify_water import DEG, Relay, fly
+from axis_plants import DEG, Relay, fly
 
 from gcs_autotune.identify import cramer_rao, fit_axis
 from gcs_autotune.models import SingleDof

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "limits"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
-from limits_water import BOAT, circle, recorded
+from experiment_plants import BOAT, circle, recorded
 
 from gcs_autotune.experiments import plan_next
 from gcs_autotune.identify import fit

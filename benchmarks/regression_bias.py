@@ -1,7 +1,7 @@
 """Least squares and its kin over noise seeds: bias, scatter and coverage on the VideoRay's S-manoeuvres (Miskovic2007).
 
 Run from the repository root: ``python -m benchmarks.regression_bias [seeds] [noise]``. The runs are flown in the tests'
-own water (tests/identify/regression/regression_water.py), which shares nothing with the code under test.
+own water (tests/plants/regression_plants.py), which shares nothing with the code under test.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "regression"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
-from regression_water import TRUTH, coupled, velocity_run
+from regression_plants import TRUTH, coupled, velocity_run
 
 from gcs_autotune.identify import fit
 

@@ -3,7 +3,7 @@ parameters.
 
     python -m benchmarks.tugboat_sequence [--seeds 3]
 
-The runs come from the tests' own water (``tests/identify/plan/tug_water.py``: the truth, the noise and why are there).
+The runs come from the tests' own water (``tests/plants/tug_plants.py``: the truth, the noise and why are there).
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify" / "plan"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
-from tug_water import NOISE, TUG, WIND_NOISE, sea_trials
+from tug_plants import NOISE, TUG, WIND_NOISE, sea_trials
 
 from gcs_autotune.identify.plan import PLANS, run_plan
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.published.section import Row, Section, rows_of
-from gcs_autotune.identify.relay.decision import decide
-from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify.relay.iso import decide, estimate
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 
 __all__ = ["automarine", "videoray"]

@@ -5,13 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify"))
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify" / "regression"))
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "identify" / "plan"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "plants"))
 
-from identify_water import DEG, Plant, Relay, fly
-from regression_water import DOFS, HORIZONTAL_INPUTS, camera_run, yaw_run
-from tug_water import NOISE, TUG, sea_trials
+from axis_plants import DEG, Plant, Relay, fly
+from regression_plants import DOFS, HORIZONTAL_INPUTS, camera_run, yaw_run
+from tug_plants import NOISE, TUG, sea_trials
 
 from gcs_autotune.trial import Channel, Trial
 

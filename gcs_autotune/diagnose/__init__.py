@@ -7,7 +7,6 @@ simulated    somebody else's simulator, modelled
 numbers      which numbers of a given model are wrong
 pieces       a second look where free runs are lost
 workers      work shared among processes
-tables       tables of identified parameters (table_reading)
 result       what comes out
 screen       which effects are worth a fit
 attempts     one candidate fitted: roughly, to the end

@@ -27,11 +27,8 @@ from gcs_autotune.identify.axis.validation import ResidualStatistics, free_run, 
 from gcs_autotune.identify.cleaning import quantum
 from gcs_autotune.identify.door import fit, fit_axis
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.relay.cycle_reading import find_cycles
-from gcs_autotune.identify.relay.decision import decide
-from gcs_autotune.identify.relay.heading_loop import heading_loop, loop_cycles, simplify
-from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState
-from gcs_autotune.identify.relay.matrix_iso import identify_process, process_from_response
+from gcs_autotune.identify.relay.iso import decide
+from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState, find_cycles
 from gcs_autotune.identify.result import AxisFit, Fit, Structure
 
 __all__ = [
@@ -48,11 +45,6 @@ __all__ = [
     "fit",
     "fit_axis",
     "free_run",
-    "heading_loop",
-    "identify_process",
-    "loop_cycles",
-    "process_from_response",
     "quantum",
     "residual_statistics",
-    "simplify",
 ]

@@ -21,7 +21,7 @@ from gcs_autotune.identify.information import with_bounds
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.relay.cycle_reading import find_cycles
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.models.coupled import FORMS, Form, load_form
 from gcs_autotune.registry import lookup

@@ -15,7 +15,7 @@ from gcs_autotune.thrusters.propeller import (
     fit_open_water,
 )
 from gcs_autotune.thrusters.pull_test import PullTest, read_columns, read_open_water, read_pull_test
-from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap, TwinCommand, TwinThrusters
+from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap
 
 __all__ = [
     "MapCandidate",
@@ -26,8 +26,6 @@ __all__ = [
     "PullTest",
     "ThrusterFit",
     "ThrusterMap",
-    "TwinCommand",
-    "TwinThrusters",
     "fit_bilinear",
     "fit_open_water",
     "fit_thruster",

@@ -1,7 +1,4 @@
-"""The static characteristic of a thruster: command to force, and exactly back; the structures there are to choose from.
-
-Two equal thrusters side by side make surge force and yaw moment: :class:`TwinThrusters` (ZhaoUSV, (6)-(7)).
-"""
+"""The static characteristic of a thruster: command to force, and exactly back; the structures to choose from."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["MapStructure", "ThrusterMap", "TwinCommand", "TwinThrusters", "all_structures"]
+__all__ = ["MapStructure", "ThrusterMap", "all_structures"]
 
 Array = NDArray[np.float64]
 
@@ -177,47 +174,3 @@ def _root(a: float, b: float, f: Array) -> Array:
         bottom = b + np.sqrt(inside)
         s: Array = np.where(f == 0.0, 0.0, np.where((inside >= 0.0) & (bottom > 0.0), 2.0 * f / bottom, math.inf))
     return s
-
-
-@dataclass(frozen=True, slots=True)
-class TwinCommand:
-    """Commands of both thrusters, and the surge force [N] and yaw moment [N m] they give."""
-
-    port: float
-    starboard: float
-    X: float
-    N: float
-    saturated: bool
-
-
-@dataclass(frozen=True, slots=True)
-class TwinThrusters:
-    """``X = T_1 + T_2``, ``N = B (T_1 - T_2)/2``; 1 is port, so that more port thrust turns to starboard (N > 0).
-
-    ZhaoUSV prints (7) as ``T_2 + T_2``. ``B`` [m] is the distance between the thrusters.
-    """
-
-    port: ThrusterMap
-    starboard: ThrusterMap
-    B: float
-
-    def forces(self, port: float, starboard: float) -> tuple[float, float]:
-        """Return surge force [N] and yaw moment [N m] of two commands."""
-        T_1, T_2 = float(self.port.force(port)), float(self.starboard.force(starboard))
-        return T_1 + T_2, 0.5 * self.B * (T_1 - T_2)
-
-    def commands(self, X: float, N: float) -> TwinCommand:
-        """Return the commands for *X* [N] and *N* [N m].
-
-        Out of reach, the moment comes first: a craft that steers can still be saved. The moment is kept as far as the
-        thrusters reach, then the force nearest to *X* that goes with it.
-        """
-        (a, b), (c, d) = self.port.limits, self.starboard.limits
-        half = N / self.B
-        half = float(np.clip(half, 0.5 * (a - d), 0.5 * (b - c)))
-        total = float(np.clip(X, max(2.0 * (a - half), 2.0 * (c + half)), min(2.0 * (b - half), 2.0 * (d + half))))
-        T_1, T_2 = 0.5 * total + half, 0.5 * total - half
-        port, starboard = float(self.port.inverse(T_1)), float(self.starboard.inverse(T_2))
-        got = self.forces(port, starboard)
-        saturated = abs(total - X) > 1e-9 * max(1.0, abs(X)) or abs(half * self.B - N) > 1e-9 * max(1.0, abs(N))
-        return TwinCommand(port, starboard, *got, saturated=saturated)

@@ -1,15 +1,13 @@
-"""Fixtures: recorded runs from the tests' own water, and the published tables."""
+"""Fixture: recorded runs of plants of the tests' own."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from identify_water import Plant, fly
+from axis_plants import Plant, fly
 
 from gcs_autotune.trial import Channel, Trial
 
@@ -53,12 +51,3 @@ def record() -> Callable[..., Trial]:
         return Trial(name, channels, meta=meta or {})
 
     return make
-
-
-@pytest.fixture(scope="session")
-def published() -> dict[str, Any]:
-    """The published tables, kept beside the repository."""
-    path = Path(__file__).parents[2] / ".." / "shared" / "data" / "published_tables.json"
-    if not path.exists():
-        pytest.skip("published_tables.json is not beside the repository (../shared/data)")
-    return dict(json.loads(path.read_text(encoding="utf-8")))

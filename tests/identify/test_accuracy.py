@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from identify_water import DEG, Relay
+from axis_plants import DEG, Relay
 
 from gcs_autotune.identify import cramer_rao, fit_axis
 from gcs_autotune.identify.axis.record import prepare

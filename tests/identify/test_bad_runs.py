@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identify_water import DEG, Levels, Relay
+from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative

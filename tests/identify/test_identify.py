@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identify_water import DEG, Levels, Relay
+from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
 from gcs_autotune.identify import METHODS, fit_axis, free_run, residual_statistics

@@ -8,11 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from identify_water import DEG, Levels, Relay, fly
+from axis_plants import DEG, Levels, Relay, fly
 
 from gcs_autotune.identify import LimitCycleMonitor, decide, find_cycles
-from gcs_autotune.identify.relay.describing_function import relay, relay_bias
-from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify.relay.iso import estimate, relay, relay_bias
 from gcs_autotune.identify.relay.limit_cycle import MonitorState
 from gcs_autotune.trial import Channel, Mark, Trial
 

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from identify_water import DEG, Relay
+from axis_plants import DEG, Relay
 
 from gcs_autotune.identify import find_cycles
-from gcs_autotune.identify.relay.decision import MARGINS, decide
-from gcs_autotune.identify.relay.iso import estimate
-from gcs_autotune.identify.relay.matrix_iso import identify_process
+from gcs_autotune.identify.relay.iso import MARGINS, decide, estimate
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
+from gcs_autotune.research import identify_process
 from gcs_autotune.trial import Trial
 
 Record = Callable[..., Trial]

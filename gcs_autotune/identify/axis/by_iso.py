@@ -14,7 +14,7 @@ from gcs_autotune.identify.axis.doubts import Findings, collect
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
 from gcs_autotune.identify.relay import iso
-from gcs_autotune.identify.relay.describing_function import quadratic_drag
+from gcs_autotune.identify.relay.iso import quadratic_drag
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status, Structure
 from gcs_autotune.models import SingleDof
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.record import Record
-from gcs_autotune.identify.relay.decision import decide, most_different_pair
+from gcs_autotune.identify.relay.iso import decide, most_different_pair
 from gcs_autotune.identify.result import Decision, IsoEstimate, LimitCycle, Parameter, Status, Structure
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial

@@ -2,8 +2,7 @@
 
 ============  ===================================================================================
 response      the empirical response as a value: frequencies, complex gains, coherence, uncertainty
-spectrum      it, from any run: cross spectra with sine tapers
-harmonics     it, from a relay: the first odd harmonics of each limit cycle
+spectrum      it, from any run: cross spectra with sine tapers; from a relay: the harmonics of its cycles
 nomoto        Nomoto's models of first and second order fitted to it
 by_frequency  the method ``frequency``
 pictures      the Bode diagram with its confidence band
@@ -12,11 +11,10 @@ pictures      the Bode diagram with its confidence band
 
 from __future__ import annotations
 
-from gcs_autotune.identify.frequency.harmonics import harmonic_response, loop_process
 from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.pictures import frequency_picture
 from gcs_autotune.identify.frequency.response import FrequencyResponse
-from gcs_autotune.identify.frequency.spectrum import spectral_response
+from gcs_autotune.identify.frequency.spectrum import harmonic_response, spectral_response
 
 __all__ = [
     "FrequencyResponse",
@@ -24,6 +22,5 @@ __all__ = [
     "fit_nomoto",
     "frequency_picture",
     "harmonic_response",
-    "loop_process",
     "spectral_response",
 ]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from gcs_autotune.identify.plan.combine import Agreement
 from gcs_autotune.identify.plan.plan import PLANS, Plan, Step, load_plan, plan_from
-from gcs_autotune.identify.plan.result import PlanResult, StepResult
-from gcs_autotune.identify.plan.run import run_plan
+from gcs_autotune.identify.plan.run import PlanResult, StepResult, run_plan
 
 __all__ = ["PLANS", "Agreement", "Plan", "PlanResult", "Step", "StepResult", "load_plan", "plan_from", "run_plan"]

@@ -1,23 +1,37 @@
-"""Estimates of shared parameters from several steps, combined and compared.
+"""Shared parameters of several steps: their estimates combined and compared, then all steps fitted at once.
 
 Erunsal2017 takes the plain mean of a shared parameter's estimates (its 3.4). Here each estimate counts by its
-information:
-with covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``, which no other weighting beats and
-which also passes on what correlated estimates know of each other. What a step says badly no longer spoils the mean.
+information: with covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``, which no other
+weighting beats and which also passes on what correlated estimates know of each other. What a step says badly no longer
+spoils the mean.
+
+In the joint fit every step keeps its own equations and runs under one vector of parameters. What a step held is free
+there, so its uncertainty reaches the other parameters, and the covariance is that of all runs together. The steps'
+estimates are the start; the noise of each signal is the one its step found. Where residuals are coloured (gusts, an
+input with noise, an effect the equations lack) a sample says less than white noise would let it. Each signal of each
+step then counts with the noise it has at low frequency, its standard deviation times the root of ``1 + 2 sum rho_k``,
+and the covariance is that of the weighted fit with residuals as coloured as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
+from gcs_autotune.identify.colour import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
+from gcs_autotune.identify.coupled.objective import CoupledObjective
+from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.models.coupled import Form
 
-__all__ = ["Agreement", "Estimate", "agreements", "combined"]
+__all__ = ["Agreement", "Estimate", "Joint", "Part", "agreements", "combined", "fit_jointly"]
 
 Array = NDArray[np.float64]
 
@@ -89,3 +103,124 @@ def agreements(estimates: Sequence[Estimate]) -> tuple[Agreement, ...]:
             )
         )
     return tuple(rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One step in the joint fit: its form, all parameters free that any step identifies, and what they are called.
+
+    ``names`` (f,) the joint names of ``form.free``; ``noise`` standard deviation per signal.
+    """
+
+    form: Form
+    names: tuple[str, ...]
+    records: tuple[CoupledRecord, ...]
+    noise: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """Values (k,) of ``names``, covariance (k, k), misfit per sample (1 when the noise is what the steps found)."""
+
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    misfit: float
+    converged: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    objective: CoupledObjective
+    laws: Mapping[str, Law]
+    columns: NDArray[np.int64]
+
+
+def fit_jointly(parts: Sequence[Part], start: Mapping[str, float]) -> Joint | None:
+    """Minimise the sum of all parts' misfits from *start* (joint name -> value); None when that start runs away."""
+    names = tuple(dict.fromkeys(n for part in parts for n in part.names))
+    places, x = _placed(parts, names, start)
+    k = len(names)
+    everywhere = np.full(len(x), np.inf)
+    still = np.concatenate([x[:k], everywhere[k:]])
+    settled = descend(partial(_local, places), x, np.where(np.isinf(still), -np.inf, still), still)
+    found = None if settled is None else descend(partial(_local, places), settled.x, -everywhere, everywhere)
+    if found is None:
+        return None
+    samples = sum(len(s.t) for p in parts for r in p.records for s in r.signals.values())
+    misfit = found.cost / max(samples - len(x), 1)
+    coloured = [replace(p, laws=_slow_laws(p, found.x)) for p in places]
+    last = descend(partial(_local, coloured), found.x, -everywhere, everywhere)
+    if last is None:
+        return None
+    return Joint(names, last.x[:k], _covariance(coloured, last.x, k), misfit, found.converged and last.converged)
+
+
+def _local(places: Sequence[_Place], vector: Array) -> Local | None:
+    cost, gradient, curvature = 0.0, np.zeros(len(vector)), np.zeros((len(vector),) * 2)
+    for place in places:
+        own = place.objective.at(vector[place.columns], place.laws)
+        if own is None:
+            return None
+        cost += own.cost
+        gradient[place.columns] += own.gradient
+        curvature[np.ix_(place.columns, place.columns)] += own.curvature
+    return Local(cost, gradient, curvature)
+
+
+def _slow_laws(place: _Place, x: Array) -> dict[str, Law]:
+    """Return the noise laws of one part with the noise at low frequency in place of the standard deviation."""
+    residuals = place.objective.residuals(x[place.columns]) or []
+    levels = {}
+    for name, law in place.laws.items():
+        own = [r.error for r in residuals if r.signal.name == name]
+        length = sum(len(e) for e in own)
+        spread = np.sqrt(sum(float(e @ e) for e in own) / length)
+        longer = sum(len(e) * _correlated_length(e) for e in own) / length
+        levels[name] = max(float(spread), law.std) * float(np.sqrt(longer))
+    return gaussian_laws(levels, robust=False)
+
+
+def _correlated_length(error: Array) -> float:
+    """Return how many samples of *error* say as much as one of white noise would, 1 when it is white."""
+    if whiteness(error) > SIGNIFICANCE:
+        return 1.0
+    reach = min(2 * int(np.sqrt(len(error))), len(error) - 1)
+    rho = autocorrelation(error, reach)
+    return max(1.0, 1.0 + 2.0 * float(np.sum((1.0 - np.arange(1, reach + 1) / (reach + 1.0)) * rho)))
+
+
+def _covariance(places: Sequence[_Place], x: Array, k: int) -> Array:
+    """Return the covariance (k, k) of the parameters: of the weights, raised where residuals are coloured."""
+    here = _local(places, x)
+    assert here is not None
+    whole = inverse_of(here.curvature)
+    influence = []
+    for place in places:
+        for residual in place.objective.residuals(x[place.columns]) or []:
+            slope = place.laws[residual.signal.name].terms(residual.error).slope
+            own = place.columns[place.objective.columns_of[residual.record]]
+            influence.append((residual.jacobian * slope[:, None]) @ whole[np.ix_(own, np.arange(k))])
+    found = scores_covariance(influence)
+    raised = np.sqrt(np.maximum(1.0, np.diag(found) / np.diag(whole)[:k]))
+    covariance: Array = whole[:k, :k] * np.outer(raised, raised)
+    return covariance
+
+
+def _placed(parts: Sequence[Part], names: Sequence[str], start: Mapping[str, float]) -> tuple[list[_Place], Array]:
+    """Return every part's objective with its columns of the joint vector, and that vector at the start."""
+    places, used, states = [], len(names), []
+    for part in parts:
+        form = part.form
+        theta = np.array(
+            [start[part.names[form.free.index(n)]] if n in form.free else form.known[n] for n in form.parameters]
+        )
+        initial = ground_of(form, part.records).initial
+        objective = CoupledObjective(form, part.records, form.free, theta, initial)
+        own = objective.size - len(form.free)
+        shared = np.array([names.index(n) for n in part.names], dtype=np.int64)
+        columns = np.concatenate([shared, used + np.arange(own)])
+        places.append(_Place(objective, gaussian_laws(part.noise, robust=False), columns))
+        states.append(objective.pack()[len(form.free) :])
+        used += own
+    return places, np.concatenate([np.array([start[n] for n in names]), *states])

@@ -1,10 +1,11 @@
-"""Running a plan: step after step, shared parameters passed on, local validation, joint fit, final validation."""
+"""Running a plan: step after step, shared parameters passed on, validation, joint fit, doubts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +13,181 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.door import fit
-from gcs_autotune.identify.plan.combine import Estimate, agreements, combined
-from gcs_autotune.identify.plan.doubts import plan_doubts
-from gcs_autotune.identify.plan.joint import Joint, Part, fit_jointly
+from gcs_autotune.identify.plan.combine import Agreement, Estimate, Joint, Part, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, Step
-from gcs_autotune.identify.plan.result import PlanResult, StepResult
-from gcs_autotune.identify.result import Fit, Parameter
+from gcs_autotune.identify.result import Doubt, Fit, Parameter
 from gcs_autotune.identify.validate import Validation, validate
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
-__all__ = ["run_plan"]
+__all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepResult:
+    """One step done. ``unseen``: the validation ran on runs kept from the fit, not on one of its own."""
+
+    step: Step
+    fit: Fit
+    validation: Validation | None
+    unseen: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "name": self.step.name,
+            "isolated": list(self.step.isolated),
+            "shared": list(self.step.shared),
+            "held": list(self.step.held),
+            "fit": self.fit.to_dict(),
+            "validation": None if self.validation is None else self.validation.to_dict(),
+            "validated_on_unseen_runs": self.unseen,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanResult:
+    """Everything a plan found.
+
+    ``parameters`` after the joint fit of all runs, ``covariance`` (k, k) in their order; ``combined`` before it, from
+    the steps' estimates weighted by information; ``agreements`` per shared parameter; ``model`` the final form with the
+    values, ``final`` its free run on runs nothing was fitted to; ``skipped``: steps without runs.
+    """
+
+    plan: Plan
+    steps: tuple[StepResult, ...]
+    parameters: Mapping[str, Parameter]
+    covariance: NDArray[np.float64]
+    combined: Mapping[str, float]
+    agreements: tuple[Agreement, ...]
+    model: CoupledModel | None
+    final: Validation | None
+    skipped: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "schema": 1,
+            "plan": self.plan.name,
+            "steps": [s.to_dict() for s in self.steps],
+            "parameters": {
+                n: {"value": p.value, "unit": p.unit, "std": p.std, "status": p.status}
+                for n, p in self.parameters.items()
+            },
+            "covariance": self.covariance.tolist(),
+            "combined": dict(self.combined),
+            "agreements": [
+                {
+                    "name": a.name,
+                    "steps": dict(zip(a.steps, a.values, strict=True)),
+                    "stds": list(a.stds),
+                    "combined": a.combined,
+                    "plain_mean": a.mean,
+                    "probability": a.probability,
+                }
+                for a in self.agreements
+            ],
+            "model": None if self.model is None else self.model.to_dict(),
+            "final": None if self.final is None else self.final.to_dict(),
+            "skipped": list(self.skipped),
+            "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
+        }
+
 
 Array = NDArray[np.float64]
+
+SURE = 1e-3
+"""Chance of a false alarm, over all shared parameters together, below which steps are said to disagree."""
+
+TOGETHER = 0.98
+"""Correlation from which two parameters are said to move together."""
+
+MISFIT = 1.3
+"""Misfit of the joint fit per sample above which the steps' equations do not fit together."""
+
+
+def plan_doubts(
+    plan: Plan,
+    done: Sequence[StepResult],
+    rows: Sequence[Agreement],
+    joint: Joint | None,
+    parameters: Mapping[str, Parameter],
+    covariance: Array,
+    skipped: Sequence[str],
+    final: Validation | None,
+) -> tuple[Doubt, ...]:
+    """Return the doubts about the whole; those about a step stand in its fit."""
+    found: list[Doubt] = []
+    if skipped:
+        missed = dict.fromkeys(n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared))
+        lost = [n for n in missed if n not in parameters]
+        found.append(
+            Doubt(
+                "steps-without-runs",
+                f"no runs for {', '.join(skipped)}" + (f"; not identified: {', '.join(lost)}" if lost else ""),
+                "fly them, with the manoeuvre's name in the side file",
+            )
+        )
+    for row in rows:
+        if row.probability < SURE / len(rows):
+            told = ", ".join(f"{s}: {v:.4g} ± {e:.2g}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True))
+            found.append(
+                Doubt(
+                    "steps-disagree",
+                    f"{row.name} differs between steps by more than their errors ({told})",
+                    "a step's equations lack something it excites, or the craft changed between them (load, trim)",
+                )
+            )
+    if joint is None or not joint.converged:
+        found.append(
+            Doubt(
+                "joint-fit-failed", "the fit of all runs at once did not settle", "look at the steps one by one first"
+            )
+        )
+    elif joint.misfit > MISFIT:
+        found.append(
+            Doubt(
+                "joint-misfit",
+                f"all runs together fit {joint.misfit:.2f} times worse than each step alone",
+                "one set of parameters does not explain all steps: look at those that disagree",
+            )
+        )
+    found.extend(_together(parameters, covariance))
+    fitted_on = [s.step.name for s in done if not s.unseen]
+    if fitted_on:
+        found.append(
+            Doubt(
+                "validated-on-itself",
+                f"one run only for {', '.join(fitted_on)}: no unseen run to validate on",
+                "repeat",
+            )
+        )
+    if plan.final is not None and final is None:
+        found.append(
+            Doubt("no-final-validation", f"no usable run {plan.final.chosen}", "record free driving and give it too")
+        )
+    return tuple(found)
+
+
+def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Doubt]:
+    names = list(parameters)
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    R = covariance / np.outer(std, std)
+    pairs = [
+        (names[i], names[j], float(R[i, j]))
+        for i in range(len(names))
+        for j in range(i + 1, len(names))
+        if abs(R[i, j]) > TOGETHER
+    ]
+    return [
+        Doubt(
+            "move-together",
+            f"{a} and {b} move together (correlation {r:.3f}): the runs fix a combination of both better than either",
+            "a manoeuvre that moves one without the other, or know one of them from ashore",
+        )
+        for a, b, r in pairs
+    ]
 
 
 def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:

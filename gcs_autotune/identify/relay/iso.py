@@ -1,16 +1,88 @@
 """IS-O: identification by use of self-oscillations, from one limit cycle (Miskovic2010, Table 6.3).
 
+The relay's describing function: ``x = x_0 + X_m sin(omega t)`` into a relay of output ``C`` that switches at
+``+/- x_a`` gives, to the first harmonic, ``Y_0 + (P_N + j Q_N) (x - x_0)``, (5.10)-(5.14);
+integrators and delays turn it.
+
 Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay
 (6.31), real switching value (6.5). The answer is approximate, because only the first harmonic is balanced;
-:mod:`gcs_autotune.identify.axis.output_error` starts from it.
+:mod:`gcs_autotune.identify.axis.output_error` starts from it. Between the structures two limit cycles decide,
+(7.1)-(7.2): the one whose coefficient scatters less between them describes the craft better; the scatter of ``alpha``,
+which is the same in both, measures how sure one can be.
 """
 
 from __future__ import annotations
 
-from gcs_autotune.identify.relay.describing_function import from_delay, quadratic_drag, relay
-from gcs_autotune.identify.result import IsoEstimate, LimitCycle
+import math
+from collections.abc import Callable, Mapping
+from itertools import combinations
+from typing import Literal
 
-__all__ = ["constant_force", "estimate"]
+from gcs_autotune.identify.result import Decision, IsoEstimate, LimitCycle
+from gcs_autotune.registry import lookup
+
+__all__ = [
+    "MARGINS",
+    "constant_force",
+    "decide",
+    "estimate",
+    "from_delay",
+    "from_integrators",
+    "is_valid",
+    "most_different_pair",
+    "quadratic_drag",
+    "relay",
+    "relay_bias",
+]
+
+
+def is_valid(X_m: float, x_a: float, x_0: float = 0.0) -> bool:
+    """Return whether an oscillation lies inside the describing function's domain, Miskovic2010, eq. (7.12)."""
+    return X_m > 0.0 and x_a + abs(x_0) < X_m
+
+
+def relay(C: float, X_m: float, x_a: float, x_0: float = 0.0) -> tuple[float, float]:
+    """Return ``(P_N, Q_N)`` of a relay with hysteresis, Miskovic2010, eq. (5.13), (5.14) = (6.45), (6.46).
+
+    ``C`` in input units; ``X_m``, ``x_a``, ``x_0`` in one unit of the output. Outside (7.12) a square root
+    has no value; it is taken as 0 there, and :func:`is_valid` says so.
+    """
+    upper = math.sqrt(max(0.0, 1.0 - ((x_a - x_0) / X_m) ** 2))
+    lower = math.sqrt(max(0.0, 1.0 - ((x_a + x_0) / X_m) ** 2))
+    return 2.0 * C / (math.pi * X_m) * (upper + lower), -4.0 * C * x_a / (math.pi * X_m**2)
+
+
+def relay_bias(C: float, X_m: float, x_a: float, x_0: float = 0.0) -> float:
+    """Return the relay's mean output ``Y_0`` for a biased input, Miskovic2010, eq. (5.11); |x_a| + |x_0| <= X_m."""
+    return C / math.pi * (math.asin((x_a + x_0) / X_m) - math.asin((x_a - x_0) / X_m))
+
+
+def from_integrators(P: float, Q: float, omega: float, k: int) -> tuple[float, float]:
+    """Return ``(P, Q)`` with *k* integrators of the process joined to the relay, Miskovic2010, eq. (6.25)."""
+    for _ in range(k):
+        P, Q = Q / omega, -P / omega
+    return P, Q
+
+
+def from_delay(P: float, Q: float, omega: float, delay: float) -> tuple[float, float]:
+    """Return ``(P, Q)`` with a known *delay* [s] of the process joined to the relay, Miskovic2010, eq. (6.31)."""
+    cosine, sine = math.cos(omega * delay), math.sin(omega * delay)
+    return P * cosine + Q * sine, Q * cosine - P * sine
+
+
+def quadratic_drag(nu_0: float, amplitude: float) -> tuple[float, float]:
+    """Return mean and gain of ``|nu| nu`` for ``nu = nu_0 + amplitude sin(omega t)``, amplitude > 0.
+
+    Miskovic2010 gives the gain for ``nu_0 = 0``, ``8/(3 pi) amplitude`` in (6.41)-(6.43); here its Fourier integrals
+    are taken for any *nu_0*, because surge may oscillate around a speed (6.48). Beyond ``|nu_0| = amplitude`` the
+    velocity never changes sign and the gain is ``2 |nu_0|``.
+    """
+    if abs(nu_0) >= amplitude:
+        return math.copysign(nu_0**2 + 0.5 * amplitude**2, nu_0), 2.0 * abs(nu_0)
+    s = nu_0 / amplitude
+    theta, c = math.asin(s), math.sqrt(1.0 - s * s)
+    mean = amplitude**2 / math.pi * ((2.0 * s * s + 1.0) * theta + 3.0 * s * c)
+    return mean, 4.0 * amplitude / math.pi * (s * theta + c - c**3 / 3.0)
 
 
 def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
@@ -45,3 +117,57 @@ def constant_force(cycle: LimitCycle, beta: float, beta_quadratic: float) -> flo
     lost, _ = quadratic_drag(cycle.nu_0, cycle.omega * cycle.X_m)
     given = cycle.offset + cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)
     return beta * cycle.nu_0 + beta_quadratic * lost - given
+
+
+MARGINS: Mapping[str, Callable[[float], float]] = {
+    "none": lambda sigma_alpha: 0.0,
+    "sigma": lambda sigma_alpha: sigma_alpha,
+    "sigma+5": lambda sigma_alpha: sigma_alpha + 5.0,
+    "sigma+10": lambda sigma_alpha: sigma_alpha + 10.0,
+}
+"""Name -> margin lambda [%] as a function of sigma_alpha [%]; Miskovic2010, 7.1, criteria 1 to 4."""
+
+
+def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decision:
+    """Decide between linear (``linear``) and quadratic damping (``nonlinear``).
+
+    Raises
+    ------
+    UnknownName
+        When *margin* is not in :data:`MARGINS`.
+    """
+    sigma_alpha = _spread(one.alpha, other.alpha)
+    sigma_beta = _spread(one.beta, other.beta)
+    sigma_quadratic = _spread(one.beta_quadratic, other.beta_quadratic)
+    width = lookup(MARGINS, margin, "decision margin")(sigma_alpha)
+    difference = sigma_beta - sigma_quadratic
+    verdict: Literal["linear", "nonlinear", "undecided"] = "undecided"
+    if difference > width:
+        verdict = "nonlinear"
+    elif difference < -width:
+        verdict = "linear"
+    return Decision(sigma_alpha, sigma_beta, sigma_quadratic, width, verdict)
+
+
+def most_different_pair(estimates: tuple[IsoEstimate, ...]) -> tuple[IsoEstimate, IsoEstimate] | None:
+    """Return the two valid estimates whose velocity amplitudes differ most, or None.
+
+    The experiments should be as different as possible (Miskovic2010, 7.3); below 10 % of difference in velocity
+    amplitude the two structures predict the same drag and nothing can be decided (chosen: that is where
+    the spread they disagree about falls under 5 %, the repeatability seen in Miskovic2010, Table 7.9).
+    """
+    usable = [e for e in estimates if e.cycle.valid]
+    pairs = sorted(combinations(usable, 2), key=lambda pair: _spread(_speed(pair[0]), _speed(pair[1])))
+    if not pairs or _spread(_speed(pairs[-1][0]), _speed(pairs[-1][1])) < 5.0:
+        return None
+    return pairs[-1]
+
+
+def _speed(estimate: IsoEstimate) -> float:
+    return estimate.cycle.X_m * estimate.cycle.omega
+
+
+def _spread(one: float, other: float) -> float:
+    """Miskovic2010, eq. (7.1): relative deviation of two values from their mean [%]."""
+    total = one + other
+    return 100.0 * abs((one - other) / total) if total else 100.0

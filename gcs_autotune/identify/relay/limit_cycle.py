@@ -1,21 +1,37 @@
-"""Limit cycles: the mean cycle of a relay experiment, and a monitor that tells when to stop one.
+"""Limit cycles read off a relay experiment, and a monitor that tells when to stop one (Miskovic2010, 6.5-6.7).
 
-Miskovic2010, 6.6-6.7: extremes and durations of every half period, the real switching value (6.5), condition (7.12)
-for every period, and the stop rule: five consecutive periods whose maxima and minima scatter within 10 %.
+Extremes and durations of every half period, the real switching value (6.5), condition (7.12) for every period, and the
+stop rule: five consecutive periods whose maxima and minima scatter within 10 %.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gcs_autotune.identify.relay.describing_function import is_valid
+from gcs_autotune.identify.axis.record import Record, prepare
+from gcs_autotune.identify.relay.iso import is_valid
 from gcs_autotune.identify.result import LimitCycle
+from gcs_autotune.sname import Dof
+from gcs_autotune.trial import Trial
 
-__all__ = ["PERIODS", "SCATTER", "HalfPeriod", "LimitCycleMonitor", "MonitorState", "cycle_from"]
+__all__ = [
+    "PERIODS",
+    "SCATTER",
+    "HalfPeriod",
+    "LimitCycleMonitor",
+    "MonitorState",
+    "Settled",
+    "cycle_from",
+    "cycles_of",
+    "find_cycles",
+    "settled_cycles",
+]
 
 PERIODS = 5
 """Consecutive periods the stop rule asks for, Miskovic2010, 6.7."""
@@ -170,3 +186,197 @@ class LimitCycleMonitor:
         if cycle.C * self._C >= 0.0:
             return cycle
         return replace(cycle, C=-cycle.C, x_0=-cycle.x_0, T_H=cycle.T_L, T_L=cycle.T_H)
+
+
+Array = NDArray[np.float64]
+
+LEVEL_TOLERANCE = 0.05
+"""Spread of a relay's level from half period to half period that still counts as the same experiment."""
+
+
+NEUTRAL = 0.25
+"""Chosen: an input this share of the relay's swing away from its level has left the relay: half of it is neutral."""
+
+RELAY_SPREAD = 0.2
+"""Largest scatter of a relay's switching positions, as a fraction of the distance between the two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """A limit cycle with the times [s] at which its periods begin and the last one ends, ``(periods + 1,)``."""
+
+    cycle: LimitCycle
+    edges: Array
+
+
+def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
+    """Return the limit cycles of a run, one per relay setting in it; empty when the input is no relay.
+
+    Each is averaged over its last periods, leaving out leading ones that still belong to the transient.
+
+    Raises
+    ------
+    MissingChannel, NotInformative, BadFile
+        As :func:`gcs_autotune.identify.axis.record.prepare`.
+    """
+    return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
+
+
+def settled_cycles(trial: Trial, record: Record) -> list[Settled]:
+    """Return the limit cycles in *record*, a stretch of *trial*, with the times of their periods."""
+    told = trial.meta.get("x_a")
+    x_a = float(told) if isinstance(told, (int, float)) else None
+    marked = [m.t for m in trial.marks if m.kind == "switch"]
+    declared = bool(marked) or trial.meta.get("manoeuvre") == "relay"
+    return cycles_of(record, x_a, marked, declared=declared)
+
+
+def cycles_of(
+    record: Record, x_a: float | None = None, marked: Sequence[float] = (), *, declared: bool = False
+) -> list[Settled]:
+    """Return the limit cycles in one stretch.
+
+    Parameters
+    ----------
+    marked : switching times [s] that serve when the input itself shows none.
+    declared : the run is known to be a relay experiment; else only what behaves like a relay is taken.
+    """
+    switchings = _switchings(record)
+    t, x, nu_0 = _position(record, switchings)
+    halves = _half_periods(t, x, record, switchings)
+    if len(halves) < 2 and len(marked) > 2:
+        halves = _half_periods(t, x, record, np.asarray(marked, dtype=np.float64))
+    found = []
+    for group in _groups(halves):
+        best = _settled(group, x_a) if declared or _is_relay(group) else None
+        if best is not None:
+            found.append(replace(best, cycle=replace(best.cycle, nu_0=nu_0)))
+    return found
+
+
+def _is_relay(halves: Sequence[HalfPeriod]) -> bool:
+    """Whether two-level input switches where a relay would: again and again at the same two positions."""
+    if len(halves) < 4:
+        return False
+    one, other = (np.array([h.at_switch for h in halves[i::2]]) for i in (0, 1))
+    apart = abs(float(np.median(one) - np.median(other)))
+    return max(float(np.median(np.abs(s - np.median(s)))) for s in (one, other)) < RELAY_SPREAD * apart
+
+
+def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
+    """Return stamps, position, and the mean velocity taken out of it.
+
+    Without a position, and in surge and sway whose ``x`` and ``y`` need not be ahead and starboard, it is the
+    velocity integrated about its mean, Miskovic2010, eq. (6.48). The mean is taken over whole periods, later ones only:
+    over anything else the integral would drift.
+    """
+    ashore = record.dof.name in ("surge", "sway") and record.velocity is not None
+    if record.position is not None and not ashore:
+        return record.position.t, record.position.values, 0.0
+    velocity = record.main if record.velocity is None else record.velocity
+    t, nu = velocity.t, velocity.values
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (nu[1:] + nu[:-1]) * np.diff(t))])
+    inside = switchings[(switchings >= t[0]) & (switchings <= t[-1])]
+    periods = (len(inside) - 1) // 2
+    first, last = (inside[-1 - 2 * ((periods + 1) // 2)], inside[-1]) if periods >= 1 else (t[0], t[-1])
+    from_, to = np.interp([first, last], t, area)
+    nu_0 = float((to - from_) / (last - first))
+    return t, area - nu_0 * (t - t[0]), nu_0
+
+
+def _switchings(record: Record) -> Array:
+    """Return when the input crosses the middle of its two positions, the return to neutral at the end left out."""
+    low, high = np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
+    middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
+    side = np.where(record.tau > middle, 1, -1)
+    switched: Array = record.t_in[1:][np.diff(side) != 0]
+    return switched[:-1] if _ends_at_neutral(record, switched) else switched
+
+
+def _ends_at_neutral(record: Record, switched: Array) -> bool:
+    """Whether the last crossing is no switching: what the input is held at from there on is not the relay's level."""
+    if len(switched) < 3:
+        return False
+    end = max(float(record.t_in[-1]), float(record.main.t[-1]))
+    same, other = (_held_longest(record, float(a), float(b)) for a, b in itertools.pairwise(switched[-3:]))
+    after = _held_longest(record, float(switched[-1]), end)
+    return abs(after - same) > NEUTRAL * abs(same - other)
+
+
+def _held_longest(record: Record, start: float, end: float) -> float:
+    """Return the value the input is held at for longest between two times."""
+    edges, values = _holds(record, start, end)
+    return float(values[int(np.argmax(np.diff(edges)))])
+
+
+def _holds(record: Record, start: float, end: float) -> tuple[Array, Array]:
+    """Return the input's values (n,) between two times and the times (n + 1,) that bound them."""
+    edges = np.concatenate([[start], record.t_in[(record.t_in > start) & (record.t_in < end)], [end]])
+    return edges, record.tau[np.searchsorted(record.t_in, edges[:-1], side="right") - 1]
+
+
+def _half_periods(t: Array, x: Array, record: Record, switchings: Array) -> list[HalfPeriod]:
+    inside = switchings[(switchings >= t[0]) & (switchings <= t[-1])]
+    at = np.interp(inside, t, x)
+    halves = []
+    for i, (start, end) in enumerate(itertools.pairwise(inside)):
+        keep = (t >= start) & (t <= end)
+        level = _level(record, float(start), float(end))
+        if int(keep.sum()) < 3 or level is None:
+            halves.append(HalfPeriod(float(start), float(end), math.nan, math.nan, math.nan, math.nan))
+            continue
+        low, high = -_peak(t[keep], -x[keep]), _peak(t[keep], x[keep])
+        halves.append(HalfPeriod(float(start), float(end), float(at[i]), low, high, level))
+    return halves
+
+
+def _level(record: Record, start: float, end: float) -> float | None:
+    """Return the input's level in a half period, None when it is not held for four fifths of it."""
+    edges, values = _holds(record, start, end)
+    held = np.diff(edges)
+    level = float(values[int(np.argmax(held))])
+    near = np.abs(values - level) <= 2.0 * LEVEL_TOLERANCE * max(abs(level), float(np.ptp(record.tau)) / 2.0)
+    return level if float(held[near].sum()) >= 0.8 * (end - start) else None
+
+
+def _peak(t: Array, x: Array) -> float:
+    """Return the maximum, from a parabola through the samples within an eighth of the stretch of it."""
+    top = int(np.argmax(x))
+    near = np.abs(t - t[top]) <= max((t[-1] - t[0]) / 8.0, 1.01 * float(np.median(np.diff(t))))
+    if not 0 < top < len(x) - 1 or int(near.sum()) < 3:
+        return float(x[top])
+    c2, c1, c0 = np.polyfit(t[near] - t[top], x[near], 2)
+    reach = float(np.max(np.abs(t[near] - t[top])))
+    if c2 >= 0.0 or abs(c1 / (2.0 * c2)) > reach:
+        return float(x[top])
+    return float(c0 - c1 * c1 / (4.0 * c2))
+
+
+def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
+    """Split into stretches in which the relay alternates between the same two levels."""
+    groups: list[list[HalfPeriod]] = [[]]
+    for half in halves:
+        group = groups[-1]
+        swing = abs(group[-1].level - half.level) if group else 0.0
+        alike = len(group) < 2 or abs(group[-2].level - half.level) <= 2.0 * LEVEL_TOLERANCE * swing
+        if math.isnan(half.level) or not alike:
+            group = [] if math.isnan(half.level) else group[-1:]
+            groups.append(group)
+        if not math.isnan(half.level):
+            group.append(half)
+    return [g for g in groups if len(g) >= 2]
+
+
+def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> Settled | None:
+    """Return the mean of the last periods, as many (five or more) as make it most certain.
+
+    Scatter over the square root of their number: more periods help until the first ones bring in the transient.
+    """
+    count = len(halves) // 2
+    cycles = [cycle_from(halves[-2 * periods :], x_a) for periods in range(min(PERIODS, count), count + 1)]
+    if not cycles:
+        return None
+    best = min(cycles, key=lambda c: c.scatter / math.sqrt(c.periods))
+    used = halves[-2 * best.periods :]
+    edges = np.array([h.start for h in used[::2]] + [used[-1].end])
+    return Settled(best if best.X_m > 0.0 else replace(best, valid=False), edges)

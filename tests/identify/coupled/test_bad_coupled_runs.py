@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
-from coupled_water import BOAT, horizontal, levels, sail
+from coupled_plants import BOAT, horizontal, levels, sail
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.identify import Fit, fit

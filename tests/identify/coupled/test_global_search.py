@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coupled_water import sail
+from coupled_plants import sail
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit

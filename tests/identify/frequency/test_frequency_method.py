@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identify_water import Relay
+from axis_plants import Relay
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify import AxisFit, fit_axis

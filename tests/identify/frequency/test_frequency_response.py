@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from identify_water import Levels, Relay, fly
-from linear_water import relay_run
+from axis_plants import Levels, Relay, fly
+from linear_plants import relay_run
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency import (

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from cybership_water import FORM, TRUTH, sail
+from cybership_plants import FORM, TRUTH, sail
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify import METHODS, fit

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tug_water import TUG, sea_trials
+from tug_plants import TUG, sea_trials
 
 from gcs_autotune.identify.plan import PLANS, PlanResult, run_plan
 from gcs_autotune.report.plan import plan_summary

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from regression_water import yaw_run
+from regression_plants import yaw_run
 
 from gcs_autotune.identify import fit
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from regression_water import TRUTH, M, camera_run, coupled, velocity_run, yaw_run
+from regression_plants import TRUTH, M, camera_run, coupled, velocity_run, yaw_run
 
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.identify import fit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from regression_water import TRUTH, coupled, velocity_run
+from regression_plants import TRUTH, coupled, velocity_run
 from scipy.optimize import minimize
 
 from gcs_autotune.errors import UsageError

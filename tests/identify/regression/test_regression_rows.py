@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from regression_water import TRUTH, coupled, s_manoeuvre, velocity_run, videoray
+from regression_plants import TRUTH, coupled, s_manoeuvre, velocity_run, videoray
 
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify import fit

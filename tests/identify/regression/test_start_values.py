@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from regression_water import TRUTH, coupled, velocity_run
+from regression_plants import TRUTH, coupled, velocity_run
 
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.record import prepare_coupled

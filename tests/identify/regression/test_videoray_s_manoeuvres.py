@@ -6,11 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from regression_water import DOFS, HORIZONTAL_INPUTS, TRUTH, M, camera_run, coupled
+from regression_plants import DOFS, HORIZONTAL_INPUTS, TRUTH, M, camera_run, coupled
 
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.regression import check_physics, correlations, structure_by_correlation
+from gcs_autotune.identify.regression import check_physics
 from gcs_autotune.models.coupled import Form
+from gcs_autotune.research import correlations, structure_by_correlation
 
 
 @cache

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from identify_water import Plant, Relay, fly
+from axis_plants import Plant, Relay, fly
 
 from gcs_autotune.identify import find_cycles, fit, fit_axis
 from gcs_autotune.identify.relay.iso import estimate

@@ -1,4 +1,4 @@
-"""The tugboat of Erunsal2017 in water of our own: 6-DOF equations of its (1) in matrices, fixed-step Runge-Kutta.
+"""The tugboat of Erunsal2017 in own plants: 6-DOF equations of its (1) in matrices, fixed-step Runge-Kutta.
 
 Shares nothing with the code under test. All runs of a batch are integrated side by side.
 

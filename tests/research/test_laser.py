@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.relay.laser import LaserCurve, angle_to_surface, calibrate, distance_to_surface
+from gcs_autotune.research import LaserCurve, angle_to_surface, calibrate, distance_to_surface
 
 TAPE = np.arange(10.0, 100.1, 5.0)
 """Distances of the calibration [cm], Miskovic2010, 3.4."""

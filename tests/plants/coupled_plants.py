@@ -1,4 +1,4 @@
-"""Coupled water of our own for these tests: the equations written out by hand, SciPy's integrator to fine tolerance.
+"""Coupled own plants for these tests: the equations written out by hand, SciPy's integrator to fine tolerance.
 
 Shares nothing with the code under test. Surge, sway and yaw as ZhaoUSV (1)-(2): ``M nu_dot + C(nu) nu + D(nu) nu =
 tau`` with ``m_11``, ``m_22``, ``m_23 = m_32``, ``m_33`` and all signs of the drag damping.

@@ -7,14 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from linear_water import relay_run
+from linear_plants import relay_run
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import heading_loop, loop_cycles, simplify
-from gcs_autotune.identify.frequency import harmonic_response, loop_process
-from gcs_autotune.identify.relay.heading_loop import loop_trial
-from gcs_autotune.identify.relay.matrix_iso import experiments_needed
+from gcs_autotune.identify.frequency import harmonic_response
 from gcs_autotune.models import TransferFunction
+from gcs_autotune.research import experiments_needed, heading_loop, loop_cycles, loop_process, loop_trial, simplify
 
 DEG = math.pi / 180.0
 K, T = 0.3, 1.5

@@ -1,4 +1,4 @@
-"""Horizontal water of our own for the tests of limits: equations by hand, Runge-Kutta of fixed step, any helmsman.
+"""Horizontal own plants for the tests of limits: equations by hand, Runge-Kutta of fixed step, any helmsman.
 
 Shares nothing with the code under test. ``m_11 u' = X + X_0 + (X_u + X_uu|u|) u + m_22 v r`` and so on; SNAME signs,
 so ``X_u < 0`` damps and ``m_11 = -X_udot``.

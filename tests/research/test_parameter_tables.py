@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.real_diagnosis.published import tables_of
-from gcs_autotune.diagnose.tables import ParameterTable, TableFinding, diagnose_table
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.research import ParameterTable, TableFinding, diagnose_table
 
 LEVELS = np.repeat([1.0, 2.0, 3.0, 4.0], 6)
 
