@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.identify.plan import PlanResult
-from gcs_autotune.identify.plan.combine import Agreement
+from gcs_autotune.identify.plan import Agreement, PlanResult
 from gcs_autotune.report.numbers import UNKNOWN, format_number, format_value, pretty_unit
 from gcs_autotune.report.tables import Table
 from gcs_autotune.report.terminal import doubts_shown, grid, paragraph, title
