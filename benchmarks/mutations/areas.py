@@ -6,7 +6,7 @@ __all__ = ["AREAS", "EQUIVALENT"]
 
 AREAS: dict[str, tuple[str, ...]] = {
     "safety": (
-        "gcs_autotune/manoeuvres/answer.py",
+        "gcs_autotune/manoeuvres/pulse_response.py",
         "gcs_autotune/manoeuvres/envelope.py",
         "gcs_autotune/manoeuvres/sequencer.py",
         "gcs_autotune/manoeuvres/sign_check.py",

@@ -18,9 +18,9 @@ from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
-from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, visit
+from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
-from gcs_autotune.manoeuvres.sign_words import Outlet
+from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings
 from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
@@ -53,7 +53,7 @@ __all__ = [
     "ThrustCheckSettings",
     "TurnAbout",
     "TurnAboutSettings",
-    "visit",
+    "restore_on_exit",
 ]
 
 MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gcs_autotune.craft import Command, DepthTarget, Observation
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
-from gcs_autotune.trial import Mark
-from gcs_autotune.watch import Progress
+from gcs_autotune.craft import DepthTarget, Observation
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
 __all__ = ["Dive", "DiveSettings"]
 
@@ -34,42 +32,38 @@ class DiveSettings:
     long: float = 15.0
 
 
-class Dive:
+class Dive(Manoeuvre):
     """Leads the autopilot's depth loop down a ramp and waits until it is there."""
 
-    name = "dive"
-    in_manual = False
+    kind, purpose, in_manual = "dive", "transit", False
 
     def __init__(self, settings: DiveSettings) -> None:
-        self.outcome: Outcome | None = None
+        super().__init__(signal="z", force="Z")
         self._settings = settings
-        self._start = self._from = self._target = self._there_since = self._deep_since = math.nan
 
     @property
-    def settings(self) -> Mapping[str, Any]:
-        """The settings, for the trial's meta."""
-        return {"manoeuvre": "dive", "purpose": "transit", "depth": self._settings.depth}
+    def asked(self) -> Mapping[str, Any]:
+        """The depth."""
+        return {"depth": self._settings.depth}
 
-    def start(self, observation: Observation) -> None:
-        """Begin at the present depth."""
-        self._start = self._there_since = self._deep_since = observation.t
-        self._from = self._target = observation.z
-
-    def update(self, observation: Observation) -> Command:
-        """Lower the wanted depth; look whether the craft has come down."""
-        s, elapsed = self._settings, observation.t - self._start
-        self._target = min(s.depth, self._from + RAMP * elapsed)
-        if not abs(observation.z - s.depth) <= s.band:
-            self._there_since = observation.t
-        if not s.enough <= observation.z <= s.depth + s.enough:
-            self._deep_since = observation.t
-        if observation.t - self._there_since >= s.steady_time:
-            self.outcome = Outcome("completed", f"{observation.z:.1f} m deep")
-        elif elapsed > s.patience and observation.t - self._deep_since >= s.long:
-            self.outcome = Outcome("completed", f"{observation.z:.1f} m deep: deep enough, though it does not settle")
-        elif elapsed > s.patience:
-            self.outcome = Outcome("aborted", self._why(observation))
-        return DepthTarget(self._target)
+    def commands(self, now: Observation) -> Commands:
+        """Yield a depth that goes down from the present one; look whether the craft has come down."""
+        s, start, top = self._settings, now.t, now.z
+        there_since = deep_since = start
+        while True:
+            elapsed = now.t - start
+            self.target = min(s.depth, top + RAMP * elapsed)
+            if not abs(now.z - s.depth) <= s.band:
+                there_since = now.t
+            if not s.enough <= now.z <= s.depth + s.enough:
+                deep_since = now.t
+            if now.t - there_since >= s.steady_time:
+                self._end("completed", f"{now.z:.1f} m deep")
+            elif elapsed > s.patience and now.t - deep_since >= s.long:
+                self._end("completed", f"{now.z:.1f} m deep: deep enough, though it does not settle")
+            elif elapsed > s.patience:
+                self._end("aborted", self._why(now))
+            now = yield DepthTarget(self.target)
 
     def _why(self, observation: Observation) -> str:
         s, z, output = self._settings, observation.z, observation.output.get("Z", math.nan)
@@ -80,20 +74,3 @@ class Dive:
             where += f", with {output:+.2f} of full thrust down" if math.isfinite(output) else ""
             cause = "is it too buoyant, does its depth loop swing, or are the vertical thrusters reversed?"
         return f"{where}: {cause} Take it to that depth by hand and start again there"
-
-    def take_marks(self) -> Sequence[Mark]:
-        """Nothing to mark."""
-        return ()
-
-    def progress(self, observation: Observation) -> Progress:
-        """Return depth against target."""
-        return Progress(
-            stage="",
-            manoeuvre="dive",
-            t=observation.t,
-            signal="z",
-            value=observation.z,
-            target=self._target,
-            output=observation.output.get("Z", math.nan),
-            age=observation.age,
-        )

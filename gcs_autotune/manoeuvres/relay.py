@@ -8,19 +8,18 @@ surge speed, 6.6.2), its output the actuator. It starts small and grows until th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import LimitCycleMonitor
-from gcs_autotune.manoeuvres import relay_words as words
-from gcs_autotune.manoeuvres.keeper import HOLDERS, KEEPERS, Keeper
-from gcs_autotune.manoeuvres.lead_in import LeadIn
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
-from gcs_autotune.manoeuvres.relay_settings import RelaySettings
+from gcs_autotune.manoeuvres import relay_messages as messages
+from gcs_autotune.manoeuvres.approach import Approach
+from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
-from gcs_autotune.trial import Mark
 from gcs_autotune.watch import Progress
 
 __all__ = ["Relay", "RelaySettings"]
@@ -41,17 +40,75 @@ LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
 
-class Relay:
-    """Lead-in (way on, noise measured), then the relay until the limit cycle has settled."""
+@dataclass(frozen=True, slots=True)
+class RelaySettings:
+    """What to fly. Outputs are fractions of full actuator output; angles rad, lengths m, times s.
 
-    in_manual = True
+    Attributes
+    ----------
+    signal, force : what is watched (``psi``, ``z`` or ``x`` for integrated surge speed) and what is driven.
+    output : relay output C; None lets it start at ``first_output`` and grow by ``growth`` up to ``most_output``.
+    hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
+    throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
+    reference_speed : speed [m/s] around which a surge relay swings.
+    keep_still : hold an ROV's other axes (heading, depth) by hand meanwhile.
+    periods, tolerance : the stop rule.
+    unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
+        given is widened by ``growth``, so many times at most.
+    patience : longest time without a switching [s].
+    least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
+
+    Raises
+    ------
+    UsageError
+        An output is not within 0 to 1, a hysteresis not above 0, or a number not finite.
+    """
+
+    signal: str
+    force: str
+    output: float | None = None
+    hysteresis: float | None = None
+    throttle: float = 0.0
+    reference_speed: float = 0.0
+    keep_still: bool = False
+    first_output: float = 0.3
+    growth: float = 1.5
+    most_output: float = 0.9
+    least_hysteresis: float = math.radians(10.0)
+    periods: int = 5
+    tolerance: float = 0.10
+    most_periods: int = 30
+    unsettled_periods: int = 10
+    most_widenings: int = 2
+    patience: float = 30.0
+    least_period: float = 0.0
+
+    def __post_init__(self) -> None:
+        """See that a relay can be made of it: it switches, and pushes no harder than there is."""
+        for name in ("output", "first_output", "most_output"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value <= 1.0:
+                raise UsageError(
+                    f"relay: {name} is {value:g}; it is a fraction of full output, above 0 and up to 1"
+                    + (f" beside a throttle of {self.throttle:g}" if self.throttle else "")
+                )
+        for name in ("hysteresis", "least_hysteresis"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise UsageError(f"relay: {name} is {value:g}; a relay switches at a finite value above 0")
+        if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
+            raise UsageError(f"relay: throttle {self.throttle:g}, speed {self.reference_speed:g} m/s: no such numbers")
+
+
+class Relay(Manoeuvre):
+    """Approach (way on, noise measured), then the relay until the limit cycle has settled."""
+
+    kind = "relay"
 
     def __init__(self, settings: RelaySettings, name: str = "relay") -> None:
-        self.name = name
-        self.outcome: Outcome | None = None
+        super().__init__(name, signal=settings.signal, force=settings.force)
         self._settings = settings
-        self._lead_in = LeadIn(settings.signal, needs_way=settings.throttle != 0.0)
-        self._marks: list[Mark] = []
+        self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
         self._output = settings.output if settings.output is not None else settings.first_output
         self._hysteresis = settings.hysteresis or settings.least_hysteresis
         self._monitor = self._new_monitor()
@@ -65,19 +122,17 @@ class Relay:
         self._widenings = self._slowings = 0
         self._astray = 0
         self._first_half = self._extreme = math.nan
-        self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
-        holder = HOLDERS.get(settings.signal) if settings.keep_still else None
-        self._holder = None if holder is None else Keeper(holder)
+        self._holds = [HoldController(g) for g in HELD_MEANWHILE[settings.signal]] if settings.keep_still else []
+        before = HELD_BEFORE.get(settings.signal) if settings.keep_still else None
+        self._before = None if before is None else HoldController(before)
         self._integral = 0.0
-        self._last_t = self._last_tick = self._tick = math.nan
+        self._last_t = self._last_tick = self._tick_time = math.nan
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def asked(self) -> Mapping[str, Any]:
         """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began."""
         s = self._settings
         return {
-            "manoeuvre": "relay",
-            "purpose": "identification",
             "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
             "signal": s.signal,
             "force": s.force,
@@ -85,57 +140,50 @@ class Relay:
             "x_a": self._hysteresis,
             "reference": self._reference,
             "throttle": s.throttle,
-            "noise_std": self._lead_in.noise_std,
-            "speed": self._lead_in.speed,
+            "noise_std": self._approach.noise_std,
+            "speed": self._approach.speed,
             "from_t": self._began,
         }
 
-    def start(self, observation: Observation) -> None:
-        """Begin the lead-in."""
-        self._last_t = observation.t
-        self._lead_in.start(observation)
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach, then the relay."""
+        self._last_t = now.t
+        self._approach.start(now)
+        while True:
+            now = yield self._tick(now)
 
-    def update(self, observation: Observation) -> Command:
-        """Drive the relay."""
+    def _tick(self, observation: Observation) -> Command:
         x = self._watched(observation)
         self._time_ticks(observation.t)
-        if not self._lead_in.done:
-            self._lead_in.update(observation.t, x, observation.speed)
-            return self._command(0.0 if self._holder is None else self._holder.demand(observation), observation)
+        if not self._approach.done:
+            self._approach.update(observation.t, x, observation.speed)
+            return self._command(0.0 if self._before is None else self._before.demand(observation), observation)
         if math.isnan(self._began):
             self._begin(observation.t, x)
         self._switch(observation.t, x - self._reference)
         self._judge(observation.t, x - self._reference)
         return self._command(self._output if self._high else -self._output, observation)
 
-    def take_marks(self) -> Sequence[Mark]:
-        """Return switchings and growths since the last call."""
-        marks, self._marks = self._marks, []
-        return marks
-
     def progress(self, observation: Observation) -> Progress:
         """Return amplitude, periods and scatter so far."""
         s, state = self._settings, self._monitor.state
-        return Progress(
-            stage="",
-            manoeuvre="lead-in" if math.isnan(self._began) else "relay",
-            t=observation.t,
-            signal=s.signal,
-            value=observation.value(s.signal) if s.signal != "x" else observation.u,
-            target=self._reference if s.signal != "x" else s.reference_speed,
-            output=observation.output.get(s.force, math.nan),
+        along = s.signal == "x"
+        return replace(
+            super().progress(observation),
+            manoeuvre="approach" if math.isnan(self._began) else "relay",
+            value=observation.u if along else observation.value(s.signal),
+            target=s.reference_speed if along else self._reference,
             amplitude=state.cycle.X_m if state.cycle is not None else math.nan,
             periods=state.periods,
             periods_needed=s.periods,
             scatter=state.cycle.scatter if state.cycle is not None else math.nan,
-            age=observation.age,
         )
 
     def _time_ticks(self, t: float) -> None:
         """Keep the mean time between control ticks, of about the last twenty."""
         if math.isfinite(self._last_tick):
             last = t - self._last_tick
-            self._tick = last if math.isnan(self._tick) else self._tick + 0.05 * (last - self._tick)
+            self._tick_time = last if math.isnan(self._tick_time) else self._tick_time + 0.05 * (last - self._tick_time)
         self._last_tick = t
 
     def _watched(self, observation: Observation) -> float:
@@ -151,9 +199,9 @@ class Relay:
         self._began = self._last_switch = t
         self._reference = x
         if self._settings.hysteresis is None:
-            self._hysteresis = max(self._settings.least_hysteresis, 5.0 * self._lead_in.noise_std)
+            self._hysteresis = max(self._settings.least_hysteresis, 5.0 * self._approach.noise_std)
         self._reset_monitor()
-        self._marks.append(Mark(t, "switch", {"x": 0.0, self._settings.force: self._output}))
+        self._mark(t, "switch", {"x": 0.0, self._settings.force: self._output})
 
     def _switch(self, t: float, x: float) -> None:
         wanted = self._high
@@ -166,7 +214,7 @@ class Relay:
                 self._first_half = t - self._began
             self._high, self._last_switch, self._switched_once, self._extreme = wanted, t, True, x
             sign = 1.0 if wanted else -1.0
-            self._marks.append(Mark(t, "switch", {"x": x, self._settings.force: sign * self._output}))
+            self._mark(t, "switch", {"x": x, self._settings.force: sign * self._output})
 
     def _judge(self, t: float, x: float) -> None:
         s = self._settings
@@ -179,24 +227,24 @@ class Relay:
             self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
             return
         if state.settled:
-            self.outcome = Outcome("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
+            self._end("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
             return
         if state.switchings >= self._judged + 2:
             self._judged = state.switchings
             self._improper_periods = 0 if state.proper else self._improper_periods + 1
         if self._went_astray(t, x):
-            self._grow(t, (words.overwhelmed if self._switched_once else words.wrong_way)(s, self._output))
+            self._grow(t, (messages.overwhelmed if self._switched_once else messages.wrong_way)(s, self._output))
         elif t - self._last_switch > s.patience:
-            self._grow(t, words.no_oscillation(s, self._output))
+            self._grow(t, messages.no_oscillation(s, self._output))
         elif self._improper_periods >= 2 and self._outruns_the_ticks():
-            too_fast = words.too_fast(self._output, LEAST_TICKS, self._tick)
+            too_fast = messages.too_fast(self._output, LEAST_TICKS, self._tick_time)
             self._settle(t) if self._may_widen() else self._give_up(too_fast)
         elif self._improper_periods >= 2:
-            self._grow(t, words.improper(self._output))
+            self._grow(t, messages.improper(self._output))
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
             self._settle(t)
         elif state.switchings >= 2 * s.most_periods:
-            self._give_up(words.never_settled(s, state.cycle.scatter if state.cycle is not None else math.nan))
+            self._give_up(messages.never_settled(s, state.cycle.scatter if state.cycle is not None else math.nan))
 
     def _grow(self, t: float, otherwise: str) -> None:
         """Make the relay larger; when it may not grow, give up with the reason *otherwise*."""
@@ -207,17 +255,17 @@ class Relay:
         self._output = min(self._output * s.growth, s.most_output)
         self._last_switch, self._improper_periods = t, 0
         self._reset_monitor()
-        self._marks.append(Mark(t, "grow", {"C": self._output}))
+        self._mark(t, "grow", {"C": self._output})
         sign = 1.0 if self._high else -1.0
-        self._marks.append(Mark(t, "switch", {s.force: sign * self._output}))
+        self._mark(t, "switch", {s.force: sign * self._output})
 
     def _give_up(self, reason: str) -> None:
-        self.outcome = Outcome("aborted", reason)
+        self._end("aborted", reason)
 
     def _outruns_the_ticks(self) -> bool:
         """Whether the craft swings through the hysteresis within a few control ticks: a larger relay makes it worse."""
         cycle = self._monitor.state.cycle
-        return cycle is not None and 0.5 * (cycle.T_H + cycle.T_L) < LEAST_TICKS * self._tick
+        return cycle is not None and 0.5 * (cycle.T_H + cycle.T_L) < LEAST_TICKS * self._tick_time
 
     def _may_widen(self) -> bool:
         return self._settings.hysteresis is None and self._widenings < self._settings.most_widenings
@@ -233,14 +281,14 @@ class Relay:
             self._slowings += 1
             self._widen(t, min(max(self._settings.least_period / period, self._settings.growth), WIDEST_STEP))
         else:
-            self._give_up(words.link_too_slow(self._settings, period))
+            self._give_up(messages.link_too_slow(self._settings, period))
 
     def _widen(self, t: float, factor: float) -> None:
         """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
         self._hysteresis *= factor
         self._improper_periods = 0
         self._reset_monitor()
-        self._marks.append(Mark(t, "widen", {"x_a": self._hysteresis}))
+        self._mark(t, "widen", {"x_a": self._hysteresis})
 
     def _reset_monitor(self) -> None:
         self._judged = 0
@@ -263,7 +311,5 @@ class Relay:
 
     def _command(self, output: float, observation: Observation) -> Command:
         s = self._settings
-        command = Actuate(X=s.throttle)
-        for keeper in self._keepers:
-            command = replace(command, **{keeper.force: keeper.demand(observation)})
+        command = hold(Actuate(X=s.throttle), self._holds, observation)
         return replace(command, **{s.force: getattr(command, s.force) + output})

@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 
-__all__ = ["Flown", "Sequencer", "visit"]
+__all__ = ["DISARMED_ITSELF", "Flown", "Sequencer", "restore_on_exit"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,16 +81,20 @@ class Sequencer:
         if firmware.kind == "boat":
             envelope = replace(envelope, depth_excursion=math.inf)
         watch = Watch(envelope, observation, self._home)
-        manoeuvre.start(observation)
-        while manoeuvre.outcome is None:
-            nearest, share = watch.check(observation)
-            craft.send(manoeuvre.update(observation))
+        commands = manoeuvre.commands(observation)
+        nearest, share = watch.check(observation)
+        command = next(commands)
+        while True:
+            craft.send(command)
             for mark in manoeuvre.take_marks():
                 craft.mark(mark)
             progress = manoeuvre.progress(observation)
             self._watcher.update(replace(progress, stage=stage, guard=nearest, guard_share=share))
             observation = craft.observe()
-        return manoeuvre.outcome
+            if manoeuvre.outcome is not None:
+                return manoeuvre.outcome
+            nearest, share = watch.check(observation)
+            command = commands.send(observation)
 
     def _end(self, manoeuvre: Manoeuvre, outcome: Outcome, error: BaseException | None) -> Trial:
         failure: AutotuneError | None = None
@@ -127,8 +131,10 @@ DISARMED_ITSELF = (
 
 
 @contextmanager
-def visit(craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None) -> Iterator[Observation]:
-    """Come aboard and leave everything as found: mode and armed state, on every way out.
+def restore_on_exit(
+    craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None
+) -> Iterator[Observation]:
+    """Put everything back as found on every way out: actuators, armed state, mode.
 
     Yields the first observation. *settled* is called when the craft was left so, and only then.
 

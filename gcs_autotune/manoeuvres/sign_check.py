@@ -7,20 +7,18 @@ in vain. The pulse grows until it is answered; the least that says something is 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.manoeuvres import sign_words as words
-from gcs_autotune.manoeuvres.answer import Answer, Tick, answer
-from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
-from gcs_autotune.manoeuvres.lead_in import LeadIn
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
-from gcs_autotune.manoeuvres.sign_words import Outlet
+from gcs_autotune.manoeuvres import sign_messages as messages
+from gcs_autotune.manoeuvres.approach import Approach
+from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.pulse_response import PulseResponse, Tick, pulse_response
+from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.sname import DOFS
-from gcs_autotune.trial import Mark
-from gcs_autotune.watch import Progress
 
 __all__ = ["SignCheck", "SignCheckSettings"]
 
@@ -72,19 +70,17 @@ class SignCheckSettings:
     outlets: tuple[Outlet, ...] = ()
 
 
-class SignCheck:
-    """Lead-in (way on, noise and drift measured), then pulses until the craft has answered both ways."""
+class SignCheck(Manoeuvre):
+    """Approach (way on, noise and drift measured), then pulses until the craft has answered both ways."""
 
-    name = "sign-check"
-    in_manual = True
+    kind, purpose = "sign-check", "check"
 
     def __init__(self, settings: SignCheckSettings) -> None:
-        self.outcome: Outcome | None = None
-        self.answer: Answer | None = None
+        super().__init__(signal=settings.signal, force=settings.force)
+        self.answer: PulseResponse | None = None
         self._settings = settings
-        self._lead_in = LeadIn(settings.signal, needs_way=settings.throttle != 0.0)
-        self._keepers = [Keeper(gains) for gains in KEEPERS[settings.signal]] if settings.keep_still else []
-        self._marks: list[Mark] = []
+        self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
+        self._holds = [HoldController(g) for g in HELD_MEANWHILE[settings.signal]] if settings.keep_still else []
         self._size = 0
         self._reversals = 0
         self._command = 0.0
@@ -95,29 +91,30 @@ class SignCheck:
         self._ahead: list[float] = []
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def asked(self) -> Mapping[str, Any]:
         """Settings as flown, and what was seen, for the trial's meta."""
         s, seen = self._settings, self.answer
         found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}
         return {
-            "manoeuvre": "sign-check",
-            "purpose": "check",
             "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
             "signal": s.signal,
             "force": s.force,
             "output": s.outputs[self._size],
             "throttle": s.throttle,
-            "speed": self._lead_in.speed,
-            "noise_std": self._lead_in.noise_std,
+            "speed": self._approach.speed,
+            "noise_std": self._approach.noise_std,
             **found,
         }
 
-    def start(self, observation: Observation) -> None:
-        """Begin the lead-in."""
-        self._lead_in.start(observation)
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach, then the pulses."""
+        self._approach.start(now)
+        while True:
+            command = self._tick(now)
+            self.phase = "approach" if self._command == 0.0 else "pulse"
+            now = yield command
 
-    def update(self, observation: Observation) -> Command:
-        """Drive the pulses."""
+    def _tick(self, observation: Observation) -> Command:
         s, t, x = self._settings, observation.t, observation.value(self._settings.signal)
         tick = t, x, observation.output.get(s.force, math.nan)
         if not self._forward:
@@ -139,35 +136,17 @@ class SignCheck:
                 self._judge()
         return self._drive(observation)
 
-    def take_marks(self) -> Sequence[Mark]:
-        """Return the pulses begun since the last call."""
-        marks, self._marks = self._marks, []
-        return marks
-
-    def progress(self, observation: Observation) -> Progress:
-        """Return what is moved and how far."""
-        s = self._settings
-        return Progress(
-            stage="",
-            manoeuvre="lead-in" if self._command == 0.0 else "pulse",
-            t=observation.t,
-            signal=s.signal,
-            value=observation.value(s.signal),
-            output=observation.output.get(s.force, math.nan),
-            age=observation.age,
-        )
-
     # --- the course of it ---------------------------------------------------------------------------------
 
     def _wait(self, observation: Observation, tick: Tick) -> None:
         """Let speed, noise and drift settle; then begin, unless there is nothing to steer by."""
         t, x, _ = tick
-        if not self._lead_in.done:
-            self._lead_in.update(t, x, observation.speed)
+        if not self._approach.done:
+            self._approach.update(t, x, observation.speed)
         self._speeds.append(observation.speed)
         self._ahead.append(observation.u)
         self._rest = [*(old for old in self._rest if old[0] >= t - DRIFT_WINDOW), tick]
-        settled = self._lead_in.done and t - self._rest[0][0] >= 0.9 * DRIFT_WINDOW
+        settled = self._approach.done and t - self._rest[0][0] >= 0.9 * DRIFT_WINDOW
         if settled and not self._nothing_to_steer_by():
             self._forward = [tick]
             self._push(t, self._settings.outputs[self._size])
@@ -175,40 +154,40 @@ class SignCheck:
     def _nothing_to_steer_by(self) -> bool:
         s, idle = self._settings, self._rest[-1][2]
         if abs(idle) >= STANDING:
-            self._refuse(words.at_its_stop(idle, s.force, s.outlets))
+            self._refuse(messages.at_its_stop(idle, s.force, s.outlets))
         elif s.least_speed > 0.0:
-            speed, recent = self._lead_in.speed, self._speeds[-30:]
+            speed, recent = self._approach.speed, self._speeds[-30:]
             noise = math.sqrt(sum((v - speed) ** 2 for v in recent) / len(recent))
             least = max(s.least_speed, WAY_NOISES * noise)
             ahead = sum(self._ahead[-30:]) / len(self._ahead[-30:])
             if not speed >= least:
-                self._refuse(words.too_slow(speed, noise, least, s.throttle))
+                self._refuse(messages.too_slow(speed, noise, least, s.throttle))
             elif s.throttle > 0.0 and ahead < -ASTERN * speed and not self._reversals:
-                self._refuse(words.goes_astern(ahead, s.throttle, s.astern))
+                self._refuse(messages.goes_astern(ahead, s.throttle, s.astern))
         return self.outcome is not None
 
     @property
     def _least(self) -> float:
         """The least motion that counts as an answer [rad or m]."""
-        return max(self._settings.least, NOISES * self._lead_in.noise_std)
+        return max(self._settings.least, NOISES * self._approach.noise_std)
 
     def _push(self, t: float, command: float) -> None:
         self._command = command
-        self._marks.append(Mark(t, "pulse", {self._settings.force: command}))
+        self._mark(t, "pulse", {self._settings.force: command})
 
     def _judge(self) -> None:
         """End with a verdict, or come to rest and try the next size."""
         s = self._settings
-        self.answer = seen = answer(s.outputs[self._size], self._rest, self._forward, self._back, self._least)
+        self.answer = seen = pulse_response(s.outputs[self._size], self._rest, self._forward, self._back, self._least)
         self._command = 0.0
         if seen.unheeded is not None:
-            self._refuse(words.not_followed(seen.unheeded, s.force, s.outlets))
+            self._refuse(messages.not_followed(seen.unheeded, s.force, s.outlets))
         elif seen.is_right:
-            self.outcome = Outcome("completed", words.acts_rightly(seen.forward, s.signal, s.force))
+            self._end("completed", messages.acts_rightly(seen.forward, s.signal, s.force))
         else:
             self._not_right(seen)
 
-    def _not_right(self, seen: Answer) -> None:
+    def _not_right(self, seen: PulseResponse) -> None:
         """Refuse, or come to rest and pulse once more.
 
         Against the surface, a quay or a net a craft is turned back in the midst of a pulse, which looks like an answer
@@ -218,21 +197,19 @@ class SignCheck:
         self._reversals += seen.is_reversed
         is_clear = seen.signs == (-1, -1) or (is_last and 1 not in seen.signs)
         if self._reversals >= TWICE and is_clear:
-            self._refuse(words.turned_round(seen, s.signal, s.force, s.cure))
+            self._refuse(messages.turned_round(seen, s.signal, s.force, s.cure))
             return
         if is_last and not (seen.is_reversed and self._reversals < TWICE):
-            self._refuse(words.unclear(seen, s.signal, s.force, s.outlets))
+            self._refuse(messages.unclear(seen, s.signal, s.force, s.outlets))
             return
         if not (seen.is_reversed and self._reversals < TWICE):
             self._size += 1
         self._rest, self._forward, self._back = [], [], []
 
     def _refuse(self, why: str) -> None:
-        self.outcome = Outcome("aborted", why)
+        self._end("aborted", why)
 
     def _drive(self, observation: Observation) -> Command:
         s = self._settings
-        command = Actuate(X=s.throttle)
-        for keeper in self._keepers:
-            command = replace(command, **{keeper.force: keeper.demand(observation)})
+        command = hold(Actuate(X=s.throttle), self._holds, observation)
         return replace(command, **{s.force: getattr(command, s.force) + self._command})

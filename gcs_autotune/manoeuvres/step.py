@@ -7,15 +7,13 @@ because thrusters, rudders and buoyancy are not symmetric.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
-from gcs_autotune.trial import Mark
-from gcs_autotune.watch import Progress
 
 __all__ = ["FORCES", "Step", "StepSettings"]
 
@@ -45,30 +43,25 @@ class StepSettings:
     diverged: float = 2.5
 
 
-class Step:
+class Step(Manoeuvre):
     """Hold, step, step back. Marks ``target`` at each change of the wanted value."""
 
-    in_manual = False
+    kind, purpose, in_manual = "step", "proof", False
 
     def __init__(self, settings: StepSettings, name: str = "step") -> None:
-        self.name = name
-        self.outcome: Outcome | None = None
+        super().__init__(name, signal=settings.signal, force=FORCES[settings.signal])
         self._settings = settings
-        self._marks: list[Mark] = []
-        self._phase = 0
-        self._phase_start = math.nan
+        self._step = 0
+        self._step_start = math.nan
         self._steady_since = math.nan
         self._base = math.nan
         self._course = math.nan
-        self._target = math.nan
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def asked(self) -> Mapping[str, Any]:
         """The step's settings, for the trial's meta."""
         s = self._settings
         return {
-            "manoeuvre": "step",
-            "purpose": "proof",
             "dof": next(d.name for d in DOFS.values() if d.force == FORCES[s.signal]),
             "signal": s.signal,
             "size": s.size,
@@ -80,50 +73,32 @@ class Step:
             **({} if s.base is None else {"base": s.base}),
         }
 
-    def start(self, observation: Observation) -> None:
-        """Hold the present value first."""
+    def commands(self, now: Observation) -> Commands:
+        """Yield the wanted value: the present one, the step, the step back."""
         base = self._settings.base
-        self._base = observation.value(self._settings.signal) if base is None else base
-        self._course = observation.psi
-        self._steady_since = observation.t
-        self._enter(0, observation.t, self._base)
+        self._base = now.value(self._settings.signal) if base is None else base
+        self._course = now.psi
+        self._steady_since = now.t
+        self._enter(0, now.t, self._base)
+        while True:
+            now = yield self._tick(now)
 
-    def update(self, observation: Observation) -> Command:
-        """Move through hold, step, step back; return the wanted value."""
+    def _tick(self, observation: Observation) -> Command:
         s = self._settings
-        elapsed = observation.t - self._phase_start
-        error = observation.value(s.signal) - self._target
-        held = self._phase > 0 or s.base is None
+        elapsed = observation.t - self._step_start
+        error = observation.value(s.signal) - self.target
+        held = self._step > 0 or s.base is None
         if not math.isfinite(error):
-            self._phase = 3
-            self.outcome = Outcome("aborted", f"the vehicle tells no number for {s.signal}, which is stepped")
+            self._step = 3
+            self._end("aborted", f"the vehicle tells no number for {s.signal}, which is stepped")
         elif held and abs(error) > (1.0 + s.diverged) * abs(s.size):
-            self._phase = 3
-            self.outcome = Outcome("stopped", "the loop runs away from its target: these gains are not stable here")
-        elif self._phase == 0:
+            self._step = 3
+            self._end("stopped", "the loop runs away from its target: these gains are not stable here")
+        elif self._step == 0:
             self._wait_for_steadiness(observation, error, elapsed)
         elif elapsed >= s.duration:
             self._next(observation.t)
         return self._command()
-
-    def take_marks(self) -> Sequence[Mark]:
-        """Return the target changes since the last call."""
-        marks, self._marks = self._marks, []
-        return marks
-
-    def progress(self, observation: Observation) -> Progress:
-        """Return value against target."""
-        s = self._settings
-        return Progress(
-            stage="",
-            manoeuvre=("settling", "step", "step back", "step")[self._phase],
-            t=observation.t,
-            signal=s.signal,
-            value=observation.value(s.signal),
-            target=self._target,
-            output=observation.output.get(FORCES[s.signal], math.nan),
-            age=observation.age,
-        )
 
     def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
         s = self._settings
@@ -134,23 +109,24 @@ class Step:
             self._next(observation.t)
 
     def _next(self, t: float) -> None:
-        if self._phase == 2:
-            self._phase = 3
-            self.outcome = Outcome("completed", "step and step back flown")
+        if self._step == 2:
+            self._step = 3
+            self._end("completed", "step and step back flown")
         else:
-            step = self._settings.size if self._phase == 0 else 0.0
-            self._enter(self._phase + 1, t, self._base + step)
+            step = self._settings.size if self._step == 0 else 0.0
+            self._enter(self._step + 1, t, self._base + step)
 
-    def _enter(self, phase: int, t: float, target: float) -> None:
-        self._phase, self._phase_start, self._target = phase, t, target
-        self._marks.append(Mark(t, "target", {"value": target, "phase": ("hold", "step", "back")[phase]}))
+    def _enter(self, number: int, t: float, target: float) -> None:
+        self._step, self._step_start, self.target = number, t, target
+        self.phase = ("settling", "step", "step back")[number]
+        self._mark(t, "target", {"value": target, "phase": ("hold", "step", "back")[number]})
 
     def _command(self) -> Command:
         s = self._settings
         if s.signal == "z":
-            return DepthTarget(self._target)
+            return DepthTarget(self.target)
         if s.signal == "u":
-            return HeadingTarget(self._course, self._target)
+            return HeadingTarget(self._course, self.target)
         if s.signal == "r":
-            return TurnRateTarget(self._target, s.speed)
-        return HeadingTarget(self._target, s.speed)
+            return TurnRateTarget(self.target, s.speed)
+        return HeadingTarget(self.target, s.speed)

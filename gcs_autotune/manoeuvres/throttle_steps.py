@@ -17,11 +17,9 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.manoeuvres.course_hand import CourseHand
-from gcs_autotune.manoeuvres.lead_in import LeadIn
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
-from gcs_autotune.trial import Mark
-from gcs_autotune.watch import Progress
+from gcs_autotune.manoeuvres.approach import Approach
+from gcs_autotune.manoeuvres.hold_controller import HeadingHold
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
 __all__ = ["LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
 
@@ -37,7 +35,7 @@ NOISE_STDS = 2.0
 COASTED = 0.35
 """Coasting ends at this share of the working speed: the rudder is to bite again."""
 BEFORE = 2.0
-"""So much [s] of the steady lead-in belongs to the record proper: the state the first step starts from."""
+"""So much [s] of the steady approach belongs to the record proper: the state the first step starts from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +54,16 @@ class ThrottleStepsSettings:
     least_speed: float = 0.2
 
 
-class ThrottleSteps:
-    """Lead-in at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it."""
+class ThrottleSteps(Manoeuvre):
+    """Approach at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it."""
 
-    in_manual = True
+    kind = "throttle-steps"
 
     def __init__(self, settings: ThrottleStepsSettings, name: str = "throttle-steps") -> None:
-        self.name = name
-        self.outcome: Outcome | None = None
+        super().__init__(name, signal="u", force="X")
         self._settings = settings
-        self._lead_in = LeadIn("u", needs_way=True)
-        self._hand = CourseHand()
-        self._marks: list[Mark] = []
+        self._approach = Approach("u", needs_way=True)
+        self._heading_hold = HeadingHold()
         self._levels = [min(share * settings.throttle, settings.most) for share in settings.levels]
         self._level = settings.throttle
         self._next = 0
@@ -75,54 +71,37 @@ class ThrottleSteps:
         self._seen: deque[tuple[float, float, float]] = deque()
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def asked(self) -> Mapping[str, Any]:
         """Settings as flown, for the trial's meta; ``from_t`` is shortly before the first step."""
         s = self._settings
         return {
-            "manoeuvre": "throttle-steps",
-            "purpose": "identification",
             "dof": "surge",
             "thrust_curve": True,
             "signal": "u",
             "force": "X",
             "throttle": s.throttle,
             "levels": list(self._levels),
-            "noise_std": self._lead_in.noise_std,
-            "speed": self._lead_in.speed,
-            "reference": self._lead_in.speed,
+            "noise_std": self._approach.noise_std,
+            "speed": self._approach.speed,
+            "reference": self._approach.speed,
             "from_t": self._began,
         }
 
-    def start(self, observation: Observation) -> None:
-        """Begin the lead-in."""
-        self._lead_in.start(observation)
-        self._hand.start(observation)
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach, then each level until it has told what it can."""
+        self._approach.start(now)
+        self._heading_hold.start(now)
+        while True:
+            command = self._tick(now)
+            self.phase = "approach" if math.isnan(self._began) else f"throttle {100.0 * self._level:.0f} %"
+            now = yield command
 
-    def update(self, observation: Observation) -> Command:
-        """Hold the level in force until it has told what it can."""
+    def _tick(self, observation: Observation) -> Command:
         if math.isfinite(observation.u):
             self._take(observation)
-        elif not self._lead_in.done and observation.t - self._first(observation) > self._settings.most_time:
-            self.outcome = Outcome("aborted", "the vehicle does not tell its speed: has it a position fix?")
-        return Actuate(X=self._level, N=self._hand.steer(observation))
-
-    def take_marks(self) -> Sequence[Mark]:
-        """Return the level changes since the last call."""
-        marks, self._marks = self._marks, []
-        return marks
-
-    def progress(self, observation: Observation) -> Progress:
-        """Return the speed at the level in force."""
-        stage = "lead-in" if math.isnan(self._began) else f"throttle {100.0 * self._level:.0f} %"
-        return Progress(
-            stage="",
-            manoeuvre=stage,
-            t=observation.t,
-            signal="u",
-            value=observation.u,
-            output=observation.output.get("X", math.nan),
-            age=observation.age,
-        )
+        elif not self._approach.done and observation.t - self._first(observation) > self._settings.most_time:
+            self._end("aborted", "the vehicle does not tell its speed: has it a position fix?")
+        return Actuate(X=self._level, N=self._heading_hold.steer(observation))
 
     def _first(self, observation: Observation) -> float:
         if math.isnan(self._since):
@@ -135,20 +114,20 @@ class ThrottleSteps:
         while self._seen[0][0] < t - STEADY_WINDOW:
             self._seen.popleft()
         if math.isnan(self._began):
-            self._lead_in.update(t, u, u)
-            if self._lead_in.done:
+            self._approach.update(t, u, u)
+            if self._approach.done:
                 self._begin(t)
             return
         elapsed, s = t - self._since, self._settings
         steady = elapsed >= s.least_time and self._is_steady()
-        coasted = self._level == 0.0 and u <= COASTED * self._lead_in.speed
+        coasted = self._level == 0.0 and u <= COASTED * self._approach.speed
         if steady or coasted or elapsed >= s.most_time:
             self._step(t, steady=steady)
 
     def _begin(self, t: float) -> None:
-        speed, s = self._lead_in.speed, self._settings
+        speed, s = self._approach.speed, self._settings
         if not speed >= s.least_speed:
-            self.outcome = Outcome(
+            self._end(
                 "aborted",
                 f"the boat makes {speed:.2f} m/s at {s.throttle:.0%} throttle, less than the {s.least_speed:g} m/s "
                 "wanted: give a larger --throttle, or check that propeller and throttle point the same way",
@@ -161,15 +140,15 @@ class ThrottleSteps:
         if steady:
             half = [(u, x) for when, u, x in self._seen if when >= t - 0.5 * STEADY_WINDOW]
             u, x = (float(np.nanmean(column)) for column in zip(*half, strict=True))
-            self._marks.append(Mark(t, "steady", {"u": u, "X": x, "level": self._level}))
+            self._mark(t, "steady", {"u": u, "X": x, "level": self._level})
         if self._next == len(self._levels):
-            self.outcome = Outcome("completed", f"{len(self._levels)} throttle levels flown")
+            self._end("completed", f"{len(self._levels)} throttle levels flown")
             return
         self._level = self._levels[self._next]
         self._next += 1
         self._since = t
         self._seen.clear()
-        self._marks.append(Mark(t, "level", {"X": self._level}))
+        self._mark(t, "level", {"X": self._level})
 
     def _is_steady(self) -> bool:
         if not self._seen or self._seen[-1][0] - self._seen[0][0] < 0.8 * STEADY_WINDOW:
@@ -177,5 +156,5 @@ class ThrottleSteps:
         speeds = [u for _, u, _ in self._seen]
         half = len(speeds) // 2
         change = abs(float(np.mean(speeds[half:])) - float(np.mean(speeds[:half])))
-        noise = NOISE_STDS * self._lead_in.noise_std / math.sqrt(max(half, 1))
-        return change < max(STEADY_SHARE * 0.5 * self._lead_in.speed, noise)
+        noise = NOISE_STDS * self._approach.noise_std / math.sqrt(max(half, 1))
+        return change < max(STEADY_SHARE * 0.5 * self._approach.speed, noise)

@@ -10,19 +10,17 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.manoeuvres import sign_words as words
-from gcs_autotune.manoeuvres.answer import FOLLOWS, Stretch
-from gcs_autotune.manoeuvres.keeper import KEEPERS, Keeper
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
+from gcs_autotune.manoeuvres import sign_messages as messages
+from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.pulse_response import FOLLOWS, Pulse
 from gcs_autotune.manoeuvres.sign_check import NOISES, STANDING
-from gcs_autotune.manoeuvres.sign_words import Outlet
-from gcs_autotune.trial import Mark
-from gcs_autotune.watch import Progress
+from gcs_autotune.manoeuvres.sign_messages import Outlet
 
 __all__ = ["ThrustCheck", "ThrustCheckSettings"]
 
@@ -66,18 +64,16 @@ class ThrustCheckSettings:
     outlets: tuple[Outlet, ...] = ()
 
 
-class ThrustCheck:
+class ThrustCheck(Manoeuvre):
     """Rest (speed, noise and idle output measured), then pulses ahead until the craft has answered one."""
 
-    name = "sign-check"
-    in_manual = True
+    kind, purpose = "sign-check", "check"
 
     def __init__(self, settings: ThrustCheckSettings) -> None:
-        self.outcome: Outcome | None = None
-        self.answer: Stretch | None = None
+        super().__init__(signal="u", force="X")
+        self.answer: Pulse | None = None
         self._settings = settings
-        self._keepers = [Keeper(gains) for gains in KEEPERS["psi"]] if settings.keep_still else []
-        self._marks: list[Mark] = []
+        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["psi"]] if settings.keep_still else []
         self._size = 0
         self._command = 0.0
         self._began = math.nan
@@ -87,12 +83,10 @@ class ThrustCheck:
         self._psi = self._drift = 0.0
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def asked(self) -> Mapping[str, Any]:
         """Settings as flown, and what was seen, for the trial's meta."""
         s, seen = self._settings, self.answer
         return {
-            "manoeuvre": "sign-check",
-            "purpose": "check",
             "dof": "surge",
             "signal": "u",
             "force": "X",
@@ -102,39 +96,22 @@ class ThrustCheck:
             **({} if seen is None else {"gained": seen.moved}),
         }
 
-    def start(self, observation: Observation) -> None:
-        """Begin to rest."""
-        self._began = observation.t
+    def commands(self, now: Observation) -> Commands:
+        """Yield rest, then the pulses."""
+        self._began = now.t
+        while True:
+            command = self._tick(now)
+            self.phase = "at rest" if self._command == 0.0 else "pulse ahead"
+            now = yield command
 
-    def update(self, observation: Observation) -> Command:
-        """Drive the pulses."""
+    def _tick(self, observation: Observation) -> Command:
         if self._pulse:
             self._watch(observation)
         elif math.isfinite(observation.u):
             self._wait(observation)
         elif observation.t - self._began > UNKNOWN:
             self._refuse("the vehicle does not tell its speed: has it a position fix?")
-        command = Actuate(X=self._command)
-        for keeper in self._keepers:
-            command = replace(command, **{keeper.force: keeper.demand(observation)})
-        return command
-
-    def take_marks(self) -> Sequence[Mark]:
-        """Return the pulses begun since the last call."""
-        marks, self._marks = self._marks, []
-        return marks
-
-    def progress(self, observation: Observation) -> Progress:
-        """Return the speed."""
-        return Progress(
-            stage="",
-            manoeuvre="at rest" if self._command == 0.0 else "pulse ahead",
-            t=observation.t,
-            signal="u",
-            value=observation.u,
-            output=observation.output.get("X", math.nan),
-            age=observation.age,
-        )
+        return hold(Actuate(X=self._command), self._holds, observation)
 
     # --- the course of it ---------------------------------------------------------------------------------
 
@@ -151,11 +128,11 @@ class ThrustCheck:
         self._noise = math.sqrt(math.fsum(d * d for d in steps) / (2.0 * len(steps)))
         self._psi, self._drift = observation.psi, (observation.psi - rest[0][3]) / (t - rest[0][0])
         if abs(self._idle) >= STANDING:
-            self._refuse(words.at_its_stop(self._idle, "X", self._settings.outlets))
+            self._refuse(messages.at_its_stop(self._idle, "X", self._settings.outlets))
             return
         self._command = self._settings.outputs[self._size]
         self._pulse = [rest[-1][:3]]
-        self._marks.append(Mark(t, "pulse", {"X": self._command}))
+        self._mark(t, "pulse", {"X": self._command})
 
     def _is_still(self) -> bool:
         speeds = [u for _, u, _, _ in self._rest]
@@ -170,7 +147,7 @@ class ThrustCheck:
         turn = observation.psi - self._psi - self._drift * seconds
         gained = self._gained()
         if abs(turn) >= s.turned:
-            self._refuse(words.turns_on_thrust(turn, seconds, self._command, s.crooked))
+            self._refuse(messages.turns_on_thrust(turn, seconds, self._command, s.crooked))
         elif seconds >= SHORTEST and (abs(gained) >= max(s.reach, self._least) or seconds >= s.longest):
             self._judge(gained, seconds)
 
@@ -188,21 +165,21 @@ class ThrustCheck:
         """End with a verdict, or come to rest and try the next size."""
         s, outputs = self._settings, [x - self._idle for _, _, x in self._pulse]
         late = outputs[len(outputs) // 2 :]
-        seen = Stretch(self._command, gained, self._noise, gained, math.fsum(late) / len(late), seconds)
+        seen = Pulse(self._command, gained, self._noise, gained, math.fsum(late) / len(late), seconds)
         self.answer, self._command = seen, 0.0
         if not seen.obeyed >= FOLLOWS:
-            self._refuse(words.not_followed(seen, "X", s.outlets))
+            self._refuse(messages.not_followed(seen, "X", s.outlets))
         elif gained >= self._least:
-            self.outcome = Outcome("completed", f"{words.gained(seen)}: X acts the right way")
+            self._end("completed", f"{messages.gained(seen)}: X acts the right way")
         elif gained <= -self._least:
-            self._refuse(f"{words.gained(seen)}: the wrong way. {s.cure}")
+            self._refuse(f"{messages.gained(seen)}: the wrong way. {s.cure}")
         elif self._size + 1 < len(s.outputs):
             self._size += 1
             self._began, self._pulse = self._pulse[-1][0], []
             self._rest.clear()
         else:
-            self._refuse(words.does_not_drive(seen, s.outlets))
+            self._refuse(messages.does_not_drive(seen, s.outlets))
 
     def _refuse(self, why: str) -> None:
         self._command = 0.0
-        self.outcome = Outcome("aborted", why)
+        self._end("aborted", why)

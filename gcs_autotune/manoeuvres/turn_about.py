@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.manoeuvres.manoeuvre import Outcome
-from gcs_autotune.trial import Mark
-from gcs_autotune.watch import Progress
+from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
 __all__ = ["TurnAbout", "TurnAboutSettings"]
 
@@ -29,56 +27,28 @@ class TurnAboutSettings:
     patience: float = 120.0
 
 
-class TurnAbout:
+class TurnAbout(Manoeuvre):
     """Needs no control loop, so it works whatever the present gains are. Ends when the bow has come round."""
 
-    name = "turn-about"
-    in_manual = True
+    kind, purpose = "turn-about", "transit"
 
     def __init__(self, settings: TurnAboutSettings) -> None:
-        self.outcome: Outcome | None = None
+        super().__init__()
         self._settings = settings
-        self._psi = self._t = math.nan
 
     @property
-    def settings(self) -> Mapping[str, Any]:
-        """The settings, for the trial's meta."""
+    def asked(self) -> Mapping[str, Any]:
+        """Throttle, steering and angle."""
         s = self._settings
-        return {
-            "manoeuvre": "turn-about",
-            "purpose": "transit",
-            "throttle": s.throttle,
-            "output": s.output,
-            "angle": s.angle,
-        }
+        return {"throttle": s.throttle, "output": s.output, "angle": s.angle}
 
-    def start(self, observation: Observation) -> None:
-        """Take the present heading as the one to turn from."""
-        self._psi, self._t = observation.psi, observation.t
-
-    def update(self, observation: Observation) -> Command:
-        """Hold the rudder until the bow has come round."""
-        s = self._settings
-        if abs(observation.psi - self._psi) >= s.angle:
-            self.outcome = Outcome("completed", "turned about")
-        elif observation.t - self._t > s.patience:
-            self.outcome = Outcome(
-                "stopped", f"turned only {math.degrees(abs(observation.psi - self._psi)):.0f} deg in {s.patience:.0f} s"
-            )
-        return Actuate(X=s.throttle, N=s.output)
-
-    def take_marks(self) -> Sequence[Mark]:
-        """Nothing to mark."""
-        return ()
-
-    def progress(self, observation: Observation) -> Progress:
-        """Return how far it has come round."""
-        return Progress(
-            stage="",
-            manoeuvre="turn-about",
-            t=observation.t,
-            signal="psi",
-            value=observation.psi,
-            output=observation.output.get("N", math.nan),
-            age=observation.age,
-        )
+    def commands(self, now: Observation) -> Commands:
+        """Yield the same rudder until the bow has come round."""
+        s, psi, start = self._settings, now.psi, now.t
+        while True:
+            turned = abs(now.psi - psi)
+            if turned >= s.angle:
+                self._end("completed", "turned about")
+            elif now.t - start > s.patience:
+                self._end("stopped", f"turned only {math.degrees(turned):.0f} deg in {s.patience:.0f} s")
+            now = yield Actuate(X=s.throttle, N=s.output)

@@ -14,7 +14,7 @@ from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.model_file import save_model
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import visit
+from gcs_autotune.manoeuvres import restore_on_exit
 from gcs_autotune.report import render_study
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
@@ -76,7 +76,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
         watcher = Paced(watcher, itinerary)
         ledger = Ledger(record, settings.connection, watcher.say)
         try:
-            with visit(craft, watcher, ledger.settle) as found:
+            with restore_on_exit(craft, watcher, ledger.settle) as found:
                 ledger.open(craft, found)
                 make_ready(craft, watcher)
                 craft.arm()

@@ -17,7 +17,7 @@ from gcs_autotune.design.laws import LAWS
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal, MavlinkCraft
-from gcs_autotune.manoeuvres import visit
+from gcs_autotune.manoeuvres import restore_on_exit
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
 from gcs_autotune.trial import Trial
@@ -161,7 +161,7 @@ def _visit(voyage: Voyage) -> None:
     craft, tale = voyage.craft, voyage.tale
     ledger = Ledger(voyage.record, voyage.settings.connection, tale.say)
     try:
-        with visit(craft, tale, ledger.settle) as found:
+        with restore_on_exit(craft, tale, ledger.settle) as found:
             journal = ledger.open(craft, found)
             make_ready(craft, tale)
             craft.arm()

@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import AutotuneError, ParameterMissing
 from gcs_autotune.link import Session, open_craft, open_link
-from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, visit
+from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, restore_on_exit
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 
@@ -61,7 +61,7 @@ def relays(session: Session, kind: str) -> list[dict[str, float]]:
     craft = open_craft(session, wanted_rates=RATES)
     kept: list[Trial] = []
     *outputs, throttle = RELAYS[kind]
-    with visit(craft, SilentWatcher()):
+    with restore_on_exit(craft, SilentWatcher()):
         craft.arm()
         sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf, cruise=10.0), SilentWatcher(), kept.append)
         for output in outputs:

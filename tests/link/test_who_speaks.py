@@ -16,7 +16,7 @@ from gcs_autotune.link.liveness import HeldSender
 from gcs_autotune.link.transports import udp
 from gcs_autotune.link.transports.address import HostPort
 from gcs_autotune.link.transports.udp import UdpIn
-from gcs_autotune.manoeuvres import visit
+from gcs_autotune.manoeuvres import restore_on_exit
 from gcs_autotune.mavlink import Framer
 from gcs_autotune.watch import SilentWatcher
 
@@ -58,7 +58,10 @@ def craft(link: Forged) -> Iterator[MavlinkCraft]:
 def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> list[str]:
     """Come aboard and arm; on leaving the boat will not disarm, and a forger says that all was done."""
     settled: list[str] = []
-    with pytest.raises(NotAsFound) as caught, visit(craft, SilentWatcher(), lambda: settled.append("settled")):
+    with (
+        pytest.raises(NotAsFound) as caught,
+        restore_on_exit(craft, SilentWatcher(), lambda: settled.append("settled")),
+    ):
         craft.arm()
         boat.on["COMMAND_LONG"] = lambda m: None if m.command == ARM else boat._on_command_long(m)
         link.forged = [OBEYED, DISARMED]

@@ -86,8 +86,9 @@ def test_what_was_known_at_the_beginning_of_the_visit_is_guarded_in_every_manoeu
 
 def test_a_step_in_a_signal_that_is_no_number_is_aborted_and_blamed_on_no_gains():
     step = Step(StepSettings("z", 1.0, 5.0))
-    step.start(at_rest(z=1.0))
-    step.update(at_rest(t=0.1, z=math.nan))
+    commands = step.commands(at_rest(z=1.0))
+    next(commands)
+    commands.send(at_rest(t=0.1, z=math.nan))
     assert step.outcome is not None
     assert step.outcome.ending == "aborted"
     assert "no number" in step.outcome.reason
@@ -95,9 +96,10 @@ def test_a_step_in_a_signal_that_is_no_number_is_aborted_and_blamed_on_no_gains(
 
 def test_a_depth_that_is_no_number_is_not_the_depth_wanted():
     dive = Dive(DiveSettings(1.5))
-    dive.start(at_rest(z=0.0))
+    commands = dive.commands(at_rest(z=0.0))
+    next(commands)
     for tick in range(700):
-        dive.update(at_rest(t=0.1 * tick, z=math.nan))
+        commands.send(at_rest(t=0.1 * tick, z=math.nan))
         if dive.outcome is not None:
             break
     assert dive.outcome is not None

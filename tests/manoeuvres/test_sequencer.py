@@ -14,7 +14,7 @@ from gcs_autotune.errors import (
     PreconditionFailed,
     TelemetryFault,
 )
-from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings, visit
+from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings, restore_on_exit
 from gcs_autotune.watch import SilentWatcher
 
 from .pond import PondCraft
@@ -65,7 +65,7 @@ def test_whenever_it_is_interrupted_the_actuators_go_neutral_and_the_record_is_k
 
 def test_a_bug_in_a_manoeuvre_still_ends_neutral_with_its_record():
     class Broken(Step):
-        def update(self, observation):
+        def _tick(self, observation):
             raise ZeroDivisionError("a bug")
 
     craft, kept = PondCraft(), []
@@ -160,7 +160,7 @@ def test_an_error_keeps_its_name_even_when_neutral_cannot_be_confirmed():
 
 def test_a_visit_leaves_mode_and_armed_state_as_found():
     craft = PondCraft()
-    with visit(craft, SilentWatcher()):
+    with restore_on_exit(craft, SilentWatcher()):
         craft.arm()
         craft.set_mode("MANUAL")
     assert (craft.mode, craft.armed) == ("STABILIZE", False)
@@ -170,7 +170,7 @@ def test_a_visit_leaves_mode_and_armed_state_as_found():
 def test_a_craft_found_armed_stays_armed():
     craft = PondCraft()
     craft.armed = True
-    with visit(craft, SilentWatcher()):
+    with restore_on_exit(craft, SilentWatcher()):
         craft.set_mode("MANUAL")
     assert craft.armed
 
@@ -178,7 +178,7 @@ def test_a_craft_found_armed_stays_armed():
 def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is_said():
     craft, ear = PondCraft(), Ear()
     craft.armed = True
-    with visit(craft, ear):
+    with restore_on_exit(craft, ear):
         craft.armed = False
     assert not craft.armed
     assert any("it has disarmed itself" in text for text in ear.heard)
@@ -187,7 +187,7 @@ def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is
 
 def test_the_operators_stop_does_not_stop_the_clean_up():
     craft = PondCraft()
-    with pytest.raises(OperatorStopped), visit(craft, SilentWatcher()):
+    with pytest.raises(OperatorStopped), restore_on_exit(craft, SilentWatcher()):
         craft.arm()
         craft.stop_wanted = True
         craft.observe()
@@ -200,7 +200,10 @@ def test_what_could_not_be_put_back_is_said():
     def refuse():
         raise CommandDenied("still moving")
 
-    with pytest.raises(NotAsFound, match="armed state: still moving") as caught, visit(craft, SilentWatcher()):
+    with (
+        pytest.raises(NotAsFound, match="armed state: still moving") as caught,
+        restore_on_exit(craft, SilentWatcher()),
+    ):
         craft.arm()
         craft.disarm = refuse
     assert caught.value.differences == {"armed state": "still moving"}
@@ -224,7 +227,7 @@ def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsett
 
     with (
         pytest.raises(NotAsFound, match=r"Then the craft could not be left as found: mode: mode refused") as caught,
-        visit(craft, SilentWatcher(), lambda: settled.append(True)),
+        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(True)),
     ):
         craft.arm()
         craft.set_mode("ALT_HOLD")
@@ -239,7 +242,10 @@ def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsett
 
 def test_after_an_abort_that_was_put_back_the_journal_is_settled_and_the_error_stays():
     craft, settled = PondCraft(), []
-    with pytest.raises(GuardTripped, match="too far"), visit(craft, SilentWatcher(), lambda: settled.append(True)):
+    with (
+        pytest.raises(GuardTripped, match="too far"),
+        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(True)),
+    ):
         craft.arm()
         raise GuardTripped("too far")
     assert settled == [True]
@@ -250,7 +256,7 @@ def test_a_link_that_is_lost_while_putting_back_is_one_difference_and_nothing_mo
     craft, settled = PondCraft(), []
     with (
         pytest.raises(NotAsFound) as caught,
-        visit(craft, SilentWatcher(), lambda: settled.append(True)),
+        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(True)),
     ):
         craft.arm()
         craft.fail_neutral = LinkLost("gone")
@@ -270,13 +276,13 @@ def test_a_mode_that_a_late_twin_of_a_command_undoes_is_restored_again_a_few_tim
 
     craft, settled = Twice(), []
     if times == 1:
-        with visit(craft, SilentWatcher(), lambda: settled.append(craft.mode)):
+        with restore_on_exit(craft, SilentWatcher(), lambda: settled.append(craft.mode)):
             craft.set_mode("ALT_HOLD")
         assert settled == ["STABILIZE"]
         return
     with (
         pytest.raises(NotAsFound, match="MANUAL and disarmed again and again"),
-        visit(craft, SilentWatcher(), lambda: settled.append(craft.mode)),
+        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(craft.mode)),
     ):
         craft.set_mode("ALT_HOLD")
     assert settled == []

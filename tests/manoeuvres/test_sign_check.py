@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import Envelope, Flown, Outlet, Sequencer, SignCheck, SignCheckSettings
-from gcs_autotune.manoeuvres.answer import Answer, Stretch
+from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
 from gcs_autotune.watch import SilentWatcher
 
 from .pond import Buoyant, PondCraft
@@ -229,10 +229,10 @@ def noisy(craft: Noisy, degrees: float) -> Observation:
 
 @pytest.mark.parametrize("output", [math.nan, -0.3, 0.0, 0.07])
 def test_an_output_that_is_not_known_or_not_half_of_the_command_does_not_count_as_followed(output: float) -> None:
-    followed = Stretch(-0.15, -0.1, 0.01, -0.1, -0.15, 1.0)
-    odd = Stretch(0.15, 0.1, 0.01, 0.1, output, 1.0)
-    assert Answer(odd, followed, 0.02, 0.1, 0.01, 0.0).unheeded is odd
-    assert Answer(followed, followed, 0.02, 0.1, 0.01, 0.0).unheeded is None
+    followed = Pulse(-0.15, -0.1, 0.01, -0.1, -0.15, 1.0)
+    odd = Pulse(0.15, 0.1, 0.01, 0.1, output, 1.0)
+    assert PulseResponse(odd, followed, 0.02, 0.1, 0.01, 0.0).unheeded is odd
+    assert PulseResponse(followed, followed, 0.02, 0.1, 0.01, 0.0).unheeded is None
 
 
 def test_a_speed_nobody_knows_is_no_speed() -> None:

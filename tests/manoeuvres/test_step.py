@@ -16,8 +16,8 @@ def fly(step, path, dt=0.1):
     for i, value in enumerate(path):
         seen = at_rest(t=i * dt, psi=value, z=value)
         if i == 0:
-            step.start(seen)
-        command = step.update(seen)
+            commands = step.commands(seen)
+        command = commands.send(None if i == 0 else seen)
         targets.append(command.z if isinstance(command, DepthTarget) else command.psi)
         if step.outcome is not None:
             break
@@ -43,6 +43,4 @@ def test_an_unsteady_craft_is_waited_for_only_so_long():
 
 def test_speed_goes_into_the_heading_target():
     step = Step(StepSettings("psi", 0.5, 5.0, speed=1.2))
-    step.start(at_rest())
-    command = step.update(at_rest())
-    assert command == HeadingTarget(0.0, 1.2)
+    assert next(step.commands(at_rest())) == HeadingTarget(0.0, 1.2)

@@ -7,7 +7,7 @@ import math
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres import ThrottleSteps, ThrottleStepsSettings
-from gcs_autotune.manoeuvres.course_hand import CourseHand
+from gcs_autotune.manoeuvres.hold_controller import HeadingHold
 
 
 class Boat:
@@ -27,12 +27,13 @@ class Boat:
 
 def fly(boat: Boat, manoeuvre: ThrottleSteps, blind: bool = False) -> list[Observation]:
     seen = [boat.go(Actuate())]
-    manoeuvre.start(seen[0])
+    commands = manoeuvre.commands(seen[0])
+    command = next(commands)
     while manoeuvre.outcome is None and boat.t < 300.0:
-        command = manoeuvre.update(seen[-1])
         assert isinstance(command, Actuate)
         now = boat.go(command)
         seen.append(Observation(t=now.t, psi=now.psi, output=now.output) if blind else now)
+        command = commands.send(seen[-1])
     return seen
 
 
@@ -65,7 +66,7 @@ def test_the_course_is_kept_against_a_bias_and_the_hand_calms_down_where_it_swin
     boat = Boat()
     seen = fly(boat, ThrottleSteps(ThrottleStepsSettings(0.6)))
     assert max(abs(o.psi) for o in seen) < math.radians(25.0)
-    hand, wild = CourseHand(), Boat(top=2.0, bias=0.0, bite=60.0)
+    hand, wild = HeadingHold(), Boat(top=2.0, bias=0.0, bite=60.0)
     start = wild.go(Actuate(X=0.5))
     hand.start(start)
     wild.psi = math.radians(20.0)

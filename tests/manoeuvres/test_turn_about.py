@@ -47,7 +47,7 @@ def test_distance_counts_from_where_the_visit_began_not_the_manoeuvre():
 
 def test_progress_and_settings_tell_what_it_does():
     turn = TurnAbout(TurnAboutSettings(0.4))
-    turn.start(at_rest())
+    next(turn.commands(at_rest()))
     assert turn.progress(at_rest()).manoeuvre == "turn-about"
     assert turn.settings["throttle"] == 0.4
     assert list(turn.take_marks()) == []

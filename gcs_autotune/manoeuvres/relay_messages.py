@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from gcs_autotune.manoeuvres.relay_settings import RelaySettings
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gcs_autotune.manoeuvres.relay import RelaySettings
 
 __all__ = ["improper", "link_too_slow", "never_settled", "no_oscillation", "overwhelmed", "too_fast", "wrong_way"]
 

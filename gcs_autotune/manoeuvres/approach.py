@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_autotune.craft import Observation
 
-__all__ = ["LeadIn"]
+__all__ = ["Approach"]
 
 LEAST_TIME = 3.0
 """Chosen [s]: enough samples at 10 Hz to tell the noise within about 15 %."""
@@ -20,7 +20,7 @@ STEADY_SHARE = 0.03
 """Speed counts as steady when it changes less than this share (or 2 cm/s) over the window [s]."""
 
 
-class LeadIn:
+class Approach:
     """Watches until speed is steady (if way is needed) and the noise is known.
 
     ``noise_std`` comes from second differences, which a steady turn or drift does not disturb.

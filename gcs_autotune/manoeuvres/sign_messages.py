@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gcs_autotune.manoeuvres.answer import Answer, Stretch
+from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
 
 __all__ = [
     "Outlet",
@@ -43,13 +43,13 @@ def named(outlets: Sequence[Outlet]) -> str:
     return " and ".join(map(str, outlets)) or "the output"
 
 
-def _pulses(seen: Answer, outlets: Sequence[Outlet]) -> str:
+def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
     ends = (seen.forward.output, seen.back.output)
     went = [f"{o} went to " + " and ".join(f"{o.trim + o.per_full * end:.0f} us" for end in ends) for o in outlets]
     return ", ".join(went) or "the outputs moved"
 
 
-def moved(stretch: Stretch, signal: str, force: str) -> str:
+def moved(stretch: Pulse, signal: str, force: str) -> str:
     """Say what one pulse did."""
     angular = signal == "psi"
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
@@ -60,18 +60,18 @@ def moved(stretch: Stretch, signal: str, force: str) -> str:
     )
 
 
-def acts_rightly(stretch: Stretch, signal: str, force: str) -> str:
+def acts_rightly(stretch: Pulse, signal: str, force: str) -> str:
     """All is well."""
     return f"{moved(stretch, signal, force)}: {force} acts the right way"
 
 
-def turned_round(seen: Answer, signal: str, force: str, cure: str) -> str:
+def turned_round(seen: PulseResponse, signal: str, force: str, cure: str) -> str:
     """It moves the wrong way."""
     shown = seen.forward if seen.signs[0] else seen.back
     return f"{moved(shown, signal, force)}: the wrong way. {cure}"
 
 
-def unclear(seen: Answer, signal: str, force: str, outlets: Sequence[Outlet]) -> str:
+def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outlet]) -> str:
     """It does not move, or does not move both ways."""
     both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}{_drifting(seen, signal)}"
     if seen.is_silent:
@@ -88,7 +88,7 @@ def unclear(seen: Answer, signal: str, force: str, outlets: Sequence[Outlet]) ->
     )
 
 
-def _drifting(seen: Answer, signal: str) -> str:
+def _drifting(seen: PulseResponse, signal: str) -> str:
     """Say how the craft moves by itself, where that is as much as a pulse must move it."""
     if not abs(seen.drift) * seen.forward.seconds >= seen.threshold:
         return ""
@@ -97,7 +97,7 @@ def _drifting(seen: Answer, signal: str) -> str:
     return f", while by itself it {'sinks' if seen.drift > 0.0 else 'rises'} at {abs(seen.drift):.2f} m/s"
 
 
-def not_followed(stretch: Stretch, force: str, outlets: Sequence[Outlet]) -> str:
+def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
     """The outputs did not do what was commanded."""
     who = named(outlets)
     asked = f"{stretch.command:+.2f} of full {force} was commanded, but the outputs show {stretch.output:+.2f}"
@@ -128,13 +128,13 @@ def too_slow(speed: float, noise: float, least: float, throttle: float) -> str:
     )
 
 
-def gained(seen: Stretch) -> str:
+def gained(seen: Pulse) -> str:
     """Say what a pulse of thrust did; ``moved`` is speed gained [m/s]."""
     way = "ahead" if seen.moved > 0.0 else "astern"
     return f"{seen.command:+.2f} of full X gave it {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
 
 
-def does_not_drive(seen: Stretch, outlets: Sequence[Outlet]) -> str:
+def does_not_drive(seen: Pulse, outlets: Sequence[Outlet]) -> str:
     """Thrust does not move it."""
     went = ", ".join(f"{o} went to {o.trim + o.per_full * seen.output:.0f} us" for o in outlets) or "the output moved"
     return (

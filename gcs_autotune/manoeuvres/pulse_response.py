@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Answer", "Stretch", "Tick", "answer"]
+__all__ = ["Pulse", "PulseResponse", "Tick", "pulse_response"]
 
 Array = NDArray[np.float64]
 Tick = tuple[float, float, float]
@@ -34,7 +34,7 @@ CLEAR = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class Pulse:
     """A pulse: ``moved`` [rad or m] is what it alone did in its ``seconds``, fitted, with standard error; ``went`` how
     far the craft really got beyond where it was drifting; mean ``output``.
     """
@@ -53,15 +53,15 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PulseResponse:
     """Both pulses judged, each by itself and against each other.
 
     ``threshold`` [rad or m] is the least motion that counts. ``compared`` and its standard error ``compared_error``
     [rad or m] are what the first pulse moved if one gain holds for both; ``drift`` [rad/s or m/s] is the motion before.
     """
 
-    forward: Stretch
-    back: Stretch
+    forward: Pulse
+    back: Pulse
     threshold: float
     compared: float
     compared_error: float
@@ -92,11 +92,11 @@ class Answer:
         return self.signs == (0, 0)
 
     @property
-    def unheeded(self) -> Stretch | None:
+    def unheeded(self) -> Pulse | None:
         """The pulse that did not reach the outputs, if one did not."""
         return next((s for s in (self.forward, self.back) if not s.obeyed >= FOLLOWS), None)
 
-    def _sign(self, stretch: Stretch) -> int:
+    def _sign(self, stretch: Pulse) -> int:
         is_clear = stretch.went * stretch.moved > 0.0 and abs(stretch.went) >= CLEAR * self.threshold
         is_sure = abs(stretch.moved) >= SURE * stretch.error
         if abs(stretch.moved) < self.threshold or not (is_sure or is_clear):
@@ -104,19 +104,19 @@ class Answer:
         return 1 if stretch.moved * stretch.command > 0.0 else -1
 
 
-def answer(
+def pulse_response(
     command: float, rest: Sequence[Tick], forward: Sequence[Tick], back: Sequence[Tick], threshold: float
-) -> Answer:
+) -> PulseResponse:
     """Judge a pulse of *command* [fraction of full] and one of ``-command``; ticks before, and during each of them."""
     t, x, u = (np.array(column) for column in zip(*rest, *forward[1:], *back[1:], strict=True))
     idle = float(np.mean([output for _, _, output in rest]))
     drift = _slope(rest)
     drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle)
-    there = _stretch(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
-    again = _stretch(-command, back, idle, drift, drag, float(gains[1]), float(errors[1]))
+    there = _pulse(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
+    again = _pulse(-command, back, idle, drift, drag, float(gains[1]), float(errors[1]))
     drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle, each=False)
-    both = _stretch(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
-    return Answer(there, again, threshold, both.moved, both.error, drift)
+    both = _pulse(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
+    return PulseResponse(there, again, threshold, both.moved, both.error, drift)
 
 
 def _slope(ticks: Sequence[Tick]) -> float:
@@ -127,15 +127,15 @@ def _slope(ticks: Sequence[Tick]) -> float:
     return float(t @ x) / spread if spread > 0.0 else 0.0
 
 
-def _stretch(
+def _pulse(
     command: float, ticks: Sequence[Tick], idle: float, drift: float, drag: float, gain: float, error: float
-) -> Stretch:
+) -> Pulse:
     seconds = ticks[-1][0] - ticks[0][0]
     outputs = [output - idle for _, _, output in ticks]
     output = float(np.mean(outputs[len(outputs) // 2 :]))
     reach = abs(command) * _response(drag, seconds)
     went = ticks[-1][1] - ticks[0][1] - drift * seconds
-    return Stretch(command, math.copysign(gain * reach, gain * command), error * reach, went, output, seconds)
+    return Pulse(command, math.copysign(gain * reach, gain * command), error * reach, went, output, seconds)
 
 
 def _response(drag: float, seconds: float) -> float:

@@ -1,0 +1,126 @@
+"""Holding what is not being tried, in manual mode, where nobody else does: an ROV's depth while its heading swings (or
+the other way round), a boat's heading while its throttle is stepped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from gcs_autotune.craft import Actuate, Observation
+
+__all__ = ["HELD_BEFORE", "HELD_MEANWHILE", "HeadingHold", "HoldController", "HoldGains", "hold"]
+
+
+@dataclass(frozen=True, slots=True)
+class HoldGains:
+    """Gentle PID on one signal: which, its rate, the force it drives, gains in fractions of full output.
+
+    Chosen as a pilot's light hand, not a control loop: slow and well damped on craft that full output accelerates
+    at 0.3 to 5 m/s^2 or rad/s^2. ``most`` is the largest output it uses.
+    """
+
+    signal: str
+    rate: str
+    force: str
+    P: float = 0.4
+    I: float = 0.03  # noqa: E741 - the integral gain's own name
+    D: float = 0.4
+    most: float = 0.5
+
+
+_DEPTH = HoldGains("z", "w", "Z")
+_HEADING = HoldGains("psi", "r", "N")
+
+HELD_MEANWHILE: Mapping[str, tuple[HoldGains, ...]] = {"psi": (_DEPTH,), "z": (_HEADING,), "x": (_HEADING, _DEPTH)}
+"""Signal that is being swung -> what is kept meanwhile."""
+HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
+"""Signal that is going to be swung -> how it is held until then: with neutral outputs a buoyant craft would be at the
+surface, where it can swing one way only."""
+
+
+class HoldController:
+    """Holds the value found at the first observation; idle while the signal is unknown."""
+
+    def __init__(self, gains: HoldGains) -> None:
+        self._gains = gains
+        self._reference = math.nan
+        self._t = math.nan
+        self._integral = 0.0
+
+    @property
+    def force(self) -> str:
+        """The force it drives."""
+        return self._gains.force
+
+    def demand(self, observation: Observation) -> float:
+        """Return the output to apply now, fraction of full."""
+        g = self._gains
+        x, rate = observation.value(g.signal), observation.value(g.rate)
+        if not math.isfinite(x):
+            return 0.0
+        if math.isnan(self._reference):
+            self._reference, self._t = x, observation.t
+        error = self._reference - x
+        self._integral += g.I * error * (observation.t - self._t)
+        self._integral = max(-g.most, min(g.most, self._integral))
+        self._t = observation.t
+        wanted = g.P * error - (g.D * rate if math.isfinite(rate) else 0.0) + self._integral
+        return max(-g.most, min(g.most, wanted))
+
+
+def hold(command: Actuate, controllers: Iterable[HoldController], observation: Observation) -> Actuate:
+    """Return *command* with the forces of *controllers* set to what they demand."""
+    return replace(command, **{c.force: c.demand(observation) for c in controllers})
+
+
+# --- a boat's rudder ----------------------------------------------------------------------------------------
+
+RUDDER_GAIN = 0.2
+"""Chosen: steering per heading error [1/rad] at 1 m/s; above that it is divided by the speed, as rudders bite with it.
+Proportional alone: with a turning lag T and a turn rate K at full rudder it is damped while ``RUDDER_GAIN K T`` < 1/2
+or so, which leaves room for boats of K = 0.6 rad/s and T = 4 s."""
+MOST_RUDDER = 0.4
+CALMING = 0.5
+"""Every swing through zero that is not clearly smaller than the one before takes this share of the gain ..."""
+LEAST_SHARE = 0.1
+"""... down to this share of :data:`RUDDER_GAIN`."""
+NOTED = math.radians(5.0)
+"""Swings smaller than this do no harm."""
+
+
+class HeadingHold:
+    """Holds a boat on the heading found at the first observation while something else is measured; gentler whenever it
+    finds itself swinging.
+
+    The boat's own heading loop cannot do it, for the throttle is ours (MANUAL) and its gains may be what is wrong.
+    """
+
+    def __init__(self) -> None:
+        self._reference = math.nan
+        self._share = 1.0
+        self._side = 0.0
+        self._peak = self._last_peak = 0.0
+
+    def start(self, observation: Observation) -> None:
+        """Take the present heading as the course."""
+        self._reference = observation.psi
+
+    def steer(self, observation: Observation) -> float:
+        """Return the steering to apply now, fraction of full, to starboard."""
+        error = self._reference - observation.psi
+        if not math.isfinite(error):
+            return 0.0
+        self._notice(error)
+        speed = observation.speed if math.isfinite(observation.speed) else 1.0
+        wanted = self._share * RUDDER_GAIN * error / max(speed, 1.0)
+        return max(-MOST_RUDDER, min(MOST_RUDDER, wanted))
+
+    def _notice(self, error: float) -> None:
+        if error * self._side < 0.0:
+            if self._peak > NOTED and self._peak > 0.8 * self._last_peak > 0.0:
+                self._share = max(CALMING * self._share, LEAST_SHARE)
+            self._last_peak, self._peak = self._peak, 0.0
+        self._side = math.copysign(1.0, error) if error else self._side
+        self._peak = max(self._peak, abs(error))
