@@ -102,6 +102,7 @@ def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output:
 
 
 def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
+    """Return the servo outputs *driving* a force, each with the PWM [us] that full force adds to its trim."""
     return tuple(
         Outlet(o.channel, o.trim, o.sign * factor * (o.high - o.trim if o.sign * factor > 0.0 else o.trim - o.low))
         for o, factor in driving
