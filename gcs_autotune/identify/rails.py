@@ -45,9 +45,15 @@ def at_rails(channel: Channel) -> NDArray[np.bool_]:
     for extreme in (float(x.max()), float(x.min())):
         dwells = [(int(s), int(n)) for s, n in zip(starts, lengths, strict=True) if x[s] == extreme and n >= DWELL]
         broken_off = [d for d in dwells if _breaks_off(x, *d, least)]
-        if broken_off and len(broken_off) >= 0.5 * len(dwells):
+        if broken_off and len(broken_off) >= 0.5 * len(dwells) and not _levels_off(x, extreme, least):
             rails |= x == extreme
     return rails
+
+
+def _levels_off(x: Array, extreme: float, least: float) -> bool:
+    """Whether as many samples lie just short of the extreme as at it: a craft at its steady speed."""
+    short = np.abs(x - extreme)
+    return bool(np.sum((short > 0.0) & (short <= least)) >= np.sum(short == 0.0))
 
 
 def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:

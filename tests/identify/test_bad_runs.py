@@ -15,6 +15,7 @@ from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.consistency import Estimate, runs_apart
+from gcs_autotune.identify.rails import at_rails
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]
@@ -190,6 +191,32 @@ def test_a_clipped_gyro_is_noticed_and_its_rails_left_out(record: Record) -> Non
     assert "clipped" in slugs(found)
     assert is_right(found)
     assert "clipped" not in slugs(fit(rate_only, structure="linear", dof="yaw"))
+
+
+def test_a_craft_that_levels_off_at_its_steady_speed_is_not_clipped() -> None:
+    """A climb rate in whole centimetres per second, at ten a second, of a craft that dwells near its greatest speed."""
+    one = (-0.04, -0.28, -0.43, -0.53, -0.56, -0.59, -0.6, -0.6, -0.6, -0.26, 0.0, 0.25, 0.41, 0.54, 0.57, 0.59, 0.25)
+    other = (
+        -0.05,
+        -0.28,
+        -0.44,
+        -0.52,
+        -0.56,
+        -0.59,
+        -0.59,
+        -0.59,
+        -0.6,
+        -0.27,
+        0.01,
+        0.25,
+        0.41,
+        0.5,
+        0.57,
+        0.58,
+        0.24,
+    )
+    w = np.array((*one, *other) * 4)
+    assert not at_rails(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
 
 
 def test_rest_and_a_coarse_scale_are_no_clipping(record: Record) -> None:

@@ -11,8 +11,9 @@ import pytest
 from axis_plants import DEG, Levels, Relay, fly
 
 from gcs_autotune.identify import LimitCycleMonitor, decide, find_cycles
+from gcs_autotune.identify.axis.record import prepare
 from gcs_autotune.identify.relay.iso import estimate, relay, relay_bias
-from gcs_autotune.identify.relay.limit_cycle import MonitorState
+from gcs_autotune.identify.relay.limit_cycle import MonitorState, settled_cycles
 from gcs_autotune.trial import Channel, Mark, Trial
 
 Record = Callable[..., Trial]
@@ -162,3 +163,24 @@ def test_the_return_to_neutral_at_the_end_is_no_switching(cruise: float) -> None
     assert whole.nu_0 == pytest.approx(without.nu_0, abs=1e-3)
     assert whole.X_m == pytest.approx(without.X_m, rel=1e-3)
     assert (whole.periods, whole.C) == (without.periods, pytest.approx(without.C))
+
+
+def test_a_relay_that_stops_at_a_switching_has_that_half_period_too(record: Record) -> None:
+    """The stop rule ends a relay just where it switches: the last period is whole, though neutral follows at once."""
+    relay = Relay(0.3, 8 * DEG)
+    whole = record(PLANT, relay, 60.0, dt=0.05)
+    N = whole["N"]
+    switched = N.t[1:][np.diff(N.values) != 0.0]
+    end = float(switched[10])
+    t = np.arange(0.0, end + 1.0, 0.05)
+    levels = np.where(t < end - 0.02, N.values[np.searchsorted(N.t, t + 1e-9, side="right") - 1], 0.0)
+    stopped = dataclasses.replace(
+        whole,
+        channels={**whole.channels, "N": Channel("N", "1", t, levels)},
+        marks=tuple(Mark(float(s), "switch") for s in switched[:11]),
+    )
+    (stretch,) = prepare(stopped, "yaw")
+    (found,) = settled_cycles(stopped, stretch)
+    assert found.edges[-1] == pytest.approx(end, abs=0.051)
+    (bare,) = settled_cycles(dataclasses.replace(stopped, marks=()), stretch)
+    assert bare.edges[-1] == pytest.approx(switched[9], abs=0.051)  # without a mark it may be a return to neutral

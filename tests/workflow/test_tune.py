@@ -28,6 +28,11 @@ def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
         assert harbour.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
 
 
+def test_relays_that_ended_because_they_had_settled_are_read_as_settled(tuned):
+    _, story = tuned
+    assert "unsettled" not in {d.slug for d in story.fit.doubts}
+
+
 def test_nothing_but_the_proposed_gains_has_changed(tuned):
     harbour, story = tuned
     now = dict(harbour.vehicle.parameters.values)

@@ -241,7 +241,7 @@ def cycles_of(
     marked : switching times [s] that serve when the input itself shows none.
     declared : the run is known to be a relay experiment; else only what behaves like a relay is taken.
     """
-    switchings = _switchings(record)
+    switchings = _switchings(record, marked)
     t, x, nu_0 = _position(record, switchings)
     halves = _half_periods(t, x, record, switchings)
     if len(halves) < 2 and len(marked) > 2:
@@ -284,12 +284,17 @@ def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
     return t, area - nu_0 * (t - t[0]), nu_0
 
 
-def _switchings(record: Record) -> Array:
-    """Return when the input crosses the middle of its two positions, the return to neutral at the end left out."""
+def _switchings(record: Record, marked: Sequence[float] = ()) -> Array:
+    """Return when the input crosses the middle of its two positions, the return to neutral at the end left out.
+
+    A relay that stops at a switching goes on to neutral at once: only its mark tells that crossing from a mere return.
+    """
     low, high = np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
     side = np.where(record.tau > middle, 1, -1)
     switched: Array = record.t_in[1:][np.diff(side) != 0]
+    if len(switched) > 1 and len(marked) and max(marked) > 0.5 * (switched[-2] + switched[-1]):
+        return switched
     return switched[:-1] if _ends_at_neutral(record, switched) else switched
 
 
