@@ -12,8 +12,9 @@ import pytest
 ROOT = Path(__file__).parent.parent
 TABLES = {
     "our own": "t[s],psi[rad],r[rad/s],N[N m]\n" + "".join(f"{0.1 * k:.1f},0.{k % 10},0.0,1\n" for k in range(40)),
-    "of MAVLink messages": "timestamp,ATTITUDE.time_boot_ms,ATTITUDE.roll,ATTITUDE.pitch,ATTITUDE.yaw,HEARTBEAT.type\n"
-    + "".join(f"{1.6e9 + 0.1 * k:.1f},{100 * k},0.0,0.0,0.{k % 10},\n" for k in range(40)),
+    "of MAVLink messages": "timestamp,HEARTBEAT.type,HEARTBEAT.autopilot,HEARTBEAT.base_mode,HEARTBEAT.custom_mode,"
+    "ATTITUDE.time_boot_ms,ATTITUDE.roll,ATTITUDE.pitch,ATTITUDE.yaw\n"
+    + "".join(f"{1.6e9 + k:.1f},11,3,129,0,,,,\n{1.6e9 + k + 0.1:.1f},,,,,{1000 * k},0.0,0.0,0.1\n" for k in range(9)),
     "of QGroundControl": "Timestamp,roll,pitch,heading\n2024-05-01 10:00:00.000,0,0,90\n",
 }
 WIRE = ("pymavlink", "serial", "mavsdk", "gcs_autotune.link")
