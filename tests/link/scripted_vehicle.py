@@ -1,7 +1,8 @@
 """A small scripted vehicle for the link tests: no physics to speak of, every rule of the protocol on a switch.
 
 It is a ``Peer``: bytes in by ``receive``, time by ``advance_to``. A test replaces what it wants to misbehave:
-``on[NAME]`` is called instead of the built-in answer, ``mute`` silences, ``edit`` changes what is sent.
+``on[NAME]`` is called instead of the built-in answer, ``mute`` silences, ``edit`` changes what is sent,
+``asked_for`` says which message numbers are sent when asked for once.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class ScriptedVehicle:
         self.mute: set[str] = set()
         self.on: dict[str, Callable[[Any], None]] = {}
         self.edit: Callable[[Any], Any] = lambda message: message
+        self.asked_for: Callable[[int], bool] = lambda number: True
         self.heard: list[Any] = []
         self.alive = True
         self.overrides: dict[int, tuple[int, float]] = {}
@@ -134,10 +136,16 @@ class ScriptedVehicle:
         yaw = (self.servos[0] - 1500) / 500 if self.kind == BOAT else (self.servos[1] - self.servos[0]) / 800
         self._turn(self.turn_rate * yaw)
         self._actuate()
-        ms = round((self.time + self.boot_offset) * 1000)
         if self._is_due("HEARTBEAT", 1.0):
             self.heartbeat()
-        makers = {
+        for name, make in self._makers().items():
+            interval = self.intervals.get(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"))
+            if interval and self._is_due(name, interval):
+                self.send(make())
+
+    def _makers(self) -> dict[str, Callable[[], Any]]:
+        ms = round((self.time + self.boot_offset) * 1000)
+        return {
             "ATTITUDE": lambda: mavlink.MAVLink_attitude_message(
                 ms, 1e-3 * math.sin(self.time), 0.0, math.remainder(self.psi, math.tau), 0.0, 0.0, self.r
             ),
@@ -151,10 +159,6 @@ class ScriptedVehicle:
                 0, 0x10000000, 0x10000000, 0, 12600, 0, 87, 0, 0, 0, 0, 0, 0
             ),
         }
-        for name, make in makers.items():
-            interval = self.intervals.get(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"))
-            if interval and self._is_due(name, interval):
-                self.send(make())
 
     def heartbeat(self) -> None:
         base = 1 | (128 if self.armed else 0)
@@ -239,10 +243,7 @@ class ScriptedVehicle:
                 self.send(mavlink.MAVLink_message_interval_message(int(m.param1), round(interval * 1e6)))
             case mavlink.MAV_CMD_REQUEST_MESSAGE:
                 self.acknowledge(m, accepted)
-                version = 4 << 24 | 7 << 16 | 0 << 8
-                self.send(
-                    mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
-                )
+                self._send_once(int(m.param1))
             case mavlink.MAV_CMD_DO_SET_MODE:
                 number = int(m.param2)
                 if number in self.refused_modes:
@@ -255,6 +256,18 @@ class ScriptedVehicle:
                 self._arm(m)
             case _:
                 self.acknowledge(m, unsupported)
+
+    def _send_once(self, number: int) -> None:
+        if not self.asked_for(number):
+            return
+        version = 4 << 24 | 7 << 16 | 0 << 8
+        if number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            self.send(
+                mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+            )
+        for name, make in self._makers().items():
+            if number == getattr(mavlink, f"MAVLINK_MSG_ID_{name}"):
+                self.send(make())
 
     def _arm(self, m: Any) -> None:
         reasons = list(self.arming_refusals)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -117,45 +117,51 @@ class Rates:
         TelemetryFault
             The link does not even carry what is needed, or stays full whatever is turned down, with the numbers.
         """
+        floors = {**needed, **self._first}
         for _ in range(_ROUNDS):
             begun = self._session.clock.now()
             measured = self.measure({})
-            if not (self._is_full(measured, loop_period) or self._is_holding_back(measured, latency, begun)):
+            if not (self._is_full(measured, loop_period) or self._is_holding_back(measured, floors, latency, begun)):
                 break
             self.capacity = self._carried
             try:
-                self._ask_for_less({**needed, **self._first})
+                self._ask_for_less(floors)
             except NoReply as error:
                 self._session.notes.append(f"the link is too full even to say so: {error}")
-                measured = self._once_more(latency)
+                measured = self._once_more(floors, latency)
                 break
             if latency is not None:
                 await_empty(self._session, latency)
         else:
-            measured = self._once_more(latency)
+            measured = self._once_more(floors, latency)
         self._demand(needed)
         return measured
 
-    def _once_more(self, latency: Latency | None) -> dict[str, float]:
+    def _once_more(self, floors: Mapping[str, float], latency: Latency | None) -> dict[str, float]:
         """Measure what is flown with."""
         begun = self._session.clock.now()
         measured = self.measure({})
-        if self._is_holding_back(measured, latency, begun):
+        if self._is_holding_back(measured, floors, latency, begun):
             raise TelemetryFault(
                 f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with everything "
                 f"turned down to what an experiment needs. {FASTER}"
             )
         return measured
 
-    def _is_holding_back(self, measured: Mapping[str, float], latency: Latency | None, begun: float) -> bool:
-        """Whether messages wait on the way, or one that exists found no room at all: asked for by name it comes."""
+    def _is_holding_back(
+        self, measured: Mapping[str, float], floors: Mapping[str, float], latency: Latency | None, begun: float
+    ) -> bool:
+        """Whether messages wait on the way, or one that exists found no room: asked for, or given room, it comes."""
         if latency is not None and is_queueing(latency, begun):
             return True
         missing = [n for n, g in self.granted.items() if g.granted > 0.0 and measured.get(n) == 0.0]
+        return bool(missing) and (self._comes_when_asked(missing) or self._comes_given_room(missing, floors))
+
+    def _comes_when_asked(self, missing: Collection[str]) -> bool:
         came: list[str] = []
         stops = [self._session.listen(n, lambda m: came.append(m.get_type())) for n in missing]
         try:
-            for _ in range(_ASKED if missing else 0):
+            for _ in range(_ASKED):
                 for name in missing:
                     self._session.request_message(message_number(name))
                 self._session.wait_for(lambda: came or None, 0.5)
@@ -164,8 +170,32 @@ class Rates:
                 stop()
         return bool(came)
 
+    def _comes_given_room(self, missing: Collection[str], floors: Mapping[str, float]) -> bool:
+        """Ask while what takes most room comes no faster than it must: what is crowded out by it comes then."""
+        demands = {d.name: d for d in self._demands(floors) if d.name not in missing}
+        spare = {name: (d.rate - d.floor) * d.size for name, d in demands.items()} | self._chatter
+        crowding = max(spare, key=lambda name: spare[name], default="")
+        if not spare.get(crowding, 0.0) > 0.0:
+            return False
+        try:
+            if crowding in demands:
+                slow, usual = round(1e6 / demands[crowding].floor), round(1e6 / demands[crowding].rate)
+            else:
+                slow, usual = _OFF, self._previous_interval(crowding)
+                self.granted[crowding] = Granted(0.0, 0.0, usual)  # put back at the end whatever happens now
+            self._set_interval(crowding, slow)
+            came = self._comes_when_asked(missing)
+            self._set_interval(crowding, usual)
+        except CommandDenied:
+            return False
+        except NoReply:
+            return True  # not even an answer has room
+        if crowding not in demands:
+            del self.granted[crowding]
+        return came
+
     def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
-        """Whether something comes, but less often than granted (what does not come at all does not exist aboard)."""
+        """Whether something comes, but less often than granted."""
         return any(
             0.0 < measured[n] < _SHORT * _at_loops(g.granted, loop_period)
             for n, g in self.granted.items()
@@ -173,10 +203,8 @@ class Rates:
         )
 
     def _ask_for_less(self, floors: Mapping[str, float]) -> None:
-        sizes = {n: self._sizes.get(n, USUAL_SIZE) for n in self.granted}
-        demands = [
-            Demand(n, g.granted, sizes[n], floors.get(n, 0.0)) for n, g in self.granted.items() if g.granted > 0.0
-        ]
+        demands = self._demands(floors)
+        sizes = {d.name: d.size for d in demands}
         if self.capacity < least(demands):
             raise TelemetryFault(f"the link is too slow: {shortfall(self.capacity, demands)}. {FASTER}")
         rates, hushed = plan(demands, self._chatter, self.capacity)
@@ -193,6 +221,13 @@ class Rates:
             self._set_interval(name, _OFF)
         if told:
             self._session.notes.append(f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told)}")
+
+    def _demands(self, floors: Mapping[str, float]) -> list[Demand]:
+        return [
+            Demand(n, g.granted, self._sizes.get(n, USUAL_SIZE), floors.get(n, 0.0))
+            for n, g in self.granted.items()
+            if g.granted > 0.0
+        ]
 
     def _grant(self, name: str, rate: float) -> float:
         while rate >= _SLOWEST:
