@@ -1,18 +1,56 @@
-"""What every room's tests may use."""
+"""What every room's tests may use, and how they are shared among processes."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+ROOT = Path(__file__).parents[1]
+
+WARM_UP = "from gcs_autotune.workflow.warming import warm_up; warm_up(['surge', 'yaw'], [])"
+"""Compiles what most tests need."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile once what all processes would compile, where nothing is compiled yet."""
+    several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
+    if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
+        subprocess.run([sys.executable, "-c", WARM_UP], cwd=ROOT, check=True)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the tests of a file with a module fixture in one process, so that it is made once; spread all others."""
+    if config.getvalue("dist") != "load":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if 'scope="module"' in p.read_text()}
+
+    class Sharing(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return file if file in sharing else nodeid
+
+    return Sharing(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whatever needs ArduPilot is slow."""
+    for item in items:
+        if item.get_closest_marker("ardupilot"):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session")
 def published() -> dict[str, Any]:
     """The published tables, kept beside the repository."""
-    path = Path(__file__).parents[1] / ".." / "shared" / "data" / "published_tables.json"
+    path = ROOT / ".." / "shared" / "data" / "published_tables.json"
     if not path.exists():
         pytest.skip("published_tables.json is not beside the repository (../shared/data)")
     return dict(json.loads(path.read_text(encoding="utf-8")))
