@@ -16,7 +16,7 @@ from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.extended.stretches import plain_form
+from gcs_autotune.identify.base_model import plain_form
 from gcs_autotune.models.coupled import CoupledModel, Form
 from sitl.effects import BadEffect
 

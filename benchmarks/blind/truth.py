@@ -18,9 +18,9 @@ from benchmarks.blind.referee import form_of
 from benchmarks.blind.sizes import RECIPES
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.extended.base import base_limits
+from gcs_autotune.identify.base_model import base_limits, plain_form, scene_of
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import plain_form, scene_of, stretches_of
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.sname import DOFS
 
 __all__ = ["fit_truth", "main"]
@@ -29,7 +29,7 @@ __all__ = ["fit_truth", "main"]
 def fit_truth(case: Case) -> tuple[Fitted | None, EffectInstance]:
     """Return the base model with the true effect fitted to *case*'s runs, begun at the truth."""
     form = form_of(case) or plain_form(case.runs)
-    stretches, _ = stretches_of(case.runs, form)
+    segments, _ = prepare_as_recorded(case.runs, form)
     values = {}
     for dof in form.dofs:
         force, speed = DOFS[dof].force, DOFS[dof].velocity
@@ -39,10 +39,10 @@ def fit_truth(case: Case) -> tuple[Fitted | None, EffectInstance]:
     known = dict(zip(form.parameters, theta.tolist(), strict=True))
     if "Y_v" in form.free and "Y_vdot" in form.known:
         theta[form.parameters.index("Y_v")] /= case.craft.inertia["sway"]
-    scene = scene_of(form, stretches, known)
-    problem = Problem(form, stretches, scene, base_limits(form))
+    scene = scene_of(form, segments, known)
+    problem = Problem(form, segments, scene, base_limits(form))
     own = _applied(case, scene)
-    return problem.fit(theta, (own,), problem.first_states(stretches), trials=60), own
+    return problem.fit(theta, (own,), problem.first_states(segments), trials=60), own
 
 
 def _applied(case: Case, scene: DataSummary) -> EffectInstance:

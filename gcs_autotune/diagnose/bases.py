@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from gcs_autotune.diagnose.attempts import ROUGH
 from gcs_autotune.diagnose.judging import ALIKE
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.base_model import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import without
+from gcs_autotune.identify.segment import without_signal
 
 __all__ = ["Bases", "without_one_signal"]
 
@@ -31,7 +31,7 @@ def without_one_signal(problem: Problem, base: Fitted) -> Bases:
     names = list(problem.scene.signals)
     for name in names if len(names) > 1 else ():
         try:
-            _, rest = fit_base(problem.form, without(problem.stretches, name), trials=ROUGH)
+            _, rest = fit_base(problem.form, without_signal(problem.segments, name), trials=ROUGH)
         except AutotuneError:
             continue
         again = problem.states(rest.theta, (), base.initial)

@@ -22,10 +22,11 @@ from gcs_autotune.diagnose.whiteness import tests_of, whiteness_of
 from gcs_autotune.diagnose.worth import check_alive, check_worth
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.extended.base import fit_base, given_base
-from gcs_autotune.identify.extended.stretches import Stretch, overlooked, plain_form, stretches_of, within
+from gcs_autotune.identify.base_model import fit_base, given_base, overlooked, plain_form
 from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import Segment, within_horizon
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -94,17 +95,19 @@ def diagnose(
     check_alive(together)
     base_form = _form(together, dof, form, given)
     check_worth(together, base_form, use)
-    stretches, notes = stretches_of(together, base_form, use)
-    held = stretches_of(others, base_form, use)[0] if others else []
-    doubts += [*more, *repeats, *notes, *overlooked(together, base_form, dof, use, stretches)]
-    whole = held or stretches
+    segments, notes = prepare_as_recorded(together, base_form, use)
+    held = prepare_as_recorded(others, base_form, use)[0] if others else []
+    doubts += [*more, *repeats, *notes, *overlooked(together, base_form, dof, use, segments)]
+    whole = held or segments
     if horizon is not None:
-        stretches, held = within(stretches, horizon), within(held, horizon)
-    search, pieces = _search(base_form, stretches, held, given, slugs, progress, jobs), ""
+        segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
+    search, pieces = _search(base_form, segments, held, given, slugs, progress, jobs), ""
     search.run()
     shorter = horizon_for(search) if horizon is None and _lost(search) else None
     if shorter is not None:
-        again = _search(base_form, within(stretches, shorter), within(held, shorter), given, slugs, progress, jobs)
+        again = _search(
+            base_form, within_horizon(segments, shorter), within_horizon(held, shorter), given, slugs, progress, jobs
+        )
         again.run()
         if again.fitted.effects != again.base.effects and holds_over(again, whole):
             search, pieces = again, f"; in pieces of {shorter:.3g} s"
@@ -113,7 +116,7 @@ def diagnose(
             shorter = None
     if held and given is None and shorter is None and _contradicted(search):
         # What the runs to fit do not show the runs to predict do: all are looked at together, parts left out in turn.
-        both = _search(base_form, [*stretches, *held], [], given, slugs, progress, jobs)
+        both = _search(base_form, [*segments, *held], [], given, slugs, progress, jobs)
         both.run()
         if both.fitted.effects:
             search = both
@@ -170,8 +173,8 @@ def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: Give
 
 def _search(
     form: Form,
-    stretches: list[Stretch],
-    unseen: list[Stretch],
+    segments: list[Segment],
+    unseen: list[Segment],
     given: Given | None,
     slugs: Sequence[str],
     progress: Progress | None,
@@ -179,7 +182,7 @@ def _search(
 ) -> Search:
     as_it_is = None
     if given is None:
-        problem, fitted = fit_base(form, stretches)
+        problem, fitted = fit_base(form, segments)
     else:
-        problem, as_it_is, fitted = given_base(given.model.base, given.model.effects, stretches)
+        problem, as_it_is, fitted = given_base(given.model.base, given.model.effects, segments)
     return begin_search(problem, fitted, unseen, slugs, given=as_it_is, progress=progress, jobs=jobs)

@@ -19,9 +19,9 @@ from gcs_autotune.diagnose.screen import Candidate, candidates, screen
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.extended.base import fit_base
+from gcs_autotune.identify.base_model import fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["footholds"]
 
@@ -31,7 +31,7 @@ SAMPLES = 30
 """Chosen: stamps of a piece: enough for its own initial states, few enough that little adds up."""
 
 MOST_PIECES = 60
-"""Of all stretches together: each has initial states to fit."""
+"""Of all segments together: each has initial states to fit."""
 
 SHORT_LIST, KEPT = 8, 3
 """Candidates fitted roughly in pieces, and of these to the end and over whole runs."""
@@ -45,8 +45,8 @@ def footholds(problem: Problem, present: Fitted, slugs: Sequence[str], jobs: int
 
     present : the base fitted to whole runs.
     """
-    pieces = _pieces(problem.stretches)
-    if len(pieces) <= len(problem.stretches):
+    pieces = _pieces(problem.segments)
+    if len(pieces) <= len(problem.segments):
         return []
     try:
         short, base = fit_base(problem.form, pieces)
@@ -69,7 +69,7 @@ def _over_whole_runs(problem: Problem, fit: Fitted, present: Fitted) -> Fitted |
 
     What pieces do not tell (the drag of a motion nobody excited) may be wild there: it is tried as in *present* too.
     """
-    start = problem.first_states(problem.stretches)
+    start = problem.first_states(problem.segments)
     for theta in (fit.theta, _where_told(fit, present)):
         first = problem.states(theta, fit.effects, start, fit.shift)
         if first is not None:
@@ -94,11 +94,11 @@ def _candidate(present: Fitted, fit: Fitted) -> Candidate:
     return Candidate(own, begin, fit.cost, np.zeros(present.jacobian.shape[1]))
 
 
-def _pieces(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Cut every stretch into pieces of about as many samples."""
-    counts = [len(s.record.stamps) / SAMPLES for s in stretches]
+def _pieces(segments: Sequence[Segment]) -> list[Segment]:
+    """Cut every segment into pieces of about as many samples."""
+    counts = [len(s.stamps) / SAMPLES for s in segments]
     share = min(1.0, MOST_PIECES / max(sum(counts), 1.0))
-    return [piece for s, n in zip(stretches, counts, strict=True) for piece in s.pieces(max(int(n * share), 1))]
+    return [piece for s, n in zip(segments, counts, strict=True) for piece in s.pieces(max(int(n * share), 1))]
 
 
 def _moves_the_craft(slug: str) -> bool:

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from gcs_autotune.diagnose.result import Gain
 from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
-from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["METRIC", "Fold", "HeldOut", "Parts", "gains_of", "held_out", "p_value", "parts_of", "rms_of"]
@@ -35,10 +35,10 @@ FEWEST = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """Stretches to fit, stretches to predict."""
+    """Segments to fit, segments to predict."""
 
-    train: tuple[Stretch, ...]
-    test: tuple[Stretch, ...]
+    train: tuple[Segment, ...]
+    test: tuple[Segment, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,10 +63,10 @@ class Parts:
     words: str
 
     def set_right(self, problem: Problem, fitted: Fitted) -> Parts:
-        """Return them with every stretch beginning where its signals say that *fitted* takes for spoilt, set right."""
-        stretches = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
-        right = {at: unspoilt(fitted.effects, s) for at, s in stretches.items()}
-        if all(right[at] is s for at, s in stretches.items()):
+        """Return them with every segment beginning where its signals say that *fitted* takes for spoilt, set right."""
+        segments = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
+        right = {at: unspoilt(fitted.effects, s) for at, s in segments.items()}
+        if all(right[at] is s for at, s in segments.items()):
             return self
         states = dict(zip(right, problem.first_states(list(right.values())), strict=True))
         return replace(
@@ -76,20 +76,20 @@ class Parts:
         )
 
 
-def parts_of(problem: Problem, unseen: Sequence[Stretch] = (), *, in_blocks: bool = False) -> Parts:
-    """Return what is left out of a problem's stretches.
+def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: bool = False) -> Parts:
+    """Return what is left out of a problem's segments.
 
     With *unseen* runs these; with several runs each (or each group of runs) in turn; of the only run, or *in_blocks*
     of every run, a part in turn.
     """
-    stretches = problem.stretches
-    runs = list(dict.fromkeys(s.run for s in stretches))
+    segments = problem.segments
+    runs = list(dict.fromkeys(s.run for s in segments))
     if unseen:
-        fold = Fold(tuple(stretches), tuple(unseen))
+        fold = Fold(tuple(segments), tuple(unseen))
         names = ", ".join(dict.fromkeys(s.run for s in unseen))
         return _begun(problem, "apart", [fold], f"runs not used for fitting: {names}")
     if len(runs) > 1 and in_blocks:
-        pieces = [s.pieces(MOST_FOLDS) for s in stretches]
+        pieces = [s.pieces(MOST_FOLDS) for s in segments]
         label = [k for own in pieces for k in range(len(own))]
         words = f"{max(label) + 1} blocks of every run left out in turn"
         return _begun(problem, "blocks", _labelled([p for own in pieces for p in own], label), words)
@@ -99,15 +99,15 @@ def parts_of(problem: Problem, unseen: Sequence[Stretch] = (), *, in_blocks: boo
         words = (
             f"each of {len(runs)} runs left out in turn" if count == len(runs) else f"{count} groups of runs in turn"
         )
-        return _begun(problem, "runs", _labelled(stretches, [group[s.run] for s in stretches]), words)
-    longest = max(range(len(stretches)), key=lambda i: len(stretches[i].record.stamps))
-    blocks = stretches[longest].pieces(MOST_FOLDS)
-    pool = [*blocks, *(s for i, s in enumerate(stretches) if i != longest)]
+        return _begun(problem, "runs", _labelled(segments, [group[s.run] for s in segments]), words)
+    longest = max(range(len(segments)), key=lambda i: len(segments[i].stamps))
+    blocks = segments[longest].pieces(MOST_FOLDS)
+    pool = [*blocks, *(s for i, s in enumerate(segments) if i != longest)]
     folds = _labelled(pool, [i % len(blocks) for i in range(len(pool))])
     return _begun(problem, "blocks", folds, f"{len(blocks)} blocks of the run left out in turn")
 
 
-def _labelled(pool: Sequence[Stretch], label: Sequence[int]) -> list[Fold]:
+def _labelled(pool: Sequence[Segment], label: Sequence[int]) -> list[Fold]:
     """Return a fold for every label, which is tested while the others are fitted."""
     folds = []
     for k in range(max(label) + 1):
@@ -119,8 +119,8 @@ def _labelled(pool: Sequence[Stretch], label: Sequence[int]) -> list[Fold]:
 
 
 def _begun(problem: Problem, kind: Literal["apart", "runs", "blocks"], folds: Sequence[Fold], words: str) -> Parts:
-    stretches = list({id(s): s for fold in folds for s in (*fold.train, *fold.test)}.values())
-    states = {id(s): x for s, x in zip(stretches, problem.first_states(stretches), strict=True)}
+    segments = list({id(s): s for fold in folds for s in (*fold.train, *fold.test)}.values())
+    states = {id(s): x for s, x in zip(segments, problem.first_states(segments), strict=True)}
     starts = tuple(tuple(states[id(s)] for s in fold.train) for fold in folds)
     tests = tuple(tuple(states[id(s)] for s in fold.test) for fold in folds)
     return Parts(kind, tuple(folds), starts, tests, words)

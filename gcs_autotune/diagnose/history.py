@@ -30,7 +30,7 @@ STEP = 1e-3
 
 def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
     """Yield, in words, a way to remember, and what it would do to the residual: columns (n, k)."""
-    sample = float(np.median([np.median(np.diff(s.passage.stamps)) for s in problem.stretches]))
+    sample = float(np.median([np.median(np.diff(s.passage.stamps)) for s in problem.segments]))
     for channel, pairs in fitted.form.inputs.items():
         if not pairs:
             continue
@@ -48,8 +48,8 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
     """
     simulator = ExtendedSimulator(fitted.form, fitted.effects)
     rows, at = [], 0
-    for i, stretch in enumerate(problem.stretches):
-        passage = dense(stretch.late(fitted.shift))
+    for i, segment in enumerate(problem.segments):
+        passage = dense(segment.passage_at(fitted.shift))
         told = passage.commands[channel]
         ways = [told, *(told + STEP * bend(passage.t_in, told) for bend in bends)]
         flown = [replace(passage, commands={**passage.commands, channel: way}) for way in ways]
@@ -57,10 +57,10 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
         moved = [f for f in found if f is not None]
         if len(moved) < len(found):
             return None
-        for name in stretch.record.signals:
+        for name in segment.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
-            left = Leftover(stretch.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
+            left = Leftover(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
             change = np.column_stack([f[name][0] - moved[0][name][0] for f in moved[1:]]) / STEP
             _, columns, _ = judged_by(fitted.effects, left, change)
             rows.append(columns[np.isfinite(rest.judged)] / level)

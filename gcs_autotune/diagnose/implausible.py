@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.follows import follows, held_share, on_grid
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.axis.record import INPUTS
+from gcs_autotune.identify.preparation import INPUTS
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 

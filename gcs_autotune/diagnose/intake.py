@@ -13,9 +13,9 @@ import numpy as np
 from gcs_autotune.diagnose.implausible import check_clock, check_heading, check_roles
 from gcs_autotune.diagnose.worth import MOTIONS
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
-from gcs_autotune.identify.axis.record import MIN_SAMPLES
 from gcs_autotune.identify.intake import parts_of
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import MIN_SAMPLES
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 

@@ -48,7 +48,7 @@ def outdone_by(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
         names = [n for n in law(own, fitted.form) if n not in fitted.form.parameters]
         rest = tuple(e for e in fitted.effects if e is not own)
         form = fitted.form.freeing(*names)
-        other = Problem(form, problem.stretches, problem.scene, problem.limits, (*problem.free, *names))
+        other = Problem(form, problem.segments, problem.scene, problem.limits, (*problem.free, *names))
         values = dict(zip(fitted.form.parameters, fitted.theta.tolist(), strict=True))
         start = np.array([values.get(n, 0.0) for n in form.parameters])
         fit = other.fit(start, rest, fitted.initial, trials=TRIALS, shift=fitted.shift) if names else None

@@ -340,7 +340,7 @@ def _plain(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], tuple[str,
     theta = np.array([values.get(n, 0.0) for n in wide.parameters])
     late = {e.place for e in fitted.effects if e.slug == "input-delay"}
     lacking = [c for c in dict.fromkeys(drive[0] for drive in driven.values() if drive) if c not in late]
-    more = Problem(wide, problem.stretches, problem.scene, problem.limits, (*problem.free, *trims))
+    more = Problem(wide, problem.segments, problem.scene, problem.limits, (*problem.free, *trims))
     best: Fitted | None = None
     for share in (0.0, _START):
         delays = [EffectInstance("input-delay", c, {"delay": share * problem.scene.pace}) for c in lacking]

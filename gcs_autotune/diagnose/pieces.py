@@ -15,7 +15,7 @@ import numpy as np
 from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.identify.extended.fitting import Fitted
-from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["FAR", "foretells", "holds_over", "horizon_for"]
 
@@ -35,7 +35,7 @@ def horizon_for(search: Search) -> float | None:
     return horizon if search.problem.scene.duration >= FEWEST * horizon else None
 
 
-def holds_over(search: Search, whole: Sequence[Stretch]) -> bool:
+def holds_over(search: Search, whole: Sequence[Segment]) -> bool:
     """Whether what *search* found lowers the error over *whole* runs too, all signals together."""
     before, after = (_error(search, fitted, whole) for fitted in (search.base, search.fitted))
     if after is None:
@@ -46,13 +46,13 @@ def holds_over(search: Search, whole: Sequence[Stretch]) -> bool:
     return bool(logs) and float(np.mean(logs)) < 0.0
 
 
-def foretells(search: Search, whole: Sequence[Stretch]) -> bool:
+def foretells(search: Search, whole: Sequence[Segment]) -> bool:
     """Whether the model found in pieces leaves no more than :data:`FAR` times their noise over *whole* runs as well."""
     errors = _error(search, search.fitted, whole)
     return errors is not None and all(errors[n] <= FAR * level for n, level in search.fitted.levels.items())
 
 
-def _error(search: Search, fitted: Fitted, whole: Sequence[Stretch]) -> dict[str, float] | None:
+def _error(search: Search, fitted: Fitted, whole: Sequence[Segment]) -> dict[str, float] | None:
     problem = search.problem.on(whole)
     found = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
     return None if found is None else rms_of(found.rests)

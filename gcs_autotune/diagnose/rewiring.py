@@ -17,11 +17,11 @@ from gcs_autotune.diagnose.screen import Candidate
 from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify.base_model import base_limits, fit_base
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
-from gcs_autotune.identify.extended.base import base_limits, fit_base
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["lost", "merged", "rewired"]
@@ -45,23 +45,23 @@ def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Effect
     A wiring that suits short pieces of the runs worse than the one given is none: there no base gets lost.
     """
     limits = base_limits(problem.form)
-    likely: list[tuple[float, EffectInstance, list[Stretch]]] = []
+    likely: list[tuple[float, EffectInstance, list[Segment]]] = []
     as_given: float | None = None
     for choice in choices:
         entry, own = EFFECTS[choice[0].slug], choice[0]
         if entry.family != "data errors" or "commands" not in entry.acts_on or own.values:
             continue
-        stretches = [unspoilt([] if "@" in own.place else [own], _through(own, s)) for s in problem.stretches]
-        if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
+        segments = [unspoilt([] if "@" in own.place else [own], _through(own, s)) for s in problem.segments]
+        if all(new is old for new, old in zip(segments, problem.segments, strict=True)):
             continue
-        as_given = _misfit(problem.form, problem.stretches, limits) if as_given is None else as_given
-        misfit = _misfit(problem.form, stretches, limits)
+        as_given = _misfit(problem.form, problem.segments, limits) if as_given is None else as_given
+        misfit = _misfit(problem.form, segments, limits)
         if misfit <= as_given and math.isfinite(misfit):
-            likely.append((misfit, own, stretches))
+            likely.append((misfit, own, segments))
     found = []
-    for _, own, stretches in sorted(likely, key=lambda w: w[0])[:TRIED]:
+    for _, own, segments in sorted(likely, key=lambda w: w[0])[:TRIED]:
         try:
-            _, alone = fit_base(problem.form, stretches, trials=ROUGH)
+            _, alone = fit_base(problem.form, segments, trials=ROUGH)
         except AutotuneError:
             continue
         begin = replace(present, theta=alone.theta, initial=alone.initial)
@@ -69,8 +69,8 @@ def rewired(problem: Problem, present: Fitted, choices: Sequence[Sequence[Effect
     return found
 
 
-def _misfit(form: Form, stretches: Sequence[Stretch], limits: Limits) -> float:
-    return ground_of(form, [s.record for s in stretches]).misfit(limits)
+def _misfit(form: Form, segments: Sequence[Segment], limits: Limits) -> float:
+    return ground_of(form, segments).misfit(limits)
 
 
 def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
@@ -81,13 +81,13 @@ def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candi
     return list(best.values())
 
 
-def _through(own: EffectInstance, stretch: Stretch) -> Stretch:
-    """Return a stretch with its commands as *own* wires them; itself when nothing changes."""
-    passage = stretch.passage
+def _through(own: EffectInstance, segment: Segment) -> Segment:
+    """Return a segment with its commands as *own* wires them; itself when nothing changes."""
+    passage = segment.passage
     drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
     acting = EFFECTS[own.slug].drive(own, drive).channels
     if all(np.array_equal(acting[n], passage.commands[n]) for n in passage.commands):
-        return stretch
+        return segment
     commands = {n: acting[n] for n in passage.commands}
-    table = np.column_stack([commands[n] for n in stretch.form.inputs])
-    return replace(stretch, passage=replace(passage, commands=commands), record=replace(stretch.record, inputs=table))
+    table = np.column_stack([commands[n] for n in segment.input_names])
+    return replace(segment, inputs=table)

@@ -62,7 +62,7 @@ def rings(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:
         if pairs:
             ahead = max(_gain(problem, plain, channel, e["frequency"]) for e in waves) - wanted
             if ahead < ALIKE:
-                more = 2 * len(problem.stretches) * len(pairs) * math.log(max(fitted.samples, 2))
+                more = 2 * len(problem.segments) * len(pairs) * math.log(max(fitted.samples, 2))
                 whole = max(_whole_gain(problem, plain, channel, e["frequency"]) for e in waves)
                 ahead = max(ahead, whole - wanted - more)
             yield f"every change of {channel}, after which it rings", math.exp(-0.5 * max(ahead, 0.0))
@@ -96,20 +96,20 @@ def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> 
 def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: float) -> Fitted | None:
     """Fit the craft with a spring of this frequency and damping rung by *channel*; None when the motion runs away.
 
-    How it swings when a stretch begins is nobody's command's doing, and fitted too.
+    How it swings when a segment begins is nobody's command's doing, and fitted too.
     """
-    swings = [_swings(s.passage, channel, omega, zeta) for s in problem.stretches]
-    own = [AT, SPEED, *(f"{word} at the start of stretch {i}" for i in range(len(swings)) for word in (AT, SPEED))]
+    swings = [_swings(s.passage, channel, omega, zeta) for s in problem.segments]
+    own = [AT, SPEED, *(f"{word} at the start of segment {i}" for i in range(len(swings)) for word in (AT, SPEED))]
     pushed = [force for force, _ in plain.form.inputs[channel]]
     gains = {word: tuple((force, f"{force} by the {word}") for force in pushed) for word in own}
     names = tuple(name for pairs in gains.values() for _, name in pairs)
     form = replace(plain.form, inputs={**plain.form.inputs, **gains}, free=(*plain.form.free, *names))
-    stretches = []
-    for i, (stretch, (passage, forced, free)) in enumerate(zip(problem.stretches, swings, strict=True)):
+    segments = []
+    for i, (segment, (passage, forced, free)) in enumerate(zip(problem.segments, swings, strict=True)):
         begun = [x if i == k // 2 else np.zeros_like(x) for k, x in enumerate(list(free) * len(swings))]
         commands = {**passage.commands, **dict(zip(own, [*forced, *begun], strict=True))}
-        stretches.append(replace(stretch, form=form, passage=replace(passage, commands=commands)))
-    other = Problem(form, stretches, problem.scene, problem.limits, (*problem.free, *names))
+        segments.append(segment.driven(passage.t_in, commands))
+    other = Problem(form, segments, problem.scene, problem.limits, (*problem.free, *names))
     values = dict(zip(plain.form.parameters, plain.theta.tolist(), strict=True))
     start = np.array([values.get(n, 0.0) for n in form.parameters])
     return other.fit(start, plain.effects, plain.initial, trials=TRIALS, learn=False, shift=plain.shift)

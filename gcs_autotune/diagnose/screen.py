@@ -190,16 +190,16 @@ class _Ground:
         simulator = ExtendedSimulator(self.problem.form, effects)
         rows = []
         at = 0
-        for i, stretch in enumerate(self.problem.stretches):
+        for i, segment in enumerate(self.problem.segments):
             found = self._predicted(simulator, effects, own, i)
             if found is None:
                 return None
-            for name in stretch.record.signals:
+            for name in segment.signals:
                 rest = self.fitted.rests[at]
                 at += 1
                 level = self.fitted.levels[name]
                 error = rest.measured - found[name]
-                left = Leftover(stretch.run, name, rest.t, error, rest.measured, level)
+                left = Leftover(segment.run, name, rest.t, error, rest.measured, level)
                 error, _, _ = judged_by(self.fitted.effects, left, np.empty((len(error), 0)))
                 rows.append(error[np.isfinite(rest.judged)] / level)
         joined = np.concatenate(rows)
@@ -208,8 +208,8 @@ class _Ground:
     def _predicted(
         self, simulator: ExtendedSimulator, effects: tuple[EffectInstance, ...], own: EffectInstance, i: int
     ) -> Mapping[str, Array] | None:
-        """Return the signals of a stretch with *own* among the effects; what only sensors do needs no simulation."""
-        passage, initial = self.problem.stretches[i].late(self.fitted.shift), self.fitted.initial[i]
+        """Return the signals of a segment with *own* among the effects; what only sensors do needs no simulation."""
+        passage, initial = self.problem.segments[i].passage_at(self.fitted.shift), self.fitted.initial[i]
         if EFFECTS[own.slug].acts_on - {"sensors"}:
             found = simulator.run(self.fitted.theta, effects, initial, passage)
             return None if found is None else {n: y for n, (y, _) in found.items()}
@@ -222,7 +222,7 @@ class _Ground:
 
 def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
     """Return the fit that *own* is added to: the same, but for whole turns of headings it would have read otherwise."""
-    initial = turned(own, problem.stretches, fitted.initial)
+    initial = turned(own, problem.segments, fitted.initial)
     same = all(new is old for new, old in zip(initial, fitted.initial, strict=True))
     return fitted if same else replace(fitted, initial=initial)
 

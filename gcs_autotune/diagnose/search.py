@@ -37,7 +37,7 @@ from gcs_autotune.diagnose.whiteness import correlation_of, tests_of, whiteness_
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["Search", "begin_search"]
 
@@ -274,7 +274,7 @@ class Search:
 def begin_search(
     problem: Problem,
     fitted: Fitted,
-    unseen: Sequence[Stretch],
+    unseen: Sequence[Segment],
     slugs: Sequence[str],
     *,
     given: Fitted | None = None,
@@ -283,7 +283,7 @@ def begin_search(
 ) -> Search:
     """Return a search ready to run.
 
-    unseen : stretches of runs kept apart; without any, parts of the problem's are left out in turn.
+    unseen : segments of runs kept apart; without any, parts of the problem's are left out in turn.
     """
     parts = parts_of(problem, unseen)
     return Search(problem, fitted, parts, slugs, given=given, progress=progress, jobs=jobs)

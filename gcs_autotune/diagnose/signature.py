@@ -61,7 +61,7 @@ def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
         rests = [r for r in fitted.rests if r.signal == name]
         traces = tuple(
             Trace(
-                problem.stretches[r.stretch].record.run,
+                problem.segments[r.segment].run,
                 r.t,
                 r.measured,
                 r.predicted,
@@ -109,14 +109,14 @@ def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[
     for rest in fitted.rests:
         if rest.signal != name:
             continue
-        stretch = problem.stretches[rest.stretch]
+        segment = problem.segments[rest.segment]
         left = _left(rest)
         xs.setdefault("time", []).append((rest.t - rest.t[0], left))
-        for channel, values in stretch.passage.commands.items():
-            at = np.maximum(np.searchsorted(stretch.passage.t_in, rest.t, side="right") - 1, 0)
+        for channel, values in segment.passage.commands.items():
+            at = np.maximum(np.searchsorted(segment.passage.t_in, rest.t, side="right") - 1, 0)
             xs.setdefault(channel, []).append((values[at], left))
             units[channel] = problem.scene.inputs[channel]
-        for signal, own in stretch.record.signals.items():
+        for signal, own in segment.signals.items():
             value = np.interp(rest.t, own.t, own.values)
             if signal == "psi":
                 value = np.mod(value, 2.0 * np.pi)
@@ -147,15 +147,15 @@ def _cross(problem: Problem, rests: Sequence[Rest]) -> Mapping[str, tuple[Array,
     longest = max(rests, key=lambda r: len(r.t))
     t, e = longest.t, _left(longest)
     e = e - e.mean()
-    stretch = problem.stretches[longest.stretch]
+    segment = problem.segments[longest.segment]
     lags = min(LAGS, len(e) // 4)
     step = float(np.median(np.diff(t)))
     found: dict[str, tuple[Array, Array]] = {}
     signals: dict[str, Array] = {}
-    for channel, values in stretch.passage.commands.items():
-        at = np.maximum(np.searchsorted(stretch.passage.t_in, t, side="right") - 1, 0)
+    for channel, values in segment.passage.commands.items():
+        at = np.maximum(np.searchsorted(segment.passage.t_in, t, side="right") - 1, 0)
         signals[channel] = values[at]
-    for name, own in stretch.record.signals.items():
+    for name, own in segment.signals.items():
         signals[name] = np.interp(t, own.t, own.values)
     for name, x in signals.items():
         x = x - x.mean()

@@ -10,8 +10,8 @@ import numpy as np
 from gcs_autotune.diagnose.numbers import Given
 from gcs_autotune.diagnose.search import begin_search
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.extended.base import fit_base
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.base_model import fit_base, plain_form
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import SIGNALS
@@ -47,8 +47,8 @@ def surrogate_of(
         )
     flown = [_driven(s, r) for s, r in zip(simulations, runs, strict=True)]
     base = form if form is not None else plain_form(flown, dof)
-    stretches, doubts = stretches_of(flown, base, use)
-    problem, fitted = fit_base(base, stretches)
+    segments, doubts = prepare_as_recorded(flown, base, use)
+    problem, fitted = fit_base(base, segments)
     search = begin_search(problem, fitted, (), effects)
     search.run()
     problem, found = search.problem, search.fitted

@@ -128,7 +128,7 @@ def _numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str
     column = {key: first + k for k, key in enumerate(fitted.free_effects)}
     found = {}
     left = [
-        Leftover(problem.stretches[r.stretch].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
+        Leftover(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
         for r in fitted.rests
         for own_level in (fitted.levels[r.signal],)
     ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectInstance, Observed, columns_of
-from gcs_autotune.identify.extended.stretches import Stretch
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled.program import states_of
 
 __all__ = ["turned", "unspoilt"]
@@ -19,37 +19,37 @@ Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
 
 
-def unspoilt(effects: Sequence[EffectInstance], stretch: Stretch) -> Stretch:
-    """Return a stretch with its signals as they were before *effects* gave some another sign or unit; itself where
+def unspoilt(effects: Sequence[EffectInstance], segment: Segment) -> Segment:
+    """Return a segment with its signals as they were before *effects* gave some another sign or unit; itself where
     none did. Where the craft began is to be read off these.
     """
-    signals = dict(stretch.record.signals)
+    signals = dict(segment.signals)
     for own in effects:
         entry = EFFECTS[own.slug]
         if entry.family != "data errors" or "sensors" not in entry.acts_on:
             continue
         for name in set(columns_of(own.place)) & set(signals):
             signal = signals[name]
-            ones = Observed(signal.t, {name: np.ones(len(signal.t))}, stretch.passage.start, stretch.run)
+            ones = Observed(signal.t, {name: np.ones(len(signal.t))}, segment.passage.start, segment.run)
             factor = entry.observe(own, ones).signals[name]
             signals[name] = replace(signal, values=signal.values / factor)
-    if all(np.array_equal(signals[n].values, s.values) for n, s in stretch.record.signals.items()):
-        return stretch
-    return replace(stretch, record=replace(stretch.record, signals=signals))
+    if all(np.array_equal(signals[n].values, s.values) for n, s in segment.signals.items()):
+        return segment
+    return replace(segment, signals=signals)
 
 
-def turned(own: EffectInstance, stretches: Sequence[Stretch], initial: Sequence[Array]) -> tuple[Array, ...]:
+def turned(own: EffectInstance, segments: Sequence[Segment], initial: Sequence[Array]) -> tuple[Array, ...]:
     """Return *initial* states with the heading put forward or back by whole turns, to where *own* would have it read.
 
     A heading of 85 (degrees, its head says radians) is fitted by 1.5 rad and thirteen turns: no other motion, but as
     degrees it would be 4680 too much.
     """
     found = []
-    for stretch, x_0 in zip(stretches, initial, strict=True):
-        right = unspoilt([own], stretch) if "psi" in columns_of(own.place) else stretch
-        if right is not stretch:
-            at = states_of(stretch.form).index("psi")
+    for segment, x_0 in zip(segments, initial, strict=True):
+        right = unspoilt([own], segment) if "psi" in columns_of(own.place) else segment
+        if right is not segment:
+            at = states_of(segment.form).index("psi")
             x_0 = x_0.copy()
-            x_0[at] += TURN * np.round((right.record.signals["psi"].values[0] - x_0[at]) / TURN)
+            x_0[at] += TURN * np.round((right.signals["psi"].values[0] - x_0[at]) / TURN)
         found.append(x_0)
     return tuple(found)

@@ -153,7 +153,7 @@ def _tails(series: list[Array], name: str) -> Test:
 
 
 def _line(series: list[Array], name: str) -> Test:
-    """Return Fisher's test for the strongest line of any stretch."""
+    """Return Fisher's test for the strongest line of any segment."""
     best, size = 1.0, 0.0
     for s in series:
         power = np.abs(np.fft.rfft(s - s.mean()))[1:-1] ** 2
@@ -244,15 +244,15 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
     values = dict(zip(fitted.form.parameters, fitted.theta.tolist(), strict=True))
     theta = np.array([values.get(n, 0.0) for n in form.parameters])
     rows, at = [], 0
-    for i, stretch in enumerate(problem.stretches):
-        passage = stretch.late(fitted.shift)
+    for i, segment in enumerate(problem.segments):
+        passage = segment.passage_at(fitted.shift)
         found = simulator.run(theta, fitted.effects, fitted.initial[i], passage, sensitivities=True)
         if found is None:
             return None
-        for name in stretch.record.signals:
+        for name in segment.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
-            left = Leftover(stretch.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
+            left = Leftover(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
             _, columns, _ = judged_by(fitted.effects, left, found[name][1])
             rows.append(columns[np.isfinite(rest.judged)] / level)
     return np.vstack(rows)

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.follows import follows, on_grid
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.record import INPUTS
-from gcs_autotune.identify.coupled.record import signals_of
-from gcs_autotune.identify.extended.stretches import THRUSTERS
+from gcs_autotune.identify.base_model import THRUSTERS
+from gcs_autotune.identify.preparation import INPUTS, signals_of
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial

@@ -27,8 +27,8 @@ from gcs_autotune.experiments.cross_validation import (
 )
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.methods import METHODS
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.validate import validate
 from gcs_autotune.models.coupled import CoupledModel, Form
@@ -215,7 +215,7 @@ class _Judge:
         if method.coupled is None:
             able = ", ".join(n for n, m in METHODS.items() if m.coupled)
             raise UsageError(f"method '{self.method}' does not fit coupled forms; these do: {able}")
-        records = tuple(r for t in trials for r in prepare_coupled(t, form))
+        records = tuple(r for t in trials for r in prepare_form(t, form))
         names = tuple(t.name for t in trials)
         return method.coupled(
             CoupledCase(form, records, self.delay, False, names, tuple(trials), options=dict(self.options))

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.experiments.manoeuvres import Candidate, Shares
-from gcs_autotune.identify.axis.record import Signal
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.information import Subject
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.coupled import Form, Simulator
 from gcs_autotune.models.coupled.derivatives import FORCES
 from gcs_autotune.models.coupled.program import states_of
@@ -143,7 +142,7 @@ class Helm:
         return held
 
 
-def helm_of(form: Form, theta: Array, records: Sequence[CoupledRecord]) -> Helm:
+def helm_of(form: Form, theta: Array, records: Sequence[Segment]) -> Helm:
     """Return the helm of a form whose gains have the values *theta*, limited to the inputs of *records*.
 
     A channel that drives surge and was never negative stays so; any other may go to both sides.
@@ -204,7 +203,7 @@ class Flight:
 
     t: Array
     inputs: Array
-    record: CoupledRecord
+    record: Segment
     initial: Array
     reach: Reach
 
@@ -227,7 +226,16 @@ def fly(subject: Subject, helm: Helm, candidate: Candidate, seconds: float) -> F
     for name, period in _periods(subject).items():
         own = np.arange(0.0, seconds, period)
         signals[name] = Signal(name, own, np.zeros(len(own)), 0.0)
-    record = CoupledRecord(candidate.name, t, inputs, subject.records[0].input_units, signals)
+    record = replace(
+        subject.records[0],
+        name=candidate.name,
+        run=candidate.name,
+        t_in=t,
+        inputs=inputs,
+        signals=signals,
+        slack=np.zeros(len(t)),
+        dating=0.0,
+    )
     simulator = Simulator(subject.form)
     stamps = record.stamps
     found = simulator.run(subject.theta, x_0, t, inputs, stamps)

@@ -1,4 +1,10 @@
-"""Cleaning one channel: what is no number, stamps that repeat or run back, wrapped angles, coarse scales."""
+"""Cleaning one channel: what is no number, stamps that repeat or run back, wrapped angles, clipping, holes in an input.
+
+Clipping shows as runs of identical extreme values that the motion enters and leaves at speed. A craft at rest, or a
+coarse scale, dwells at an extreme too, but comes and goes slowly; a clipped signal breaks off. Samples at the end of
+the range only say "at least so much" and are left out. Nothing else of the record is touched, so that no hole arises
+where the input still acts.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +15,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.trial import Channel
+from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["clean", "quantum", "unwrap"]
+__all__ = ["JUMP_SAMPLES", "clean", "holes_of", "jumps_back", "noted", "outside", "quantum", "unwrap", "within_range"]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +31,26 @@ LATE = 0.05
 
 OVERTAKEN = 5.0
 """Median steps that a sample may come late and still be believed."""
+
+DWELL = 3
+"""Fewest identical extreme samples in a row of a clip."""
+
+SPEED = 0.3
+"""Least step next to a dwell, as a share of the usual step of the signal."""
+
+QUANTA = 3.0
+"""The same in steps of the sensor's scale."""
+
+STEADY = 0.9
+"""Share of the time steps near the usual one that makes a steadily recorded input."""
+
+LONGEST, STEPS = 1.0, 10.0
+"""A longer silence than both (seconds, usual steps) is a hole in a steadily recorded input."""
+
+
+def noted(trial: Trial) -> list[Doubt]:
+    """Return what was noted about a run before it came here, from its ``meta["notes"]``, as doubts."""
+    return [Doubt(*(str(part) for part in note)) for note in trial.meta.get("notes", ()) if len(note) == 3]
 
 
 def jumps_back(t: Array) -> NDArray[np.intp]:
@@ -131,3 +157,89 @@ def quantum(values: Array) -> float:
     step = float(gaps.min())
     multiples = gaps / step
     return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
+
+
+def _clipped(channel: Channel) -> NDArray[np.bool_]:
+    """Return which samples (n,) stand at the end of the range; none of them when the signal is not clipped."""
+    x = channel.values
+    none = np.zeros(len(x), dtype=bool)
+    if len(x) < 10 * DWELL or np.ptp(x) == 0.0:
+        return none
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(x) != 0.0]))
+    lengths = np.diff(np.append(starts, len(x)))
+    if np.median(lengths) >= DWELL - 1:  # a sensor slower than the log repeats every value
+        return none
+    steps = np.abs(np.diff(x))
+    usual = float(np.median(steps[steps > 0.0]))
+    least = max(SPEED * usual, QUANTA * quantum(x))
+    clipped = none.copy()
+    for extreme in (float(x.max()), float(x.min())):
+        dwells = [(int(s), int(n)) for s, n in zip(starts, lengths, strict=True) if x[s] == extreme and n >= DWELL]
+        broken_off = [d for d in dwells if _breaks_off(x, *d, least)]
+        if broken_off and len(broken_off) >= 0.5 * len(dwells) and not _levels_off(x, extreme, least):
+            clipped |= x == extreme
+    return clipped
+
+
+def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
+    """Whether the signal comes to a dwell and leaves it at speed: the second steps before and after are not small."""
+    before, after = start - 2, start + length + 1
+    if before < 0 or after >= len(x):
+        return False
+    arriving, leaving = abs(x[start - 1] - x[before]), abs(x[after] - x[after - 1])
+    return bool(min(arriving, leaving) > least)
+
+
+def _levels_off(x: Array, extreme: float, least: float) -> bool:
+    """Whether as many samples lie just short of the extreme as at it: a craft at its steady speed."""
+    short = np.abs(x - extreme)
+    return bool(np.sum((short > 0.0) & (short <= least)) >= np.sum(short == 0.0))
+
+
+def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
+    """Return *channel* without its samples at the end of the sensor's range; what was left out is noted."""
+    clipped = _clipped(channel)
+    if not clipped.any():
+        return channel
+    worst = ", ".join(f"{v:.4g}" for v in sorted({float(v) for v in channel.values[clipped]}))
+    notes.append(
+        Doubt(
+            "clipped",
+            f"{int(clipped.sum())} samples of {channel.name} in run '{run}' stand at the end of its range "
+            f"({worst} {channel.unit})",
+            "use smaller inputs or a sensor of wider range; the samples were left out",
+        )
+    )
+    return replace(channel, t=channel.t[~clipped], values=channel.values[~clipped])
+
+
+def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, float]]:
+    """Return the times [s] from and to which a steadily recorded input is unknown, and note them."""
+    dt = np.diff(drive.t)
+    if len(dt) < 20:
+        return []
+    usual = float(np.median(dt))
+    if float(np.mean(np.abs(dt - usual) <= 0.5 * usual)) < STEADY:
+        return []
+    found = [
+        (float(drive.t[i]) + usual, float(drive.t[i + 1])) for i in np.flatnonzero(dt > max(LONGEST, STEPS * usual))
+    ]
+    if found:
+        notes.append(
+            Doubt(
+                "input-gaps",
+                f"the input {drive.name} of run '{run}' is not recorded for {sum(b - a for a, b in found):.1f} s",
+                "fly within good radio range; what the craft did meanwhile was left out",
+            )
+        )
+    return found
+
+
+def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:
+    """Return *channel* without its samples in *holes*."""
+    if not holes:
+        return channel
+    keep = np.ones(len(channel), dtype=bool)
+    for start, end in holes:
+        keep &= (channel.t <= start) | (channel.t >= end)
+    return replace(channel, t=channel.t[keep], values=channel.values[keep])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.identify.result import Doubt
 
-__all__ = ["Apart", "Estimate", "apart_doubts", "belongs", "runs_apart"]
+__all__ = ["Apart", "Estimate", "apart_doubts", "runs_apart"]
 
 Array = NDArray[np.float64]
 
@@ -45,12 +45,6 @@ class Apart:
     sigmas: float
     change: float
     pair: tuple[str, str] | None = None
-
-
-def belongs(stretch: str, run: str, runs: Sequence[str]) -> bool:
-    """Whether the record *stretch* is one of *run*, of all *runs*: its name may carry ``#`` and a number."""
-    fitting = [n for n in runs if stretch == n or stretch.startswith(n + "#")]
-    return bool(fitting) and max(fitting, key=len) == run
 
 
 def runs_apart(

@@ -10,17 +10,16 @@ from typing import Any, Literal, TypeVar
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case
-from gcs_autotune.identify.axis.record import guess_dof, prepare
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import axis_form
-from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.extended.by_output_error import ExtendedCase, fit_with_effects
 from gcs_autotune.identify.extended.wish import wish_of
 from gcs_autotune.identify.information import with_bounds
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
+from gcs_autotune.identify.preparation import guess_dof, prepare, prepare_form
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.models.coupled import FORMS, Form, load_form
@@ -125,7 +124,7 @@ def _case(
         drag: Structure = lookup({str(n): n for n in FREE}, str(structure), "drag structure")
         axis = _common_axis(runs, dof)
         record = prepare(runs[0], axis)[0]
-        form = axis_form(axis, record.input_name, drag, normalised=record.input_unit == "1")
+        form = axis_form(axis, record.input_names[0], drag, normalised=record.input_units[0] == "1")
     if form is not None:
         form = form.driven_by({name for run in runs for name in run.channels})
     return ExtendedCase(
@@ -152,7 +151,7 @@ def _fit_coupled(
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
     driven = form.driven_by({name for run in runs for name in run.channels})
-    runs, records, doubts = prepared_runs(runs, lambda run: prepare_coupled(run, driven, use))
+    runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
     case = CoupledCase(
         form=driven,
         records=tuple(records),
@@ -193,7 +192,7 @@ def fit_axis(
     known_delay = None if delay == "auto" else _seconds(delay)
     axis = _common_axis(runs, dof)
     runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
-    _check_one_input({r.input_name for r in records}, {r.input_unit for r in records})
+    _check_one_input({r.input_names[0] for r in records}, {r.input_units[0] for r in records})
     found = chosen.axis(
         Case(
             records=records,
@@ -208,7 +207,7 @@ def fit_axis(
             options=options,
         )
     )
-    return _with_doubts(with_bounds(found, runs), [*doubts, *(d for r in records for d in r.doubts)])
+    return _with_doubts(with_bounds(found, runs), [*doubts, *(d for r in records for d in r.notes)])
 
 
 _Kind = TypeVar("_Kind", bound=Fit)

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
-from gcs_autotune.identify.axis.record import MIN_SAMPLES, prepare
 from gcs_autotune.identify.axis.uncertainty import PHYSICAL, cramer_rao
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
 from gcs_autotune.identify.coupled.output_error import solve_coupled
-from gcs_autotune.identify.coupled.record import CoupledRecord, prepare_coupled, signals_of
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
 from gcs_autotune.identify.result import AxisFit, Fit
+from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
@@ -51,7 +51,7 @@ class Subject:
     names: tuple[str, ...]
     signs: Array
     units: tuple[str, ...]
-    records: tuple[CoupledRecord, ...]
+    records: tuple[Segment, ...]
     initial: tuple[Array, ...]
     noise: Mapping[str, float]
 
@@ -98,7 +98,7 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
     UsageError
         The fit's model is of a kind that cannot be simulated, or nothing in it was fitted.
     NotInformative
-        The model runs away on a run; and as :func:`prepare_coupled`.
+        The model runs away on a run; and as :func:`prepare_form`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     model = fit.model
@@ -114,7 +114,7 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
         )
     if not free:
         raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
-    records = tuple(r for run in runs for r in prepare_coupled(run, form, _signals(fit, form, run)))
+    records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = ground_of(form, records, model_delay(form, theta))
     found = solve_coupled(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
@@ -136,7 +136,7 @@ def _of_axis(
     labels, derivatives = tuple(fit.parameters), derivative_names(dof)
     fitted = [fit.parameters[n].status == "fitted" for n in labels]
     delay = None if fitted[4] else model.delay
-    input_name = prepare(runs[0], dof)[0].input_name
+    input_name = prepare(runs[0], dof)[0].input_names[0]
     form = axis_form(dof, input_name, fit.structure, normalised=model.input_unit == "1", delay=delay)
     numbers = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
     values = {n: s * v for n, s, v in zip(derivatives, SIGNS, numbers, strict=True)}

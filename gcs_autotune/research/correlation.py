@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.coupled.record import CoupledRecord, prepare_coupled
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, Motion, motion_of
 from gcs_autotune.identify.regression.rows import force_columns, inertia_columns
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
 from gcs_autotune.models.coupled.program import program_of
@@ -64,7 +65,7 @@ def correlations(
     if odd:
         raise UsageError(f"correlation cannot judge {', '.join(odd)} of '{form.name}': make them known first")
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
-    records = [r for run in together for r in prepare_coupled(run, form, use)]
+    records = [r for run in together for r in prepare_form(run, form, use)]
     found = [_of_record(r, form, motion_of(r, form, derivative)) for r in records]
     table = []
     for dof, term in dict.fromkeys(key for one in found for key in one):
@@ -74,7 +75,7 @@ def correlations(
     return tuple(table)
 
 
-def _of_record(record: CoupledRecord, form: Form, motion: Motion) -> dict[tuple[str, str], tuple[float, float]]:
+def _of_record(record: Segment, form: Form, motion: Motion) -> dict[tuple[str, str], tuple[float, float]]:
     drives = drives_of(record, form, motion.t, motion.step)
     E = force_columns(form, motion.nu, motion.eta, drives) + inertia_columns(form, motion.nu_dot)
     active = [int(a) for a in program_of(form).active]

@@ -26,8 +26,10 @@ from gcs_autotune.diagnose.judging import (
     winner_of,
 )
 from gcs_autotune.effects import EffectInstance
+from gcs_autotune.identify.base_model import plain_form
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
-from gcs_autotune.identify.extended.stretches import Stretch, plain_form, stretches_of
+from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.segment import Segment
 
 # --- evidence --------------------------------------------------------------------------------
 
@@ -226,22 +228,22 @@ def test_the_interval_of_a_ratio_holds_it_and_needs_three_blocks() -> None:
 # --- what is left out --------------------------------------------------------------------------------
 
 
-def stretches(runs: int) -> list[Stretch]:
+def segments(runs: int) -> list[Segment]:
     towed_runs = towed(runs=runs, samples=100)
-    return stretches_of(towed_runs, plain_form(towed_runs))[0]
+    return prepare_as_recorded(towed_runs, plain_form(towed_runs))[0]
 
 
-def problem_of(own: Sequence[Stretch]) -> Problem:
-    """Return a problem that only knows its stretches, with initial states told by run and first stamp."""
+def problem_of(own: Sequence[Segment]) -> Problem:
+    """Return a problem that only knows its segments, with initial states told by run and first stamp."""
 
-    def first_states(wanted: Sequence[Stretch]) -> tuple[Any, ...]:
-        return tuple((s.run, s.record.start) for s in wanted)
+    def first_states(wanted: Sequence[Segment]) -> tuple[Any, ...]:
+        return tuple((s.run, s.start) for s in wanted)
 
-    return cast(Problem, SimpleNamespace(stretches=tuple(own), first_states=first_states))
+    return cast(Problem, SimpleNamespace(segments=tuple(own), first_states=first_states))
 
 
-def samples_of(parts: Sequence[Stretch]) -> list[tuple[str, float]]:
-    return [(s.run, float(t)) for s in parts for t in s.record.signals["r"].t]
+def samples_of(parts: Sequence[Segment]) -> list[tuple[str, float]]:
+    return [(s.run, float(t)) for s in parts for t in s.signals["r"].t]
 
 
 @pytest.mark.parametrize(
@@ -256,7 +258,7 @@ def samples_of(parts: Sequence[Stretch]) -> list[tuple[str, float]]:
 def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
     runs: int, in_blocks: bool, kind: str, folds: int, words: str
 ) -> None:
-    own = stretches(runs)
+    own = segments(runs)
     parts = parts_of(problem_of(own), in_blocks=in_blocks)
     assert (parts.kind, len(parts.folds), parts.words) == (kind, folds, words)
     every = sorted(samples_of(own))
@@ -272,7 +274,7 @@ def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
 
 
 def test_runs_kept_apart_are_only_ever_tested() -> None:
-    own = stretches(3)
+    own = segments(3)
     parts = parts_of(problem_of(own[:2]), own[2:])
     (fold,) = parts.folds
     assert (parts.kind, fold.train, fold.test) == ("apart", tuple(own[:2]), tuple(own[2:]))
@@ -281,7 +283,7 @@ def test_runs_kept_apart_are_only_ever_tested() -> None:
 
 
 def _starts_belong(parts: Parts) -> None:
-    told = [[(s.run, s.record.start) for s in fold.train] for fold in parts.folds]
+    told = [[(s.run, s.start) for s in fold.train] for fold in parts.folds]
     assert [list(states) for states in parts.starts] == told
-    told = [[(s.run, s.record.start) for s in fold.test] for fold in parts.folds]
+    told = [[(s.run, s.start) for s in fold.test] for fold in parts.folds]
     assert [list(states) for states in parts.tests] == told

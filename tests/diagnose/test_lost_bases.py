@@ -16,8 +16,8 @@ from gcs_autotune.diagnose.by_blocks import judged_by_blocks
 from gcs_autotune.diagnose.search import begin_search
 from gcs_autotune.diagnose.unspoilt import unspoilt
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.extended.base import fit_base
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.base_model import fit_base, plain_form
+from gcs_autotune.identify.preparation import prepare_as_recorded
 
 
 def named(told) -> list[str]:
@@ -41,7 +41,7 @@ def test_a_rudder_stalled_so_deep_that_more_helm_turns_the_craft_back_is_found()
 def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out() -> None:
     runs = squares(0.3, 1.0, period=6.0, effects=[("saturation", "N", {"limit": 0.6})])
     form = plain_form(runs)
-    problem, base = fit_base(form, stretches_of(runs, form)[0])
+    problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
     search = begin_search(problem, base, [], ["saturation", "input-delay"])
     assert search.parts.kind == "runs"
     found = replace(search.step("cause 1"), accepted=None)
@@ -71,12 +71,12 @@ def test_a_change_of_mass_is_dated_right_although_some_swings_too_late_fits_near
 def test_signals_are_read_as_they_were_before_a_wrong_sign_or_unit() -> None:
     (run, *_) = towed()
     form = plain_form([run])
-    (stretch,) = stretches_of([run], form)[0]
+    (segment,) = prepare_as_recorded([run], form)[0]
     wrong = [EffectInstance("sign-error", "psi", {}), EffectInstance("unit-error", "r", {"factor": 180.0 / math.pi})]
-    right = unspoilt(wrong, stretch)
-    np.testing.assert_allclose(right.record.signals["psi"].values, -stretch.record.signals["psi"].values)
-    np.testing.assert_allclose(right.record.signals["r"].values, stretch.record.signals["r"].values * math.pi / 180.0)
-    assert unspoilt([EffectInstance("sign-error", "psi@another", {})], stretch) is stretch
+    right = unspoilt(wrong, segment)
+    np.testing.assert_allclose(right.signals["psi"].values, -segment.signals["psi"].values)
+    np.testing.assert_allclose(right.signals["r"].values, segment.signals["r"].values * math.pi / 180.0)
+    assert unspoilt([EffectInstance("sign-error", "psi@another", {})], segment) is segment
 
 
 def test_a_heading_that_counts_the_other_way_is_found_on_a_boat_whose_way_over_ground_is_measured() -> None:

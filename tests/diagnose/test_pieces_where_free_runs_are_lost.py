@@ -9,7 +9,9 @@ import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of, within
+from gcs_autotune.identify.base_model import plain_form
+from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.segment import within_horizon
 from gcs_autotune.trial import Channel, Trial
 
 FEW = ("dead-zone", "input-bias", "quadratic-drag", "compass-deviation")
@@ -34,13 +36,13 @@ def sailed(seed: int, gusts: float, width: float, n: int = 900) -> Trial:
 
 def test_pieces_are_no_longer_than_the_horizon_and_keep_every_sample_and_command() -> None:
     run = sailed(1, 0.0, 0.0)
-    stretches, _ = stretches_of([run], plain_form([run]))
-    pieces = within(stretches, 25.0)
+    segments, _ = prepare_as_recorded([run], plain_form([run]))
+    pieces = within_horizon(segments, 25.0)
     assert len(pieces) == 4
-    assert all(p.record.stamps[-1] - p.record.start <= 25.0 for p in pieces)
-    assert sum(len(p.record.signals["r"].t) for p in pieces) == len(run["r"])
-    assert all(np.array_equal(p.passage.t_in, stretches[0].passage.t_in) for p in pieces)
-    assert within(stretches, math.inf)[0] is stretches[0]
+    assert all(p.stamps[-1] - p.start <= 25.0 for p in pieces)
+    assert sum(len(p.signals["r"].t) for p in pieces) == len(run["r"])
+    assert all(np.array_equal(p.passage.t_in, segments[0].passage.t_in) for p in pieces)
+    assert within_horizon(segments, math.inf)[0] is segments[0]
 
 
 def test_a_horizon_that_makes_no_sense_is_refused() -> None:

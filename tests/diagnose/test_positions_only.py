@@ -9,8 +9,8 @@ from runs_in_the_tank import BOAT, UNITS
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.signature import signature_of
 from gcs_autotune.errors import MissingChannel
-from gcs_autotune.identify.extended.base import fit_base
-from gcs_autotune.identify.extended.stretches import overlooked, plain_form, stretches_of
+from gcs_autotune.identify.base_model import fit_base, overlooked, plain_form
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects.table import make_effect
 from sitl.tank import tow
@@ -40,15 +40,15 @@ def test_a_track_shows_surge_and_sway_without_their_speeds(dof):
     run = s_manoeuvre()
     form = plain_form([run], dof)
     assert form.dofs == ("surge", "sway", "yaw")
-    stretches, _ = stretches_of([run], form)
-    assert set(stretches[0].record.signals) == {"x", "y", "psi"}
-    assert overlooked([run], form, dof, None, stretches) == []
+    segments, _ = prepare_as_recorded([run], form)
+    assert set(segments[0].signals) == {"x", "y", "psi"}
+    assert overlooked([run], form, dof, None, segments) == []
 
 
 def test_momentum_that_carries_a_craft_sideways_is_missing_from_its_track():
     runs = [s_manoeuvre(COUPLED, k=k) for k in (0, 1)]
     form = plain_form(runs, "horizontal")
-    problem, fitted = fit_base(form, stretches_of(runs, form)[0])
+    problem, fitted = fit_base(form, prepare_as_recorded(runs, form)[0])
     assert min(fitted.levels["x"], fitted.levels["y"]) > 5.0 * 0.02
     assert signature_of(problem, fitted)[0].whiteness_p < 1e-6
 
@@ -61,18 +61,18 @@ def test_a_plain_craft_lacks_nothing_on_its_track():
 def test_a_track_that_cannot_be_looked_at_is_said_aloud():
     run = s_manoeuvre(measured=("u", "psi", "x", "y"))  # a speed ahead alone: no telling how far it slides
     form = plain_form([run])
-    stretches, _ = stretches_of([run], form)
-    assert {"x", "y"}.isdisjoint(stretches[0].record.signals)
-    (doubt,) = overlooked([run], form, None, None, stretches)
+    segments, _ = prepare_as_recorded([run], form)
+    assert {"x", "y"}.isdisjoint(segments[0].signals)
+    (doubt,) = overlooked([run], form, None, None, segments)
     assert doubt.slug == "not-looked-at" and "x and y" in doubt.cause
-    assert overlooked([run], form, "yaw", None, stretches) == []
+    assert overlooked([run], form, "yaw", None, segments) == []
 
 
 def test_a_degree_of_freedom_asked_for_in_vain_is_said_aloud():
     run = s_manoeuvre(measured=("psi",))
     form = plain_form([run], "yaw,heave")
-    stretches, _ = stretches_of([run], form)
-    (doubt,) = overlooked([run], form, "yaw,heave", None, stretches)
+    segments, _ = prepare_as_recorded([run], form)
+    (doubt,) = overlooked([run], form, "yaw,heave", None, segments)
     assert doubt.cause.startswith("heave was asked for and not looked at")
     with pytest.raises(MissingChannel, match="horizontal"):
         plain_form([run], "yaws")

@@ -12,8 +12,8 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.nameless import outdone_by
 from gcs_autotune.diagnose.ringing import rings
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify.extended.base import fit_base
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.base_model import fit_base, plain_form
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from sitl.body import Loads
 from sitl.effects import Effect, Parameter, Setting
 
@@ -54,7 +54,7 @@ class Ringing(Effect):
 def fitted(runs, slug, values):
     """The runs with one effect fitted to them, right or wrong."""
     form = plain_form(runs, None)
-    problem, base = fit_base(form, stretches_of(runs, form)[0])
+    problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
     entry, place = EFFECTS[slug], "yaw"
     own = EffectInstance(slug, place, values, entry.constants(place, problem.scene))
     found = problem.fit(base.theta, (own,), base.initial, shift=base.shift)

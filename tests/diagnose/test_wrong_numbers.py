@@ -16,9 +16,9 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.search import begin_search
 from gcs_autotune.diagnose.second_thoughts import drop_swallowed
 from gcs_autotune.effects import EffectInstance, ExtendedModel
-from gcs_autotune.identify.extended.base import fit_base
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.report import diagnosis_summary
@@ -198,8 +198,8 @@ def test_page_document_and_model_file_say_the_same(tmp_path):
 
 def the_search(runs, slugs):
     form = plain_form(runs)
-    stretches, _ = stretches_of(runs, form)
-    problem, fitted = fit_base(form, stretches)
+    segments, _ = prepare_as_recorded(runs, form)
+    problem, fitted = fit_base(form, segments)
     return begin_search(problem, fitted, (), slugs)
 
 

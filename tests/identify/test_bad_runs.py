@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from axis_plants import DEG, Levels, Relay
+from gcs_autotune.identify.rails import at_rails
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.consistency import Estimate, runs_apart
-from gcs_autotune.identify.rails import at_rails
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]

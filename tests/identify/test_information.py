@@ -10,8 +10,8 @@ import pytest
 
 from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
 from gcs_autotune.identify.axis.objective import information_of, timing_of
-from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.identify.axis.residuals import Residual
+from gcs_autotune.identify.segment import Segment, Signal
 
 N, P = 60, 3
 
@@ -68,10 +68,10 @@ def test_a_signal_that_no_residual_has_says_nothing() -> None:
 def test_a_time_shift_may_be_twice_what_the_stamps_of_the_worst_run_allow(
     datings: tuple[float, float], std: float
 ) -> None:
-    found = timing_of([cast(Record, SimpleNamespace(dating=d)) for d in datings], 0.1)
+    found = timing_of([cast(Segment, SimpleNamespace(dating=d)) for d in datings], 0.1)
     assert found is not None
     assert (found.mean, found.std) == (0.1, pytest.approx(std))
 
 
 def test_exact_stamps_leave_no_time_shift() -> None:
-    assert timing_of([cast(Record, SimpleNamespace(dating=0.0))], 0.1) is None
+    assert timing_of([cast(Segment, SimpleNamespace(dating=0.0))], 0.1) is None

@@ -10,8 +10,8 @@ from axis_plants import DEG, Relay
 
 from gcs_autotune.identify import cramer_rao, fit_axis
 from gcs_autotune.identify.axis.likelihood import FINEST, Gaussian, Rounded
-from gcs_autotune.identify.axis.record import prepare
 from gcs_autotune.identify.axis.residuals import quanta_of
+from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

@@ -10,7 +10,7 @@ import pytest
 from axis_plants import DEG, Relay
 
 from gcs_autotune.identify import cramer_rao, fit_axis
-from gcs_autotune.identify.axis.record import prepare
+from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

@@ -12,8 +12,8 @@ from ship_plants import DEG, ZigZag, nomoto, sail
 
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.axis.record import prepare
 from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods, rows_of
+from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.seatrials import Particulars, ship_figures
 from gcs_autotune.trial import load_trial
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.redating import by_shifts
 from gcs_autotune.identify.axis.uncertainty import inflated
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["Agreement", "agreement"]
@@ -62,7 +62,7 @@ class _Compared:
     step: float
 
 
-def agreement(records: Sequence[Record], solution: Solution) -> Agreement | None:
+def agreement(records: Sequence[Segment], solution: Solution) -> Agreement | None:
     """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
@@ -89,7 +89,7 @@ def agreement(records: Sequence[Record], solution: Solution) -> Agreement | None
     )
 
 
-def _compared(records: Sequence[Record], i: int, solution: Solution) -> _Compared:
+def _compared(records: Sequence[Segment], i: int, solution: Solution) -> _Compared:
     record = records[i]
     assert record.velocity is not None
     t = record.velocity.t
@@ -111,7 +111,7 @@ def _compared(records: Sequence[Record], i: int, solution: Solution) -> _Compare
     )
 
 
-def _acceleration(theta: Array, record: Record, t: Array, nu: Array) -> Array:
+def _acceleration(theta: Array, record: Segment, t: Array, nu: Array) -> Array:
     b, a, c, d, delay = theta
     held = np.maximum(np.searchsorted(record.t_in, t - delay, side="right") - 1, 0)
     acceleration: Array = b * record.tau[held] - a * nu - c * np.abs(nu) * nu + d

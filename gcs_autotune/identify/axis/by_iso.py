@@ -106,7 +106,7 @@ def _model(case: Case, structure: Structure, usable: Sequence[IsoEstimate], dela
     values = {n: float(c.mean()) if kept[n] else 0.0 for n, c in columns.items()}
     variances = [_variance(columns[n], n) if kept[n] else 0.0 for n in columns]
     record = case.records[0]
-    return SingleDof(record.dof.name, record.input_unit, delay=delay, **values), np.diag([*variances, 0.0])
+    return SingleDof(record.dof.name, record.input_units[0], delay=delay, **values), np.diag([*variances, 0.0])
 
 
 def _variance(values: Array, name: str) -> float:

@@ -16,7 +16,6 @@ from gcs_autotune.identify.axis.evidence import craft_covariance
 from gcs_autotune.identify.axis.fit_doubts import fit_doubts
 from gcs_autotune.identify.axis.objective import DELAY, Bounds
 from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.redating import redated
 from gcs_autotune.identify.axis.signals import first_names, objection, wanted_names
 from gcs_autotune.identify.axis.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
@@ -24,6 +23,7 @@ from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, sele
 from gcs_autotune.identify.axis.uncertainty import inflation, whiteness
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Parameter, Status, Trace
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["fit_by_output_error"]
@@ -77,7 +77,7 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Arra
 
 def _signals(
     case: Case, start: Array, bounds: Bounds
-) -> tuple[tuple[str, ...], dict[str, str], Array, Sequence[Record]]:
+) -> tuple[tuple[str, ...], dict[str, str], Array, Sequence[Segment]]:
     """Return the names to fit, what was left out and why, a better start, and records better dated."""
     records = case.records
     if case.use is not None:
@@ -98,7 +98,7 @@ def _signals(
     return (axis.position, axis.velocity), {}, first.solution.theta, records
 
 
-def _check_that_input_explains(records: Sequence[Record], chosen: Selection) -> None:
+def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) -> None:
     """Compare with a straight line per stretch (position) or a constant (velocity), by the same criterion."""
     solution = chosen.solution
     n = solution.n / chosen.correlation
@@ -111,12 +111,12 @@ def _check_that_input_explains(records: Sequence[Record], chosen: Selection) -> 
         gain += len(t) / chosen.correlation * math.log(max(float(line @ line), 1e-300) / floor)
     if gain < 3.0 * math.log(max(n, 2.0)) + 6.0:
         raise NotInformative(
-            f"run '{records[0].run}': the input {records[0].input_name} explains the motion no better than a "
+            f"run '{records[0].run}': the input {records[0].input_names[0]} explains the motion no better than a "
             "straight line; larger inputs are needed, or input and output do not belong together"
         )
 
 
-def _check_that_something_is_known(records: Sequence[Record], parameters: Mapping[str, Parameter]) -> None:
+def _check_that_something_is_known(records: Sequence[Segment], parameters: Mapping[str, Parameter]) -> None:
     """Refuse an answer in which neither inertia nor any drag is known to half its value."""
     craft = [parameters[n] for n in records[0].dof.parameter_names()[:3] if parameters[n].status != "absent"]
     if any(p.std <= HALF * abs(p.value) for p in craft):
@@ -202,7 +202,7 @@ def _fit_percent(solution: Solution, name: str) -> float:
     return 100.0 * (1.0 - math.sqrt(left / power)) if power > 0.0 else 0.0
 
 
-def _traces(records: Sequence[Record], solution: Solution, name: str, factor: float) -> tuple[Trace, ...]:
+def _traces(records: Sequence[Segment], solution: Solution, name: str, factor: float) -> tuple[Trace, ...]:
     traces = []
     for r, rows in zip(solution.residuals, solution.rows, strict=True):
         if r.signal.name != name:
@@ -212,7 +212,7 @@ def _traces(records: Sequence[Record], solution: Solution, name: str, factor: fl
         band = 1.96 * noise * np.sqrt(1.0 + np.maximum(spread, 0.0))
         traces.append(
             Trace(
-                records[r.record].run,
+                records[r.record].name,
                 r.signal.t,
                 r.signal.values,
                 r.signal.values - r.error,

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.relay.iso import decide, most_different_pair
 from gcs_autotune.identify.result import Decision, IsoEstimate, LimitCycle, Parameter, Status, Structure
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 
@@ -28,7 +28,7 @@ class Case:
     ``trials`` the runs as recorded; ``options`` what the method alone understands.
     """
 
-    records: Sequence[Record]
+    records: Sequence[Segment]
     cycles: Sequence[LimitCycle]
     structure: Structure | None
     delay: float | None

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_autotune.identify.axis.case import Case
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
 from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter, Structure
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
 
 __all__ = ["CHECKS", "OF_THE_RUNS", "Findings", "collect"]
@@ -61,7 +61,7 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
     """Return the doubts of the records and of every check, in that order, each slug and cause once."""
     found: dict[tuple[str, str], Doubt] = {}
     for record in findings.case.records:
-        for doubt in record.doubts:
+        for doubt in record.notes:
             found.setdefault((doubt.slug, doubt.cause), doubt)
     for check in CHECKS:
         made = check(findings)
@@ -116,7 +116,7 @@ def _one_sided(f: Findings) -> Doubt | None:
 
 
 def _saturated(f: Findings) -> Doubt | None:
-    if f.case.records[0].input_unit != "1" or f.relays:
+    if f.case.records[0].input_units[0] != "1" or f.relays:
         return None
     share = max(_time_at(r, 0.999) for r in f.case.records)
     if share <= 0.1:
@@ -128,7 +128,7 @@ def _saturated(f: Findings) -> Doubt | None:
     )
 
 
-def _time_at(record: Record, level: float) -> float:
+def _time_at(record: Segment, level: float) -> float:
     end = float(record.main.t[-1])
     held = np.diff(np.append(record.t_in, max(end, float(record.t_in[-1]))))
     total = float(held.sum())

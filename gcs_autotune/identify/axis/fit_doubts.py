@@ -13,7 +13,7 @@ from gcs_autotune.identify.axis.objective import Bounds
 from gcs_autotune.identify.axis.output_error import Solution, solve
 from gcs_autotune.identify.axis.structure import Selection
 from gcs_autotune.identify.axis.uncertainty import autocorrelation, inflation, is_white
-from gcs_autotune.identify.consistency import Estimate, apart_doubts, belongs, runs_apart
+from gcs_autotune.identify.consistency import Estimate, apart_doubts, runs_apart
 from gcs_autotune.identify.result import Doubt
 
 __all__ = ["fit_doubts"]
@@ -133,7 +133,7 @@ def _outliers(solution: Solution) -> Doubt | None:
 
 def _runs_apart(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
     """Compare what each run says alone with what the others say, all with the drag structure chosen."""
-    stretches = [[i for i, r in enumerate(chosen.records) if belongs(r.run, name, case.names)] for name in case.names]
+    stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
     craft = np.flatnonzero(chosen.solution.free[:3])
 
     def estimate(runs: tuple[int, ...]) -> Estimate | None:
@@ -151,7 +151,7 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str,
 def _solved(chosen: Selection, bounds: Bounds, names: tuple[str, ...], which: Sequence[int]) -> Solution | None:
     """Fit some of the stretches, structure, delay and noise as in the common fit."""
     common, records = chosen.solution, [chosen.records[i] for i in which]
-    measured = {s.name for r in records for s in r.signals}
+    measured = {n for r in records for n in r.signals}
     return solve(
         records,
         names,
@@ -176,7 +176,7 @@ def _runs_disagree(chosen: Selection, bounds: Bounds, names: tuple[str, ...]) ->
         difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)
         sigma = math.sqrt(alone.covariance[0, 0]) * float(inflation(alone)[0]) / abs(float(alone.theta[0]))
         if difference > max(RUN_SPREAD, RUN_SIGMA * sigma):
-            odd.append(f"{record.run} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
+            odd.append(f"{record.name} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
     if not odd:
         return None
     return Doubt(

@@ -1,6 +1,6 @@
 """What the exact fit minimises: minus twice the log-likelihood of the free parameters, with its derivatives.
 
-The stamps of the input may be off by a constant few milliseconds (:attr:`Record.dating`). That is a nuisance, not a
+The stamps of the input may be off by a constant few milliseconds (:attr:`Segment.dating`). That is a nuisance, not a
 delay of the craft: it is fitted with what is known about it (:class:`Timing`) and so takes its share of certainty
 from the inertia, which a quick craft would otherwise get wrong by more than its standard error.
 """
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.likelihood import Law
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.residuals import Residual, residuals_of
 from gcs_autotune.identify.least_squares import Local
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["DELAY", "SHARED", "Bounds", "Mask", "Objective", "Timing", "information_of", "timing_of"]
 
@@ -30,7 +30,7 @@ DELAY = 4
 """Where the delay stands among them."""
 
 SLACK = 2.0
-"""Standard deviation of the time shift in units of ``Record.dating``. Chosen: the shift may well stand at the very
+"""Standard deviation of the time shift in units of ``Segment.dating``. Chosen: the shift may well stand at the very
 end of what the stamps allow, and twice that is weak enough not to pull it back by a tenth of its standard error."""
 
 WIDEST = 4.0
@@ -57,7 +57,7 @@ class Timing:
     std: float
 
 
-def timing_of(records: Sequence[Record], delay: float) -> Timing | None:
+def timing_of(records: Sequence[Segment], delay: float) -> Timing | None:
     """Return what the records tell about the time from input stamp to motion of a craft with this *delay* [s]."""
     slack = SLACK * max(r.dating for r in records)
     return Timing(delay, slack) if slack > 0.0 else None
@@ -70,7 +70,7 @@ class Objective:
     ``timing`` given: the delay is free and stands for the time shift.
     """
 
-    records: Sequence[Record]
+    records: Sequence[Segment]
     names: Sequence[str]
     theta: Array
     free: Mask
@@ -78,7 +78,7 @@ class Objective:
     state: Mask = field(init=False)
 
     def __post_init__(self) -> None:
-        has_position = [any(s.name == r.dof.position and s.name in self.names for s in r.signals) for r in self.records]
+        has_position = [r.dof.position in r.signals and r.dof.position in self.names for r in self.records]
         object.__setattr__(self, "state", np.array([[p, True] for p in has_position]).ravel())
         if self.timing is not None:
             object.__setattr__(self, "free", np.array([*self.free[:DELAY], True]))

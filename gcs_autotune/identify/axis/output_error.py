@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.likelihood import Law, Rounded, gaussian_laws
 from gcs_autotune.identify.axis.objective import DELAY, SHARED, Bounds, Mask, Objective, Timing, information_of
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.residuals import Residual, first_levels, first_states
 from gcs_autotune.identify.least_squares import Minimum, inverse_of
 from gcs_autotune.identify.rounds import NOISE_ROUNDS, alternate, errors_of, likeliest
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["Solution", "solve"]
 
@@ -88,7 +88,7 @@ class Solution:
 
 
 def solve(
-    records: Sequence[Record],
+    records: Sequence[Segment],
     names: Sequence[str],
     theta: Array,
     free: Mask,
@@ -128,8 +128,8 @@ def _law(gaussian: Law, quantum: float, span: float) -> Law:
     return Rounded(gaussian.sigma, quantum, span) if quantum > 0.0 else gaussian
 
 
-def _span(records: Sequence[Record], name: str) -> float:
-    return max(float(np.ptp(s.values)) for r in records for s in r.signals if s.name == name)
+def _span(records: Sequence[Segment], name: str) -> float:
+    return max(float(np.ptp(s.values)) for r in records for s in r.signals.values() if s.name == name)
 
 
 def _solution(objective: Objective, found: Minimum, laws: Mapping[str, Law], bounds: Bounds) -> Solution:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.objective import DELAY
 from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.record import WITHIN_LOOP, Record
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.preparation import WITHIN_LOOP
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["by_shifts", "redated"]
@@ -46,7 +47,7 @@ class _Shifts:
     which: NDArray[np.int_]
 
 
-def by_shifts(record: Record, theta: Array, initial: Array, stamps: Array) -> _Shifts:
+def by_shifts(record: Segment, theta: Array, initial: Array, stamps: Array) -> _Shifts:
     """Return how the motion at *stamps* (n,) [s] answers to a later stamp of each doubtful change of the input.
 
     *initial* is the state at ``record.main.t[0]``, as everywhere.
@@ -70,7 +71,7 @@ def by_shifts(record: Record, theta: Array, initial: Array, stamps: Array) -> _S
     return _Shifts(position, velocity, which)
 
 
-def redated(records: Sequence[Record], solution: Solution) -> tuple[Record, ...] | None:
+def redated(records: Sequence[Segment], solution: Solution) -> tuple[Segment, ...] | None:
     """Return *records* with those changes moved whose loop is clear from *solution*; None when there is none such.
 
     The stretches of *solution* may begin later than *records* do, nothing else may differ.
@@ -90,11 +91,11 @@ def redated(records: Sequence[Record], solution: Solution) -> tuple[Record, ...]
     )
 
 
-def _stamps(record: Record) -> Array:
-    return np.unique(np.concatenate([s.t for s in record.signals]))
+def _stamps(record: Segment) -> Array:
+    return record.stamps
 
 
-def _moves(records: Sequence[Record], solution: Solution, tables: Sequence[_Shifts]) -> Array:
+def _moves(records: Sequence[Segment], solution: Solution, tables: Sequence[_Shifts]) -> Array:
     """Return the move [s] of every doubtful change, NaN for those that stay doubtful."""
     offsets = np.concatenate([[0], np.cumsum([len(t.which) for t in tables])])
     slack = np.concatenate([r.slack[t.which] for r, t in zip(records, tables, strict=True)])
@@ -149,7 +150,7 @@ def _nearest(mean: Array, std: Array, slack: Array, loop: Array) -> Array:
     return told
 
 
-def _moved(record: Record, which: NDArray[np.int_], moves: Array) -> Record:
+def _moved(record: Segment, which: NDArray[np.int_], moves: Array) -> Segment:
     clear = np.isfinite(moves)
     t_in, slack = record.t_in.copy(), record.slack.copy()
     t_in[which[clear]] += moves[clear]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Record, Signal
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["Residual", "first_levels", "first_states", "quanta_of", "residuals_of", "roughness", "rounding_error"]
@@ -31,12 +31,12 @@ class Residual:
 
 
 def residuals_of(
-    records: Sequence[Record], names: Sequence[str], theta: Array, initial: Array
+    records: Sequence[Segment], names: Sequence[str], theta: Array, initial: Array
 ) -> list[Residual] | None:
     """Simulate every record and compare the signals called *names*; None when a simulation runs away."""
     found = []
     for i, record in enumerate(records):
-        signals = [s for s in record.signals if s.name in names]
+        signals = [s for s in record.signals.values() if s.name in names]
         stamps = signals[0].t if len(signals) == 1 else np.union1d(signals[0].t, signals[1].t)
         motion = simulate_explicit(np.concatenate([theta, initial[i]]), record.t_in, record.tau, stamps)
         if not motion.finite:
@@ -49,11 +49,11 @@ def residuals_of(
     return found
 
 
-def first_states(records: Sequence[Record], names: Sequence[str]) -> Array:
+def first_states(records: Sequence[Segment], names: Sequence[str]) -> Array:
     """Return initial states read off the first samples."""
     states = np.zeros((len(records), 2))
     for i, record in enumerate(records):
-        for signal in record.signals:
+        for signal in record.signals.values():
             if signal.name == record.dof.position:
                 states[i, 0] = signal.values[0]
                 states[i, 1] = np.polyfit(signal.t[:5] - signal.t[0], signal.values[:5], 1)[0]
@@ -62,17 +62,17 @@ def first_states(records: Sequence[Record], names: Sequence[str]) -> Array:
     return states
 
 
-def first_levels(records: Sequence[Record], names: Sequence[str]) -> dict[str, float]:
+def first_levels(records: Sequence[Segment], names: Sequence[str]) -> dict[str, float]:
     """Return noise levels to begin with: the scatter about a parabola through five neighbours."""
     levels = {}
     for name in names:
-        rough = [roughness(s) for r in records for s in r.signals if s.name == name]
+        rough = [roughness(s) for r in records for s in r.signals.values() if s.name == name]
         if rough:
             levels[name] = max(float(np.mean(rough)), 1e-9)
     return levels
 
 
-def quanta_of(records: Sequence[Record], names: Sequence[str]) -> dict[str, float]:
+def quanta_of(records: Sequence[Segment], names: Sequence[str]) -> dict[str, float]:
     """Return the steps of those signals whose rounding is too coarse to pass for Gaussian noise.
 
     Coarse means a step above the signal's own roughness, ``sqrt(sigma**2 + q**2/12)``, that is ``q > 1.04 sigma``;
@@ -81,7 +81,7 @@ def quanta_of(records: Sequence[Record], names: Sequence[str]) -> dict[str, floa
     """
     quanta = {}
     for name, level in first_levels(records, names).items():
-        steps = np.array([s.step for r in records for s in r.signals if s.name == name])
+        steps = np.array([s.step for r in records for s in r.signals.values() if s.name == name])
         finest = float(steps.min())
         if finest > level and np.all(np.abs(steps / finest - np.round(steps / finest)) < SAME_GRID):
             quanta[name] = finest

@@ -15,8 +15,8 @@ import numpy as np
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify.axis.agreement import agreement
 from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.uncertainty import autocorrelation
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["KINDS", "first_names", "objection", "wanted_names"]
 
@@ -31,7 +31,7 @@ SURELY = 3.0
 """Standard errors beyond which scale, lag or bias are not chance."""
 
 
-def wanted_names(records: Sequence[Record], use: Sequence[str]) -> tuple[str, ...]:
+def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, ...]:
     """Return the signal names for an explicit choice like ``("position", "velocity")``.
 
     Raises
@@ -47,22 +47,22 @@ def wanted_names(records: Sequence[Record], use: Sequence[str]) -> tuple[str, ..
     axis = records[0].dof
     names = tuple(getattr(axis, kind) for kind in KINDS if kind in use)
     for record in records:
-        if not any(s.name in names for s in record.signals):
+        if not set(names) & set(record.signals):
             raise MissingChannel(f"run '{record.run}' has no {' or '.join(names)}; leave out use=, or the run")
     return names
 
 
-def first_names(records: Sequence[Record]) -> tuple[str, ...]:
+def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
     """Return the signals of the first fit; both kinds only when different runs have different ones."""
     axis = records[0].dof
     prefer = (axis.velocity, axis.position) if axis.name in ("surge", "sway") else (axis.position, axis.velocity)
     for name in prefer:
-        if all(any(s.name == name for s in r.signals) for r in records):
+        if all(name in r.signals for r in records):
             return (name,)
     return (axis.position, axis.velocity)
 
 
-def objection(records: Sequence[Record], solution: Solution) -> str:
+def objection(records: Sequence[Segment], solution: Solution) -> str:
     """Return why the velocities must not join the fit, empty when nothing speaks against them.
 
     A scale, lag or bias counts when it is too large to be borne and three standard errors from none, those of the

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.objective import Bounds
-from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.identify.result import IsoEstimate
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["DELAYS", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
@@ -41,7 +41,7 @@ LONGEST_DELAY = 2.0
 """Longest delay fitted [s]. Chosen: beyond it a telemetry link is broken, not slow."""
 
 
-def bounds_of(records: Sequence[Record]) -> Bounds:
+def bounds_of(records: Sequence[Segment]) -> Bounds:
     """Return what the sampling can resolve: time constants down to a fifth of a step, delays within the run."""
     step = min(float(np.median(np.diff(r.main.t))) for r in records)
     length = max(float(r.main.t[-1] - r.main.t[0]) for r in records)
@@ -49,7 +49,7 @@ def bounds_of(records: Sequence[Record]) -> Bounds:
     return Bounds(rate=min(5.0 / step, FASTEST), delay=min(LONGEST_DELAY, 0.1 * length), speed=speed)
 
 
-def _speed(record: Record) -> float:
+def _speed(record: Segment) -> float:
     """Return a typical velocity amplitude of a stretch."""
     if record.velocity is not None:
         return float(np.sqrt(2.0) * np.std(record.velocity.values))
@@ -71,7 +71,7 @@ def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Array | None:
     return np.array([1.0 / alpha, beta / alpha, 0.0, delta / alpha, delay])
 
 
-def start_from_scan(records: Sequence[Record], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Array:
+def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Array:
     """Return ``(b, a, c, d, delay)`` with constant drag from a scan over rates and *delays* [s].
 
     Raises
@@ -91,7 +91,7 @@ def start_from_scan(records: Sequence[Record], bounds: Bounds, delays: Sequence[
     return best[1]
 
 
-def misfit(records: Sequence[Record], theta: Array) -> float:
+def misfit(records: Sequence[Segment], theta: Array) -> float:
     """Return the sum of squares left by ``(a, delay)`` of *theta* with everything else fitted linearly."""
     return _linear_fit(records, [_thinned(r.main) for r in records], float(theta[1]), float(theta[4]))[1]
 
@@ -101,7 +101,9 @@ def _thinned(signal: Signal) -> Signal:
     return Signal(signal.name, signal.t[::every], signal.values[::every], signal.step)
 
 
-def _linear_fit(records: Sequence[Record], signals: Sequence[Signal], rate: float, delay: float) -> tuple[Array, float]:
+def _linear_fit(
+    records: Sequence[Segment], signals: Sequence[Signal], rate: float, delay: float
+) -> tuple[Array, float]:
     """Fit ``b``, ``d`` and the initial states for a given rate ``a`` and delay."""
     count = len(records)
     rows, wanted = [], []

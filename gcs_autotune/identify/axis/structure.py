@@ -13,11 +13,11 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.evidence import bic, choose, damps, possible_second_drag
 from gcs_autotune.identify.axis.objective import Bounds, Timing, timing_of
 from gcs_autotune.identify.axis.output_error import Solution, solve
-from gcs_autotune.identify.axis.record import Record, after_delay
 from gcs_autotune.identify.axis.residuals import quanta_of
 from gcs_autotune.identify.axis.start import start_from_scan
 from gcs_autotune.identify.axis.uncertainty import correlation_time, inflation, is_white
 from gcs_autotune.identify.result import Candidate, Decision, Structure
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
 
 __all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]
@@ -59,19 +59,19 @@ class Selection:
     correlation: float
     undecided: bool
     delay_evidence: float
-    records: tuple[Record, ...]
+    records: tuple[Segment, ...]
     with_delay: Solution | None
     rival: Solution | None
 
 
-def model_of(record: Record, theta: Array) -> SingleDof:
+def model_of(record: Segment, theta: Array) -> SingleDof:
     """Return the physical model of ``(b, a, c, d, delay)``."""
     b, a, c, d, delay = (float(v) for v in theta)
-    return SingleDof(record.dof.name, record.input_unit, 1.0 / b, a / b, c / b, d / b, delay)
+    return SingleDof(record.dof.name, record.input_units[0], 1.0 / b, a / b, c / b, d / b, delay)
 
 
 def select(
-    records: Sequence[Record],
+    records: Sequence[Segment],
     names: Sequence[str],
     start: Array,
     bounds: Bounds,
@@ -126,7 +126,7 @@ def select(
 
 @dataclass(frozen=True, slots=True)
 class _Fitter:
-    records: Sequence[Record]
+    records: Sequence[Segment]
     names: Sequence[str]
     bounds: Bounds
     robust: bool
@@ -171,7 +171,7 @@ class _Fitter:
 
     def without(self, seconds: float) -> _Fitter:
         """Return a fitter for the records without their first *seconds*."""
-        return replace(self, records=[after_delay(r, seconds) for r in self.records])
+        return replace(self, records=[r.after(seconds) for r in self.records])
 
 
 def _with_delay(
@@ -239,7 +239,7 @@ def _better(one: Solution | None, other: Solution | None) -> Solution | None:
     return one if one.log_likelihood >= other.log_likelihood else other
 
 
-def _candidate(record: Record, structure: Structure, solution: Solution, bic: float) -> Candidate:
+def _candidate(record: Segment, structure: Structure, solution: Solution, bic: float) -> Candidate:
     return Candidate(
         structure=structure,
         model=model_of(record, solution.craft),

@@ -20,11 +20,12 @@ from gcs_autotune.identify import colour
 from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
 from gcs_autotune.identify.axis.objective import Timing, information_of, timing_of
 from gcs_autotune.identify.axis.output_error import Solution, solve
-from gcs_autotune.identify.axis.record import Record, prepare
 from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.axis.start import bounds_of
 from gcs_autotune.identify.colour import all_white, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.preparation import prepare
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.trial import Trial
@@ -150,7 +151,7 @@ def _physical_columns(residual: Residual, found: Solution, wanted: Sequence[str]
 
 def _with_states_fitted(
     model: SingleDof,
-    records: Sequence[Record],
+    records: Sequence[Segment],
     noise: Mapping[str, float],
     quanta: Mapping[str, float],
     timing: Timing | None,

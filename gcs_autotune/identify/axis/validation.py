@@ -10,11 +10,12 @@ import numpy as np
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.output_error import Solution, solve
-from gcs_autotune.identify.axis.record import Record, prepare
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
 from gcs_autotune.identify.axis.uncertainty import autocorrelation, whiteness
+from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.result import AxisFit, Trace
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.sname import SIGNALS
@@ -47,7 +48,7 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     Raises
     ------
     NotInformative
-        When the model runs away on this input; and as :func:`gcs_autotune.identify.axis.record.prepare`.
+        When the model runs away on this input; and as :func:`gcs_autotune.identify.preparation.prepare`.
     """
     model = fit.model if isinstance(fit, AxisFit) else fit
     return _joined(trial.name, [run_freely(model, record) for record in prepare(trial, model.dof)])
@@ -56,7 +57,7 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
 def free_runs(model: SingleDof, trial: Trial) -> list[Trace]:
     """Return one trace per signal measured, position first; otherwise as :func:`free_run`."""
     records = prepare(trial, model.dof)
-    parts = [run_signals(model, record, tuple(s.name for s in record.signals)) for record in records]
+    parts = [run_signals(model, record, tuple(record.signals)) for record in records]
     names = dict.fromkeys(t.signal for traces in parts for t in traces)
     return [_joined(trial.name, [t for traces in parts for t in traces if t.signal == n]) for n in names]
 
@@ -73,17 +74,17 @@ def _joined(run: str, parts: Sequence[Trace]) -> Trace:
     )
 
 
-def run_freely(model: SingleDof, record: Record) -> Trace:
+def run_freely(model: SingleDof, record: Segment) -> Trace:
     """Simulate one stretch; the position, or else velocity."""
     return run_signals(model, record, first_names([record]))[0]
 
 
-def run_signals(model: SingleDof, record: Record, names: Sequence[str]) -> list[Trace]:
+def run_signals(model: SingleDof, record: Segment, names: Sequence[str]) -> list[Trace]:
     """Simulate one stretch; one trace per signal of *names*, its band 1.96 times the rms residual."""
     found = _with_initial_state(model, record, tuple(names))
     return [
         Trace(
-            record.run,
+            record.name,
             r.signal.t,
             r.signal.values,
             r.signal.values - r.error,
@@ -95,7 +96,7 @@ def run_signals(model: SingleDof, record: Record, names: Sequence[str]) -> list[
     ]
 
 
-def _with_initial_state(model: SingleDof, record: Record, names: tuple[str, ...]) -> Solution:
+def _with_initial_state(model: SingleDof, record: Segment, names: tuple[str, ...]) -> Solution:
     theta = np.array(explicit_parameters(model))
     found = solve([record], names, theta, np.zeros(5, dtype=bool), bounds_of([record]))
     if found is None:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.rounds import Effort
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["run_apart"]
@@ -37,16 +37,16 @@ MISFIT = 1.5
 """And the odd run, simulated with what the others say, misses by this many times their noise at least."""
 
 
-def run_apart(solution: CoupledSolution, records: Sequence[CoupledRecord], limits: Limits) -> Doubt | None:
+def run_apart(solution: CoupledSolution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
     """Return a doubt that names the run which does not belong to the rest, None when all agree."""
-    runs = list(dict.fromkeys(r.run.split("#")[0] for r in records))
+    runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
         return None
     if len(runs) == 2:
         return _two_apart(solution, records, runs, limits)
     best: tuple[float, float, str] | None = None
     for run in runs:
-        rest = [i for i, r in enumerate(records) if r.run.split("#")[0] != run]
+        rest = [i for i, r in enumerate(records) if r.run != run]
         alone = _fitted(solution, records, rest, limits)
         if alone is None:
             continue
@@ -67,12 +67,12 @@ def run_apart(solution: CoupledSolution, records: Sequence[CoupledRecord], limit
 
 
 def _two_apart(
-    solution: CoupledSolution, records: Sequence[CoupledRecord], runs: Sequence[str], limits: Limits
+    solution: CoupledSolution, records: Sequence[Segment], runs: Sequence[str], limits: Limits
 ) -> Doubt | None:
     """Of two runs none can be called the odd one; they can only be called different."""
     relief = np.inf
     for run in runs:
-        alone = _fitted(solution, records, [i for i, r in enumerate(records) if r.run.split("#")[0] == run], limits)
+        alone = _fitted(solution, records, [i for i, r in enumerate(records) if r.run == run], limits)
         if alone is None:
             return None
         relief = min(relief, max(solution.noise[n] / alone.noise[n] for n in alone.noise))
@@ -85,11 +85,11 @@ def _two_apart(
     )
 
 
-def _strangeness(solution: CoupledSolution, records: Sequence[CoupledRecord], runs: Sequence[str]) -> list[float]:
+def _strangeness(solution: CoupledSolution, records: Sequence[Segment], runs: Sequence[str]) -> list[float]:
     """Return minus the logarithm of each run's chance, residuals' correlation allowed for."""
     k, total, parts = len(solution.free), None, []
     for run in runs:
-        mine = [i for i, r in enumerate(records) if r.run.split("#")[0] == run]
+        mine = [i for i, r in enumerate(records) if r.run == run]
         J = np.vstack([J for r, J in zip(solution.residuals, solution.rows, strict=True) if r.record in mine])
         e = np.concatenate([s for r, s in zip(solution.residuals, solution.scores, strict=True) if r.record in mine])
         states = J[:, k:][:, np.any(J[:, k:] != 0.0, axis=0)]
@@ -116,7 +116,7 @@ def _strangeness(solution: CoupledSolution, records: Sequence[CoupledRecord], ru
 
 
 def _fitted(
-    solution: CoupledSolution, records: Sequence[CoupledRecord], chosen: Sequence[int], limits: Limits
+    solution: CoupledSolution, records: Sequence[Segment], chosen: Sequence[int], limits: Limits
 ) -> CoupledSolution | None:
     chosen_records = [records[i] for i in chosen]
     levels = {n: v for n, v in solution.noise.items() if any(n in r.signals for r in chosen_records)}
@@ -124,9 +124,7 @@ def _fitted(
     return solve_coupled(solution.form, chosen_records, solution.theta, initial, limits, levels=levels, effort=QUICK)
 
 
-def _misfit(
-    alone: CoupledSolution, solution: CoupledSolution, records: Sequence[CoupledRecord], own: Sequence[int]
-) -> float:
+def _misfit(alone: CoupledSolution, solution: CoupledSolution, records: Sequence[Segment], own: Sequence[int]) -> float:
     """Return by how many times *alone*'s noise the runs *own* are missed with its parameters, states fitted."""
     initial = [solution.initial[i] for i in own]
     levels = {n: v for n, v in alone.noise.items() if any(n in records[i].signals for i in own)}

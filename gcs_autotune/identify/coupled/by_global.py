@@ -16,9 +16,9 @@ from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.local import Local, local_fit
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
-from gcs_autotune.identify.coupled.record import CoupledRecord, later
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["OPTIONS", "fit_by_global_search"]
@@ -55,7 +55,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     if budget < LEAST:
         raise UsageError(f"a budget of {budget} simulations finds nothing: give {LEAST} or more")
     limits = limits_of(form, case)
-    records = tuple(later(r, form.known.get("delay", 0.0)) for r in case.records)
+    records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
     ground = ground_of(form, records)
     found = search(ground, box_of(ground, limits), budget=budget, seed=seed)
     polished = solve_coupled(
@@ -75,9 +75,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     return fit_of(case, Delayed(Local(polished, records), 0.0), limits, "global", extra)
 
 
-def _from_regression(
-    form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool
-) -> CoupledSolution | None:
+def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> CoupledSolution | None:
     """Return the local fit from the regression's start: with many parameters no affordable search comes near it."""
     try:
         found = local_fit(form, records, limits, robust=robust, whole=True)

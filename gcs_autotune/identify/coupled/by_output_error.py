@@ -16,8 +16,8 @@ from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import local_fit
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
-from gcs_autotune.identify.coupled.record import CoupledRecord, later, within_horizon
 from gcs_autotune.identify.result import Fit, Parameter, Status, Trace
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.sname import SIGNALS
 
@@ -39,10 +39,10 @@ def fit_coupled_by_output_error(case: CoupledCase) -> Fit:
     if case.delay is None and "delay" not in form.parameters:
         chosen = fit_with_delay(form, case.records, limits, robust=case.robust)
     else:
-        records = tuple(later(r, form.known.get("delay", 0.0)) for r in case.records)
+        records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
         horizon = horizon_of(case)
         if horizon is not None:
-            records = tuple(piece for record in records for piece in within_horizon(record, horizon))
+            records = tuple(piece for record in records for piece in record.within(horizon))
         chosen = Delayed(local_fit(form, records, limits, robust=case.robust, whole=horizon is not None), 0.0)
     return fit_of(case, chosen, limits, "output-error")
 
@@ -103,7 +103,7 @@ def fit_of(
     )
 
 
-def _traces(records: Sequence[CoupledRecord], solution: CoupledSolution) -> tuple[Trace, ...]:
+def _traces(records: Sequence[Segment], solution: CoupledSolution) -> tuple[Trace, ...]:
     traces = []
     factor = float(solution.factors.max(initial=1.0))
     for r, rows in zip(solution.residuals, solution.rows, strict=True):
@@ -111,5 +111,5 @@ def _traces(records: Sequence[CoupledRecord], solution: CoupledSolution) -> tupl
         spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows, optimize=True) * factor**2
         band = 1.96 * solution.noise[name] * np.sqrt(1.0 + np.maximum(spread, 0.0))
         fitted = r.signal.values - r.error
-        traces.append(Trace(records[r.record].run, r.signal.t, r.signal.values, fitted, band, name, SIGNALS[name][0]))
+        traces.append(Trace(records[r.record].name, r.signal.t, r.signal.values, fitted, band, name, SIGNALS[name][0]))
     return tuple(traces)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.trial import Trial
 
@@ -22,7 +22,7 @@ class CoupledCase:
     """
 
     form: Form
-    records: tuple[CoupledRecord, ...]
+    records: tuple[Segment, ...]
     delay: float | None
     robust: bool
     names: tuple[str, ...]

@@ -13,9 +13,9 @@ from gcs_autotune.identify.axis.structure import DELAY_EVIDENCE, FIRST_MARGIN, S
 from gcs_autotune.identify.coupled.local import MISFIT, SKETCH, Local, local_fit
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
-from gcs_autotune.identify.coupled.record import CoupledRecord, later
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["Delayed", "fit_with_delay"]
@@ -31,7 +31,7 @@ class Delayed:
     evidence: float
 
 
-def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool) -> Delayed:
+def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Delayed:
     """Fit *form* without a delay, and with one where that may help.
 
     One Gauss-Newton step from no delay tells what a delay could gain at all; only then, or when the residuals are
@@ -46,7 +46,7 @@ def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits,
         return Delayed(plain, gain - price)
     margin = FIRST_MARGIN
     while True:
-        late = tuple(later(r, margin) for r in whole)
+        late = tuple(r.after(margin) for r in whole)
         without = _again(plain, late, limits, robust)
         if without is None:
             return Delayed(plain, 0.0)
@@ -65,7 +65,7 @@ def fit_with_delay(form: Form, records: Sequence[CoupledRecord], limits: Limits,
     return Delayed(plain, evidence)
 
 
-def _again(plain: Local, records: Sequence[CoupledRecord], limits: Limits, robust: bool) -> Local | None:
+def _again(plain: Local, records: Sequence[Segment], limits: Limits, robust: bool) -> Local | None:
     """Fit the same form to records that begin later, from where the fit to the whole ended."""
     if plain.pieces:
         return plain
@@ -77,7 +77,7 @@ def _again(plain: Local, records: Sequence[CoupledRecord], limits: Limits, robus
     return None if found is None else Local(found, tuple(records))
 
 
-def _one_step(plain: CoupledSolution, records: Sequence[CoupledRecord]) -> tuple[float, float]:
+def _one_step(plain: CoupledSolution, records: Sequence[Segment]) -> tuple[float, float]:
     """Return the delay of one Gauss-Newton step from none, and by how much the cost would fall."""
     form = plain.form.freeing("delay")
     theta = np.array([*plain.theta[: len(plain.form.free)], 0.0, *plain.theta[len(plain.form.free) :]])

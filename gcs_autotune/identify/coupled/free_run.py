@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.record import CoupledRecord, prepare_coupled
 from gcs_autotune.identify.least_squares import Local, descend
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Trace
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import CoupledModel, Simulator
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
@@ -26,7 +27,7 @@ multiplies an error of its start many times, and the whole record then has no us
 
 def free_runs(model: CoupledModel, trial: Trial) -> list[Trace]:
     """Return one trace per signal of *trial*, its stretches one after the other."""
-    parts = [run_freely(model, record) for record in prepare_coupled(trial, model.form)]
+    parts = [run_freely(model, record) for record in prepare_form(trial, model.form)]
     names = dict.fromkeys(t.signal for traces in parts for t in traces)
     joined = []
     for name in names:
@@ -45,7 +46,7 @@ def free_runs(model: CoupledModel, trial: Trial) -> list[Trace]:
     return joined
 
 
-def first_state(record: CoupledRecord, states: tuple[str, ...]) -> Array:
+def first_state(record: Segment, states: tuple[str, ...]) -> Array:
     """Guess the state at ``record.start`` from the first samples; 0 where nothing is measured."""
     guess = np.zeros(len(states))
     for i, name in enumerate(states):
@@ -64,7 +65,7 @@ def first_state(record: CoupledRecord, states: tuple[str, ...]) -> Array:
     return guess
 
 
-def run_freely(model: CoupledModel, record: CoupledRecord) -> list[Trace]:
+def run_freely(model: CoupledModel, record: Segment) -> list[Trace]:
     """Simulate one stretch; the bands are 1.96 times each signal's rms residual.
 
     Raises
@@ -88,7 +89,7 @@ def run_freely(model: CoupledModel, record: CoupledRecord) -> list[Trace]:
         signal = record.signals[name]
         rms = float(np.sqrt(np.mean((signal.values - fitted) ** 2)))
         band = np.full(len(fitted), 1.96 * rms)
-        traces.append(Trace(record.run, signal.t, signal.values, fitted, band, name, SIGNALS[name][0]))
+        traces.append(Trace(record.name, signal.t, signal.values, fitted, band, name, SIGNALS[name][0]))
     return traces
 
 
@@ -97,7 +98,7 @@ def _best_start(
     theta: Array,
     x_0: Array,
     columns: Sequence[int],
-    record: CoupledRecord,
+    record: Segment,
     scale: Mapping[str, float],
 ) -> Array:
     """Return *x_0* with its *columns* fitted to the record by damped least squares; as it was when it runs away."""
@@ -121,9 +122,7 @@ def _best_start(
     return fitted
 
 
-def simulated(
-    simulator: Simulator, theta: Array, x_0: Array, record: CoupledRecord
-) -> dict[str, tuple[Array, Array]] | None:
+def simulated(simulator: Simulator, theta: Array, x_0: Array, record: Segment) -> dict[str, tuple[Array, Array]] | None:
     """Return every signal of *record* at its own stamps with sensitivities; None when the motion runs away."""
     stamps = record.stamps
     found = simulator.run(theta, x_0, record.t_in, record.inputs, stamps)
@@ -138,7 +137,7 @@ def simulated(
     return result
 
 
-def _observable(state: str, record: CoupledRecord) -> bool:
+def _observable(state: str, record: Segment) -> bool:
     """Whether a signal of the record answers to this initial state at once."""
     if state in ("x", "y", "z", "phi", "theta", "psi"):
         return state in record.signals or (state == "psi" and ("x" in record.signals or "y" in record.signals))

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.rounds import Effort
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["MISFIT", "SKETCH", "Local", "local_fit"]
@@ -40,13 +40,11 @@ class Local:
     """A fit and the records it was made on; ``pieces``: cut short, because no fit held over whole runs."""
 
     solution: CoupledSolution
-    records: tuple[CoupledRecord, ...]
+    records: tuple[Segment, ...]
     pieces: bool = False
 
 
-def local_fit(
-    form: Form, records: Sequence[CoupledRecord], limits: Limits, *, robust: bool, whole: bool = False
-) -> Local:
+def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool, whole: bool = False) -> Local:
     """Fit *form* from one start after the other until one explains the records down to their noise; the best else.
 
     A free run that diverges from the measured one after a while (a course-unstable craft, runs of different craft, a

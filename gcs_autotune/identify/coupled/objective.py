@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.likelihood import Law
 from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.coupled.free_run import simulated
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import Local
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form, Simulator
 from gcs_autotune.models.coupled.kernel import COS_PSI, ETA, NEAR, SIN_PHI, SIN_PSI, SIN_THETA
 from gcs_autotune.models.coupled.program import program_of
@@ -57,7 +57,7 @@ class Limits:
         return Limits(low, high)
 
 
-def free_states(form: Form, record: CoupledRecord) -> tuple[str, ...]:
+def free_states(form: Form, record: Segment) -> tuple[str, ...]:
     """Return the initial states to fit: all that some measured signal depends on."""
     measured = set(record.signals)
     program = program_of(form)
@@ -90,7 +90,7 @@ class CoupledObjective:
     """
 
     form: Form
-    records: tuple[CoupledRecord, ...]
+    records: tuple[Segment, ...]
     free: tuple[str, ...]
     theta: Array
     initial: tuple[Array, ...]
@@ -210,7 +210,7 @@ class CoupledObjective:
         return wide
 
 
-def first_input(record: CoupledRecord) -> Array:
+def first_input(record: Segment) -> Array:
     """Return the inputs (m,) in force at the record's start."""
     row = int(np.searchsorted(record.t_in, record.start, side="right")) - 1
     first: Array = record.inputs[max(row, 0)]

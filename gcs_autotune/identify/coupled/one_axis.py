@@ -18,11 +18,10 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters
 from gcs_autotune.identify.axis.doubts import OF_THE_RUNS
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Parameter, Status, Structure
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS, Dof
@@ -62,11 +61,11 @@ def coupled_case(case: Case, structure: Structure) -> CoupledCase:
     """Return *case* as a question about a form of one degree of freedom; an unknown delay is taken as none."""
     first = case.records[0]
     form = axis_form(
-        first.dof, first.input_name, structure, normalised=first.input_unit == "1", delay=case.delay or 0.0
+        first.dof, first.input_names[0], structure, normalised=first.input_units[0] == "1", delay=case.delay or 0.0
     )
     return CoupledCase(
         form=form,
-        records=tuple(_record(r, case.use) for r in case.records),
+        records=tuple(_used(r, case.use) for r in case.records),
         delay=case.delay or 0.0,
         robust=case.robust,
         names=case.names,
@@ -75,17 +74,17 @@ def coupled_case(case: Case, structure: Structure) -> CoupledCase:
     )
 
 
-def _record(record: Record, use: object) -> CoupledRecord:
+def _used(segment: Segment, use: object) -> Segment:
+    """Return *segment* with the signals asked for, by name or as ``position`` and ``velocity``."""
     wanted = tuple(use) if isinstance(use, (tuple, list)) else ()
-    names = {record.dof.position: "position", record.dof.velocity: "velocity"}
-    signals = {s.name: s for s in record.signals if not wanted or names[s.name] in wanted or s.name in wanted}
-    return CoupledRecord(record.run, record.t_in, record.tau[:, None], (record.input_unit,), signals, record.doubts)
+    kinds = {segment.dof.position: "position", segment.dof.velocity: "velocity"}
+    return segment.only([n for n in segment.signals if not wanted or kinds[n] in wanted or n in wanted])
 
 
 def axis_fit(case: Case, structure: Structure, fit: Fit) -> AxisFit:
     """Return what a coupled method found for :func:`coupled_case` in the words of one axis."""
     dof: Dof = DOFS[case.records[0].dof.name]
-    model, parameters, covariance = _in_words(dof, case.records[0].input_unit, structure, fit)
+    model, parameters, covariance = _in_words(dof, case.records[0].input_units[0], structure, fit)
     main = case.records[0].main.name
     rms = _left(fit, main)
     return AxisFit(

@@ -18,9 +18,9 @@ from gcs_autotune.identify.axis.objective import information_of
 from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.colour import all_white, correlation_time, scores_covariance
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.rounds import Effort, alternate, errors_of, likeliest
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["THOROUGH", "CoupledSolution", "inflation_of", "near_bound", "solve_coupled"]
@@ -103,7 +103,7 @@ class CoupledSolution:
 
 def solve_coupled(
     form: Form,
-    records: Sequence[CoupledRecord],
+    records: Sequence[Segment],
     theta: Array,
     initial: Sequence[Array],
     limits: Limits,

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Signal
 from gcs_autotune.identify.axis.residuals import roughness
-from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.program import states_of
 from gcs_autotune.sname import DOFS
@@ -44,7 +43,7 @@ class Motion:
     known: NDArray[np.bool_]
 
 
-def smoothed_motion(form: Form, record: CoupledRecord, delay: float = 0.0) -> Motion:
+def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> Motion:
     """Return the smoothed states of *record*, its inputs held and late by *delay* [s]."""
     begin = max(float(s.t[0]) for s in record.signals.values())
     end = min(float(s.t[-1]) for s in record.signals.values())
@@ -120,7 +119,7 @@ def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], fl
     return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(left**2))
 
 
-def first_levels_of(records: Sequence[CoupledRecord]) -> dict[str, float]:
+def first_levels_of(records: Sequence[Segment]) -> dict[str, float]:
     """Return noise levels to begin with, per signal name: the scatter about a parabola through neighbours."""
     names = dict.fromkeys(n for r in records for n in r.signals)
     rough = {n: [roughness(r.signals[n]) for r in records if n in r.signals] for n in names}

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.likelihood import gaussian_laws
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits, first_input
-from gcs_autotune.identify.coupled.record import CoupledRecord, pieces_of
 from gcs_autotune.identify.coupled.regression import Regression, regression_of
 from gcs_autotune.identify.coupled.smoothing import Motion, first_levels_of, smoothed_motion
 from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import inertia_of
 
@@ -52,7 +52,7 @@ class Ground:
     """
 
     form: Form
-    records: tuple[CoupledRecord, ...]
+    records: tuple[Segment, ...]
     motions: tuple[Motion, ...]
     regression: Regression
     initial: tuple[Array, ...]
@@ -87,7 +87,7 @@ class Ground:
                 high[name] = -LIGHTEST * (scale or 1.0)
         return limits.within(Limits({}, high)).within(physical(self.form))
 
-    def pieces(self) -> tuple[tuple[CoupledRecord, ...], tuple[Array, ...]]:
+    def pieces(self) -> tuple[tuple[Segment, ...], tuple[Array, ...]]:
         """Return the records cut into short pieces, and the smoothed state each begins with."""
         pieces, initial = [], []
         for record, motion in zip(self.records, self.motions, strict=True):
@@ -115,7 +115,7 @@ class Ground:
         return r.with_values(np.clip(values, low, high))
 
 
-def ground_of(form: Form, records: Sequence[CoupledRecord], delay: float | None = None) -> Ground:
+def ground_of(form: Form, records: Sequence[Segment], delay: float | None = None) -> Ground:
     """Look at *records* once; *delay* [s] is where a free delay begins."""
     known = form.known.get("delay", 0.0) if delay is None else delay
     motions = tuple(smoothed_motion(form, record, known) for record in records)
@@ -127,7 +127,7 @@ def ground_of(form: Form, records: Sequence[CoupledRecord], delay: float | None 
     return Ground(form, tuple(records), motions, regression, initial, rough, levels)
 
 
-def _lagged(x_0: Array, record: CoupledRecord, form: Form) -> Array:
+def _lagged(x_0: Array, record: Segment, form: Form) -> Array:
     k = 2 * len(form.dofs)
     if len(x_0) > k:
         x_0[k:] = first_input(record)
@@ -138,5 +138,5 @@ def _has_rigid_body(form: Form) -> bool:
     return any(name in form.known for name in ("m", "I_x", "I_y", "I_z"))
 
 
-def _pieces(record: CoupledRecord) -> Iterator[CoupledRecord]:
-    return pieces_of(record, max(1, min(PIECES, len(record.stamps) // SHORTEST)))
+def _pieces(record: Segment) -> Iterator[Segment]:
+    return record.pieces(max(1, min(PIECES, len(record.stamps) // SHORTEST)))

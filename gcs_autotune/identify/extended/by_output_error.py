@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
 from gcs_autotune.identify.axis.residuals import rounding_error
+from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
 from gcs_autotune.identify.coupled.fit_doubts import fit_percent_of, general_doubts
 from gcs_autotune.identify.coupled.output_error import CoupledSolution
-from gcs_autotune.identify.extended.base import fit_base, given_base
 from gcs_autotune.identify.extended.climb import with_effects
 from gcs_autotune.identify.extended.doubts import effect_doubts
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.solution import solution_of
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
 from gcs_autotune.identify.extended.wish import Wish, label_of
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.sname import SIGNALS
@@ -62,13 +62,13 @@ def fit_with_effects(case: ExtendedCase) -> Fit:
     form = start.base.form if start is not None else case.form or plain_form(case.runs, case.dof)
     if case.delay:
         form = form.fixing({"delay": case.delay})
-    stretches, doubts = stretches_of(case.runs, form, case.use)
+    segments, doubts = prepare_as_recorded(case.runs, form, case.use)
     if start is None:
-        problem, fitted = fit_base(form, stretches)
+        problem, fitted = fit_base(form, segments)
     else:
         values = {**start.base.values, **form.known}
         base = CoupledModel(form, {n: values[n] for n in form.parameters})
-        problem, _, fitted = given_base(base, start.effects, stretches)
+        problem, _, fitted = given_base(base, start.effects, segments)
     fitted = with_effects(problem, fitted, case.wishes)
     fitted = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
     return _told(case, problem, fitted, doubts)
@@ -143,6 +143,6 @@ def _traces(problem: Problem, fitted: Fitted, solution: CoupledSolution) -> tupl
             J = next(rows)
             spread = np.einsum("ij,jk,ik->i", J, solution.whole, J, optimize=True) * factor**2
             band[good] *= np.sqrt(1.0 + np.maximum(spread, 0.0))
-        run, unit = problem.stretches[rest.stretch].record.run, SIGNALS[rest.signal][0]
+        run, unit = problem.segments[rest.segment].run, SIGNALS[rest.signal][0]
         traces.append(Trace(run, rest.t, rest.measured, rest.predicted, band, rest.signal, unit))
     return tuple(traces)

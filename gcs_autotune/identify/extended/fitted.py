@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """What is left of one signal of one stretch: stamps, measured, predicted (n,), and the residual as judged;
+    """What is left of one signal of one segment: stamps, measured, predicted (n,), and the residual as judged;
     ``penalty`` what a judging disturbance adds to minus twice the log-likelihood, ``fold`` which part was left out.
     """
 
-    stretch: int
+    segment: int
     signal: str
     t: Array
     measured: Array
@@ -37,7 +37,7 @@ class Rest:
 class Fitted:
     """A fitted model.
 
-    ``theta`` (p,), ``effects``, ``initial`` (n,) per stretch; ``cost`` minus twice the log-likelihood (up to a
+    ``theta`` (p,), ``effects``, ``initial`` (n,) per segment; ``cost`` minus twice the log-likelihood (up to a
     constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
     were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
     for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated midway turned

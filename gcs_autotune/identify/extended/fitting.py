@@ -1,7 +1,7 @@
 """Fitting a model with effects by output error: every signal's noise level is part of the likelihood.
 
 Minus twice the log-likelihood with the noise levels at their best is ``sum_s n_s log(RSS_s / n_s)``; its Gauss-Newton
-step is that of least squares weighted with ``n_s / RSS_s``. Initial states are fitted per stretch. Where changes of the
+step is that of least squares weighted with ``n_s / RSS_s``. Initial states are fitted per segment. Where changes of the
 inputs are dated midway between two messages (decision 3), so is one shift of all their stamps, no farther than the
 messages allow: a misdating is no effect of the craft's. What tells it from a delay is only that it is small.
 """
@@ -17,9 +17,9 @@ from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, in_order
 from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
-from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.identify.extended.task import Task, judged_by, typical_of
 from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["FLOOR", "Fitted", "Problem", "Rest", "judged_by", "typical_of"]
@@ -44,7 +44,7 @@ LESSONS = 3
 
 
 class Problem:
-    """Stretches and a form, ready to fit with any effects.
+    """Segments and a form, ready to fit with any effects.
 
     Parameters
     ----------
@@ -55,28 +55,28 @@ class Problem:
     def __init__(
         self,
         form: Form,
-        stretches: Sequence[Stretch],
+        segments: Sequence[Segment],
         scene: DataSummary,
         limits: Limits,
         free: Sequence[str] | None = None,
         held: Collection[tuple[str, str, str]] = (),
     ) -> None:
         self.form = form
-        self.stretches = tuple(stretches)
+        self.segments = tuple(segments)
         self.scene = scene
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
         self.held = frozenset(held)
         self.floors = {n: FLOOR * min(s, _way(n, scene)) for n, s in scene.spread.items()}
-        self.dating = max((s.dating for s in stretches), default=0.0)
+        self.dating = max((s.dating for s in segments), default=0.0)
 
-    def on(self, stretches: Sequence[Stretch], free: Sequence[str] | None = None) -> Problem:
-        """Return the same problem on other stretches (or with other base parameters free)."""
-        return Problem(self.form, stretches, self.scene, self.limits, self.free if free is None else free, self.held)
+    def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
+        """Return the same problem on other segments (or with other base parameters free)."""
+        return Problem(self.form, segments, self.scene, self.limits, self.free if free is None else free, self.held)
 
     def holding(self, free: Sequence[str], held: Collection[tuple[str, str, str]]) -> Problem:
         """Return the same problem with the base parameters *free* only, and the numbers *held* of effects known."""
-        return Problem(self.form, self.stretches, self.scene, self.limits, free, held)
+        return Problem(self.form, self.segments, self.scene, self.limits, free, held)
 
     def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
         """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""
@@ -122,15 +122,15 @@ class Problem:
         theta, effects, initial, _ = task.unpack(np.clip(task.pack() + by, low, high))
         return theta, effects, tuple(initial)
 
-    def first_states(self, stretches: Sequence[Stretch]) -> tuple[Array, ...]:
-        """Return initial states of any stretches, read off their first samples."""
-        return ground_of(self.form, [s.record for s in stretches]).initial
+    def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
+        """Return initial states of any segments, read off their first samples."""
+        return ground_of(self.form, segments).initial
 
     def states(
         self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0
     ) -> Fitted | None:
-        """Fit the initial states (and the shift of input stamps) only: how a given model predicts these stretches."""
-        alone = self.on(self.stretches, free=())
+        """Fit the initial states (and the shift of input stamps) only: how a given model predicts these segments."""
+        alone = self.on(self.segments, free=())
         return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
 
 

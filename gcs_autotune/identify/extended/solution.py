@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.likelihood import gaussian_laws
-from gcs_autotune.identify.axis.record import Signal
 from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.coupled.output_error import CoupledSolution, inflation_of, near_bound
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import label_of
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.segment import Signal
 
 __all__ = ["solution_of"]
 
@@ -36,9 +36,9 @@ def solution_of(problem: Problem, fitted: Fitted) -> CoupledSolution:
         at += count
         if count == 0:
             continue
-        step = problem.stretches[rest.stretch].record.signals[rest.signal].step
+        step = problem.segments[rest.segment].signals[rest.signal].step
         signal = Signal(rest.signal, rest.t[good], rest.measured[good], step)
-        residuals.append(Residual(rest.stretch, signal, rest.judged[good], J))
+        residuals.append(Residual(rest.segment, signal, rest.judged[good], J))
         rows.append(J)
         scores.append(rest.judged[good] / levels[rest.signal])
     low, high = problem.edges(fitted.effects, fitted.free_effects)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, Leftover, horizon
 from gcs_autotune.identify.coupled.objective import free_states
 from gcs_autotune.identify.extended.fitted import Fitted, Rest
-from gcs_autotune.identify.extended.stretches import Stretch
 from gcs_autotune.identify.least_squares import Local
+from gcs_autotune.identify.segment import Segment
 
 if TYPE_CHECKING:
     from gcs_autotune.identify.extended.fitting import Problem
@@ -28,7 +28,7 @@ REMEMBERED = 2
 """Places whose residuals are kept."""
 
 REACH = 1.5
-"""How far a shift of input stamps may go, in units of ``Stretch.dating``: to the end of what the messages allow, and a
+"""How far a shift of input stamps may go, in units of ``Segment.dating``: to the end of what the messages allow, and a
 little beyond for an autopilot that acts on its next loop only."""
 
 
@@ -89,8 +89,8 @@ class Task:
         used = len(self.places) + len(self.free_effects)
         self.shared = used
         by_names: dict[tuple[str, ...], ExtendedSimulator] = {}
-        for stretch in problem.stretches:
-            names = self._states(stretch)
+        for segment in problem.segments:
+            names = self._states(segment)
             if names not in by_names:
                 by_names[names] = ExtendedSimulator(
                     problem.form, effects, problem.free, self.free_effects, names, typical
@@ -104,9 +104,9 @@ class Task:
         if self.dated:
             self.columns = [np.r_[own, used] for own in self.columns]
 
-    def _states(self, stretch: Stretch) -> tuple[str, ...]:
+    def _states(self, segment: Segment) -> tuple[str, ...]:
         form = ExtendedSimulator(self.problem.form, self.effects).form
-        names = free_states(form, stretch.record)
+        names = free_states(form, segment)
         return tuple(n for n in names if not n.startswith("lagged"))
 
     def pack(self) -> Array:
@@ -152,21 +152,21 @@ class Task:
         """Return what is left of every signal, Jacobians of the prediction (n, own columns), and penalties."""
         theta, effects, initial, shift = self.unpack(x)
         rests, tables, penalty = [], [], 0.0
-        for i, stretch in enumerate(self.problem.stretches):
-            simulator, passage = self.simulators[i], stretch.late(shift)
+        for i, segment in enumerate(self.problem.segments):
+            simulator, passage = self.simulators[i], segment.passage_at(shift)
             found = simulator.run(theta, effects, initial[i], passage, sensitivities=sensitivities)
             if found is None:
                 return None
             if sensitivities and self.dated:
                 h = STEP * horizon(self.problem.scene)[1]  # a delay's own: the two must not look different
-                later = simulator.run(theta, effects, initial[i], stretch.late(shift + h))
+                later = simulator.run(theta, effects, initial[i], segment.passage_at(shift + h))
                 if later is None:
                     return None
                 found = {n: (y, np.column_stack([by, (later[n][0] - y) / h])) for n, (y, by) in found.items()}
-            for name, signal in stretch.record.signals.items():
+            for name, signal in segment.signals.items():
                 predicted, by = found[name]
                 error = signal.values - predicted
-                left = Leftover(stretch.run, name, signal.t, error, signal.values, self._level(name))
+                left = Leftover(segment.run, name, signal.t, error, signal.values, self._level(name))
                 error, columns, fee = judged_by(effects, left, by)
                 penalty += fee
                 rests.append(Rest(i, name, signal.t, signal.values, predicted, error, fee))
@@ -196,7 +196,7 @@ class Task:
             weight = n / (sums[rest.signal] + n * floor**2)
             good = np.isfinite(rest.judged)
             e, own = rest.judged[good], J[good]
-            at = self.columns[rest.stretch]
+            at = self.columns[rest.segment]
             gradient[at] -= weight * (own.T @ e)
             curvature[np.ix_(at, at)] += weight * (own.T @ own)
         if not np.isfinite(cost) or not np.all(np.isfinite(gradient)):
@@ -223,8 +223,8 @@ class Task:
         rests = found[0]
         sums, counts = self._sums(rests)
         levels = {n: max(float(np.sqrt(sums[n] / max(counts[n], 1))), self.problem.floors[n]) for n in sums}
-        runs = self.problem.stretches
-        left = [Leftover(runs[r.stretch].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
+        runs = self.problem.segments
+        left = [Leftover(runs[r.segment].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in rests]
         self.effects = tuple(EFFECTS[e.slug].learn(e, left) if EFFECTS[e.slug].is_disturbance else e for e in effects)
         self._recent.clear()
         self.theta, self.initial, self.shift, self.levels = theta, tuple(initial), shift, levels
@@ -245,7 +245,7 @@ class Task:
         for rest, J in zip(rests, tables, strict=True):
             good = np.isfinite(rest.judged)
             wide = np.zeros((int(good.sum()), self.size))
-            wide[:, self.columns[rest.stretch]] = J[good] / levels[rest.signal]
+            wide[:, self.columns[rest.segment]] = J[good] / levels[rest.signal]
             rows.append(wide)
         theta, effects, initial, shift = self.unpack(x)
         slack = slack_of(self.problem.dating)

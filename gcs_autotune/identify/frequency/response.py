@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.validation import run_freely
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.single_dof import SingleDof
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -136,13 +136,13 @@ class Sampled:
         return self.dt * len(self.nu)
 
 
-def trusted(record: Record) -> Signal:
+def trusted(record: Segment) -> Signal:
     """Return the signal of *record* that a fit of its degree of freedom trusts first."""
     name = first_names([record])[0]
     return next((s for s in record.signals if s.name == name), record.main)
 
 
-def sampled(record: Record, model: SingleDof | None = None) -> Sampled:
+def sampled(record: Segment, model: SingleDof | None = None) -> Sampled:
     """Return *record* on the grid of its median time step.
 
     Between samples the signal is taken as straight; with stamps as uneven as telemetry's that shows near half the
@@ -165,7 +165,7 @@ def sampled(record: Record, model: SingleDof | None = None) -> Sampled:
     return Sampled(step, np.diff(_impulse(record, grid)) / step, nu, derived)
 
 
-def _impulse(record: Record, t: Array) -> Array:
+def _impulse(record: Segment, t: Array) -> Array:
     """Return the integral of the held input up to *t*, exactly; the first value holds before its stamp too."""
     area = np.concatenate([[0.0], np.cumsum(record.tau[:-1] * np.diff(record.t_in))])
     i = np.maximum(np.searchsorted(record.t_in, t, side="right") - 1, 0)

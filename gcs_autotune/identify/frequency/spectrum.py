@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.record import Record, Signal, prepare
 from gcs_autotune.identify.frequency.nomoto import fit_nomoto
 from gcs_autotune.identify.frequency.response import FrequencyResponse, Sampled, mending, sampled, together, trusted
+from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.limit_cycle import Settled, settled_cycles
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.nomoto import Nomoto1
 from gcs_autotune.models.single_dof import SingleDof
 from gcs_autotune.sname import Dof
@@ -76,7 +77,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.axis.record.prepare`; NotInformative, too, when the runs are too short for a
+        As :func:`gcs_autotune.identify.preparation.prepare`; NotInformative, too, when the runs are too short for a
         single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
@@ -103,7 +104,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     return found
 
 
-def constant_force(records: Sequence[Record], alpha: float, beta: float) -> tuple[float, float]:
+def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tuple[float, float]:
     """Return the constant force of linear motion and its standard error.
 
     It balances the means of inertia, drag and input over any stretch; :data:`BLOCKS` of each record tell the scatter.
@@ -119,7 +120,7 @@ def constant_force(records: Sequence[Record], alpha: float, beta: float) -> tupl
     return float(np.mean(forces)), float(np.std(forces, ddof=1) / np.sqrt(len(forces)))
 
 
-def _model(found: FrequencyResponse, records: Sequence[Record]) -> SingleDof | None:
+def _model(found: FrequencyResponse, records: Sequence[Segment]) -> SingleDof | None:
     """Return the first-order model of *found*; None when there is none that can be simulated."""
     strong = found.at((found.input_power >= STRONG) & (found.coherence > 1.0 / found.averages))
     try:
@@ -209,7 +210,7 @@ def harmonic_response(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.axis.record.prepare`; NotInformative, too, when no limit cycle has two whole
+        As :func:`gcs_autotune.identify.preparation.prepare`; NotInformative, too, when no limit cycle has two whole
         periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
@@ -228,7 +229,7 @@ def harmonic_response(
     return together(parts)
 
 
-def _of_cycle(record: Record, settled: Settled, harmonics: Sequence[int]) -> FrequencyResponse | None:
+def _of_cycle(record: Segment, settled: Settled, harmonics: Sequence[int]) -> FrequencyResponse | None:
     signal = trusted(record)
     U, Y = [], []
     for start, end in itertools.pairwise(settled.edges):
@@ -280,7 +281,7 @@ def _series(signal: Signal, start: float, end: float, harmonics: Sequence[int]) 
     return coefficients
 
 
-def _held_series(record: Record, start: float, end: float, harmonics: Sequence[int]) -> Complex:
+def _held_series(record: Segment, start: float, end: float, harmonics: Sequence[int]) -> Complex:
     """Return the same coefficients of the held input, by exact integration."""
     inside = (record.t_in > start) & (record.t_in < end)
     edges = np.concatenate([[start], record.t_in[inside], [end]])

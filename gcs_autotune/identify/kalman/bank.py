@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.program import program_of, states_of
 
@@ -31,7 +31,7 @@ _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 class Track:
     """One record: ``stamps`` (s,), samples ``Y`` (s, m) with NaN where a signal has none, inputs as in the record."""
 
-    record: CoupledRecord
+    record: Segment
     stamps: Array
     Y: Array
 
@@ -93,7 +93,7 @@ class Bank:
     free : names of the parameters carried in the filter's state; none for a filter with known parameters.
     """
 
-    def __init__(self, form: Form, records: Sequence[CoupledRecord], free: Sequence[str]) -> None:
+    def __init__(self, form: Form, records: Sequence[Segment], free: Sequence[str]) -> None:
         self.form = form
         self.program = program_of(form)
         self.states = states_of(form)
@@ -187,7 +187,7 @@ class Bank:
         return Smoothed(tuple(trajectories), tuple(variances), by_noise, by_drive)
 
 
-def _track(record: CoupledRecord, signals: Sequence[str]) -> Track:
+def _track(record: Segment, signals: Sequence[str]) -> Track:
     stamps = record.stamps
     holes = np.flatnonzero(np.diff(stamps) > LONGEST)
     between = [

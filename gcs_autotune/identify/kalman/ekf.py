@@ -161,7 +161,7 @@ def _history(task: Task, passed: Passed) -> dict[str, Any]:
         std = np.sqrt(np.diagonal(tape.covariance[at], axis1=1, axis2=2))
         runs.append(
             {
-                "run": track.record.run,
+                "run": track.record.name,
                 "t": track.stamps[at].tolist(),
                 "value": {f: tape.mean[at, n + i].tolist() for i, f in enumerate(task.bank.free)},
                 "std": {f: std[:, n + i].tolist() for i, f in enumerate(task.bank.free)},

@@ -109,7 +109,7 @@ def _innovations(task: Task, last: Passed) -> dict[str, Any]:
                 "error": tape.e[at, j].tolist(),
                 "std": np.sqrt(tape.S[at, j]).tolist(),
             }
-        runs[track.record.run] = own
+        runs[track.record.name] = own
     return runs
 
 

@@ -164,7 +164,7 @@ def _smoothed(task: Task, smoothed: Smoothed) -> list[dict[str, Any]]:
         at = thinned(np.arange(len(track.stamps)))
         runs.append(
             {
-                "run": track.record.run,
+                "run": track.record.name,
                 "t": track.stamps[at].tolist(),
                 "value": {s: path[at, i].tolist() for i, s in enumerate(task.bank.states)},
                 "std": {s: np.sqrt(var[at, i]).tolist() for i, s in enumerate(task.bank.states)},

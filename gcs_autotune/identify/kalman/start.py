@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Signal
 from gcs_autotune.identify.coupled.free_run import first_state
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
+from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
@@ -106,7 +105,7 @@ def rough_noise(signal: Signal) -> float:
     return max(1.4826 * float(np.median(np.abs(off))), least)
 
 
-def smoothed_motion(form: Form, record: CoupledRecord, signals: Sequence[str] = ()) -> Motion:
+def smoothed_motion(form: Form, record: Segment, signals: Sequence[str] = ()) -> Motion:
     """Smooth one record with velocities that walk at random; *signals* gives the order of ``noise`` (m,)."""
     walk = Form(
         name="walk",
@@ -267,7 +266,7 @@ def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: M
         theta[names.index(name)] = -max(rough[place] - without[place, place], 0.1 * rough[place]) if diagonal else 0.0
 
 
-def _spread(form: Form, record: CoupledRecord, motion: Motion) -> Array:
+def _spread(form: Form, record: Segment, motion: Motion) -> Array:
     names = states_of(form)
     k = 2 * len(form.dofs)
     spread = np.zeros(len(names))
@@ -276,7 +275,7 @@ def _spread(form: Form, record: CoupledRecord, motion: Motion) -> Array:
     return spread
 
 
-def _spread_of(names: Sequence[str], record: CoupledRecord) -> Array:
+def _spread_of(names: Sequence[str], record: Segment) -> Array:
     """Return the standard deviations (n,) assumed of the first state: wide against noise, of the size of the motion."""
     spread = np.zeros(len(names))
     speed = 0.0

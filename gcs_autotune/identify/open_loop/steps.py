@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Record, Signal
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.open_loop.readings import Hold, LocalFit, Reading, find_holds, local_fit
+from gcs_autotune.identify.segment import Segment, Signal
 
 __all__ = ["SETTLED", "StepReading", "read_steps"]
 
@@ -67,14 +67,14 @@ class StepReading:
         return math.isfinite(self.knee.value)
 
 
-def read_steps(records: Sequence[Record]) -> tuple[StepReading, ...]:
+def read_steps(records: Sequence[Segment]) -> tuple[StepReading, ...]:
     """Return every hold of the input, long enough to be read, with what its response shows."""
     name = first_names(records)[0]
     return tuple(s for record in records for s in _of_record(record, name))
 
 
-def _of_record(record: Record, name: str) -> list[StepReading]:
-    signal = next((s for s in record.signals if s.name == name), record.main)
+def _of_record(record: Segment, name: str) -> list[StepReading]:
+    signal = record.signals.get(name, record.main)
     is_position = signal.name == record.dof.position
     end = float(signal.t[-1])
     holds = find_holds(record.t_in, record.tau, end)
@@ -98,7 +98,7 @@ class _Reader:
         is_position: bool,
         hold: Hold,
         previous: tuple[Hold, LocalFit | None] | None,
-        record: Record,
+        record: Segment,
     ) -> None:
         self.hold, self.record, self.is_position = hold, record, is_position
         self.previous = previous

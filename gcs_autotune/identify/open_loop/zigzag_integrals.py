@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Record
 from gcs_autotune.identify.open_loop.readings import local_fit, rate_of
 from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.trial import Channel
 
 __all__ = ["HalfPeriodValues", "Instant", "Rows", "find_instants", "half_periods", "rows_of", "solve_rows"]
@@ -52,7 +52,7 @@ class Instant:
     kind: str
 
 
-def find_instants(record: Record, log: ShipLog, executes: Sequence[Execute]) -> tuple[Instant, ...]:
+def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) -> tuple[Instant, ...]:
     """Return start, extremes and crossings in order of time."""
     found: list[Instant] = []
     first = executes[0]
@@ -108,7 +108,7 @@ def _crossing(t: Array, psi: Array, level: float) -> float | None:
     return float(t[i]) + (float((level - psi[i]) / step * (t[i + 1] - t[i])) if step else 0.0)
 
 
-def _peak(record: Record, at: float, within: tuple[float, float], width: float) -> float:
+def _peak(record: Segment, at: float, within: tuple[float, float], width: float) -> float:
     """Return when the yaw rate vanishes near *at*, from the local polynomial about it."""
     assert record.position is not None
     t, psi = record.position.t, record.position.values
@@ -127,7 +127,7 @@ def _turning(log: ShipLog, before: float, t: float) -> float:
     return math.copysign(1.0, float(then[1] - then[0]))
 
 
-def _start(record: Record, log: ShipLog, first: Execute) -> Instant | None:
+def _start(record: Segment, log: ShipLog, first: Execute) -> Instant | None:
     """Return the state when the first order was given, from a line through the approach."""
     assert record.position is not None
     t, psi = log.heading(-np.inf, first.t)
@@ -139,7 +139,7 @@ def _start(record: Record, log: ShipLog, first: Execute) -> Instant | None:
     return Instant(first.t, float(fit.coefficients[0]), float(fit.coefficients[1]), c[::-1, ::-1], "start")
 
 
-def _instant(record: Record, at: float, within: tuple[float, float], width: float, kind: str) -> Instant | None:
+def _instant(record: Segment, at: float, within: tuple[float, float], width: float, kind: str) -> Instant | None:
     """Return heading and rate about *at* from a local cubic, the rate from its own sensor when that is surer."""
     assert record.position is not None
     low, high = max(within[0], at - 0.5 * width), min(within[1], at + 0.5 * width)
@@ -190,7 +190,7 @@ class HalfPeriodValues:
     beta: float
 
 
-def rows_of(record: Record, delay: float = 0.0) -> Rows | None:
+def rows_of(record: Segment, delay: float = 0.0) -> Rows | None:
     """Return the integrated equations of a record; None when it holds no zig-zag with a heading."""
     if record.position is None:
         return None
@@ -198,7 +198,7 @@ def rows_of(record: Record, delay: float = 0.0) -> Rows | None:
     end = float(t[-1])
     log = ShipLog(
         record.run,
-        Channel(record.input_name, record.input_unit, record.t_in + delay, record.tau),
+        Channel(record.input_names[0], record.input_units[0], record.t_in + delay, record.tau),
         t,
         psi,
         record.position.step,
@@ -232,7 +232,7 @@ def _impulse(t_in: Array, tau: Array, when: Array) -> Array:
     return result
 
 
-def _rate_power(record: Record, when: Array) -> Array:
+def _rate_power(record: Segment, when: Array) -> Array:
     """Return the integral of |r| r to each instant, r from its sensor or from the heading's local slope."""
     if record.velocity is not None:
         t, r = record.velocity.t, record.velocity.values

@@ -26,9 +26,9 @@ from gcs_autotune import chi_square
 from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
 from gcs_autotune.identify.colour import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.identify.coupled.objective import CoupledObjective
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["Agreement", "Estimate", "Joint", "Part", "agreements", "combined", "fit_jointly"]
@@ -114,7 +114,7 @@ class Part:
 
     form: Form
     names: tuple[str, ...]
-    records: tuple[CoupledRecord, ...]
+    records: tuple[Segment, ...]
     noise: Mapping[str, float]
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.door import fit
 from gcs_autotune.identify.plan.combine import Agreement, Estimate, Joint, Part, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, Step
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
 from gcs_autotune.identify.validate import Validation, validate
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
@@ -298,7 +298,7 @@ def _part(step: Step, runs: Sequence[Trial], found: Fit, values: Mapping[str, fl
     known = {n: values.get(n, step.form.start.get(n, math.nan)) for n in step.held if n not in seen}
     form = step.form.fixing(known)
     form = form if step.delay == 0.0 else form.fixing({"delay": step.delay})
-    records = tuple(r for run in runs for r in prepare_coupled(run, form, step.signals or None))
+    records = tuple(r for run in runs for r in prepare_form(run, form, step.signals or None))
     return Part(form, tuple(step.global_name(n) for n in form.free), records, found.noise)
 
 

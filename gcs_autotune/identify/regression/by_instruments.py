@@ -20,7 +20,6 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.colour import scores_covariance
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import as_simulated
@@ -31,6 +30,7 @@ from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
 from gcs_autotune.identify.regression.solver import Estimate, information
 from gcs_autotune.identify.regression.spread import NoiseDraw, excess_doubt, raised
 from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
 
@@ -97,7 +97,7 @@ class _Instruments:
     jacobian: Array
 
 
-def _simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array) -> _Instruments:
+def _simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> _Instruments:
     """Return the instruments of *theta*; NotInformative when a run cannot be simulated."""
     found = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
     if found is None:
@@ -106,7 +106,7 @@ def _simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array) -
 
 
 def _refined(
-    recipe: Recipe, records: Sequence[CoupledRecord], first: Estimate, draws: Sequence[NoiseDraw]
+    recipe: Recipe, records: Sequence[Segment], first: Estimate, draws: Sequence[NoiseDraw]
 ) -> tuple[Estimate, int]:
     equations, f = first.equations, len(first.equations.free)
     theta, trusted = first.theta.copy(), _simulated(recipe, records, first.theta)
@@ -137,7 +137,7 @@ def _refined(
     return raised(estimate, Z, bread, recipe.errors(draws, theta), base), rounds
 
 
-def _moved(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array, step: Array) -> tuple[Array, _Instruments]:
+def _moved(recipe: Recipe, records: Sequence[Segment], theta: Array, step: Array) -> tuple[Array, _Instruments]:
     """Take the longest of *step*, half of it ... whose model can be simulated."""
     for halving in range(HALVINGS):
         there = theta.copy()

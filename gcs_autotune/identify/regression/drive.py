@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.record import CoupledRecord
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form, kernel
 from gcs_autotune.models.coupled.program import program_of
 
@@ -20,7 +20,7 @@ __all__ = ["drives_of"]
 Array = NDArray[np.float64]
 
 
-def drives_of(record: CoupledRecord, form: Form, t: Array, step: float) -> Array:
+def drives_of(record: Segment, form: Form, t: Array, step: float) -> Array:
     """Return the product of the input factors of every term of *form* (n, T) about each of *t*; 1 for none."""
     program = program_of(form)
     stamps = record.t_in + form.known.get("delay", 0.0)

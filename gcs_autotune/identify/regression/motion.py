@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS, Smooth
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form, kernel
 from gcs_autotune.models.coupled.program import program_of
 from gcs_autotune.registry import lookup
@@ -50,7 +50,7 @@ class Motion:
 
 
 def motion_of(
-    record: CoupledRecord,
+    record: Segment,
     form: Form,
     derivative: str = "smoothing",
     settings: Mapping[str, float] | None = None,
@@ -95,7 +95,7 @@ def motion_of(
     )
 
 
-def _grid(record: CoupledRecord) -> tuple[Array, float]:
+def _grid(record: Segment) -> tuple[Array, float]:
     signals = record.signals.values()
     begin, end = max(float(s.t[0]) for s in signals), min(float(s.t[-1]) for s in signals)
     step = min(float(np.median(np.diff(s.t))) for s in signals)
@@ -108,7 +108,7 @@ def _grid(record: CoupledRecord) -> tuple[Array, float]:
     return np.linspace(begin, end, n), (end - begin) / (n - 1)
 
 
-def _angles_needed(record: CoupledRecord, form: Form) -> None:
+def _angles_needed(record: Segment, form: Form) -> None:
     """Refuse forms that need a position or an angle nobody measured."""
     program = program_of(form)
     codes = {int(c) for c in program.factors.ravel()}
@@ -124,7 +124,7 @@ def _angles_needed(record: CoupledRecord, form: Form) -> None:
 
 def _turning(
     form: Form,
-    record: CoupledRecord,
+    record: Segment,
     smooth: Mapping[str, Smooth],
     t: Array,
     step: float,
@@ -162,7 +162,7 @@ def _turning(
 
 def _moving(
     form: Form,
-    record: CoupledRecord,
+    record: Segment,
     smooth: Mapping[str, Smooth],
     t: Array,
     eta: Array,
@@ -219,7 +219,7 @@ def _rotation(eta: Array) -> Array:
     return np.array(rows).transpose(2, 0, 1)
 
 
-def _unseen(record: CoupledRecord, form: Form, velocity: str, position: str) -> MissingChannel:
+def _unseen(record: Segment, form: Form, velocity: str, position: str) -> MissingChannel:
     return MissingChannel(
         f"least squares of '{form.name}' needs the velocity {velocity}, or {position} to find it from; run "
         f"'{record.run}' gives it {', '.join(record.signals)}. Name more signals (use), or take output-error"

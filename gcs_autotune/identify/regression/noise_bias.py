@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify.coupled.free_run import run_freely
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.outcome import model_of
 from gcs_autotune.identify.regression.recipe import Recipe
 from gcs_autotune.identify.regression.solver import Estimate, solve
 from gcs_autotune.identify.regression.spread import with_noise
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import Segment
 
 __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 
@@ -37,7 +37,7 @@ NAMED = 3
 """Parameters named in the doubt."""
 
 
-def as_simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array) -> list[CoupledRecord]:
+def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:
     """Return *records* with the signals of a free run of the model instead of the measured ones.
 
     Raises
@@ -57,7 +57,7 @@ def as_simulated(recipe: Recipe, records: Sequence[CoupledRecord], theta: Array)
 def noise_bias(
     estimate: Estimate,
     recipe: Recipe,
-    records: Sequence[CoupledRecord],
+    records: Sequence[Segment],
     motions: Sequence[Motion],
     *,
     robust: bool = False,

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.regression.motion import Motion, motion_of
 from gcs_autotune.identify.regression.rows import EQUATIONS, Rows, rows_of
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import NoiseDraw, draw_noise, raised
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
@@ -58,12 +58,12 @@ class Recipe:
     window: float = 0.0
     settings: tuple[Mapping[str, float], ...] = ()
 
-    def motions(self, records: Sequence[CoupledRecord]) -> tuple[Motion, ...]:
+    def motions(self, records: Sequence[Segment]) -> tuple[Motion, ...]:
         """Return the smoothed motion of every record."""
         given = self.settings or (None,) * len(records)
         return tuple(motion_of(r, self.form, self.derivative, s) for r, s in zip(records, given, strict=True))
 
-    def rows(self, records: Sequence[CoupledRecord], motions: Sequence[Motion] | None = None) -> list[Rows]:
+    def rows(self, records: Sequence[Segment], motions: Sequence[Motion] | None = None) -> list[Rows]:
         """Return the rows of every record."""
         found = motions or self.motions(records)
         return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)]
@@ -79,7 +79,7 @@ class Recipe:
         bread = inverse_of(estimate.information)
         return raised(estimate, J, bread, self.errors(draws, estimate.theta), estimate.errors)
 
-    def equations(self, records: Sequence[CoupledRecord], motions: Sequence[Motion] | None = None) -> Equations:
+    def equations(self, records: Sequence[Segment], motions: Sequence[Motion] | None = None) -> Equations:
         """Return the equations of all records."""
         return Equations.of(self.form, self.rows(records, motions))
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.record import CoupledRecord
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form, kernel
 from gcs_autotune.models.coupled.kernel import Program
 from gcs_autotune.models.coupled.program import program_of
@@ -46,7 +46,7 @@ class Rows:
     E: Array
 
 
-def rows_of(record: CoupledRecord, form: Form, motion: Motion, equation: str, window: float) -> Rows:
+def rows_of(record: Segment, form: Form, motion: Motion, equation: str, window: float) -> Rows:
     """Return the rows of one stretch.
 
     window : length [s] of the bump of ``integral``.

@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.optimize import minimize_scalar
 
-from gcs_autotune.identify.axis.record import Signal
+from gcs_autotune.identify.segment import Signal
 
 __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spline"]
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.record import Record, prepare
+from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.iso import is_valid
 from gcs_autotune.identify.result import LimitCycle
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
 
@@ -217,12 +218,12 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, NotInformative, BadFile
-        As :func:`gcs_autotune.identify.axis.record.prepare`.
+        As :func:`gcs_autotune.identify.preparation.prepare`.
     """
     return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
 
 
-def settled_cycles(trial: Trial, record: Record) -> list[Settled]:
+def settled_cycles(trial: Trial, record: Segment) -> list[Settled]:
     """Return the limit cycles in *record*, a stretch of *trial*, with the times of their periods."""
     told = trial.meta.get("x_a")
     x_a = float(told) if isinstance(told, (int, float)) else None
@@ -232,7 +233,7 @@ def settled_cycles(trial: Trial, record: Record) -> list[Settled]:
 
 
 def cycles_of(
-    record: Record, x_a: float | None = None, marked: Sequence[float] = (), *, declared: bool = False
+    record: Segment, x_a: float | None = None, marked: Sequence[float] = (), *, declared: bool = False
 ) -> list[Settled]:
     """Return the limit cycles in one stretch.
 
@@ -263,7 +264,7 @@ def _is_relay(halves: Sequence[HalfPeriod]) -> bool:
     return max(float(np.median(np.abs(s - np.median(s)))) for s in (one, other)) < RELAY_SPREAD * apart
 
 
-def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
+def _position(record: Segment, switchings: Array) -> tuple[Array, Array, float]:
     """Return stamps, position, and the mean velocity taken out of it.
 
     Without a position, and in surge and sway whose ``x`` and ``y`` need not be ahead and starboard, it is the
@@ -284,7 +285,7 @@ def _position(record: Record, switchings: Array) -> tuple[Array, Array, float]:
     return t, area - nu_0 * (t - t[0]), nu_0
 
 
-def _switchings(record: Record, marked: Sequence[float] = ()) -> Array:
+def _switchings(record: Segment, marked: Sequence[float] = ()) -> Array:
     """Return when the input crosses the middle of its two positions, the return to neutral at the end left out.
 
     A relay that stops at a switching goes on to neutral at once: only its mark tells that crossing from a mere return.
@@ -298,7 +299,7 @@ def _switchings(record: Record, marked: Sequence[float] = ()) -> Array:
     return switched[:-1] if _ends_at_neutral(record, switched) else switched
 
 
-def _ends_at_neutral(record: Record, switched: Array) -> bool:
+def _ends_at_neutral(record: Segment, switched: Array) -> bool:
     """Whether the last crossing is no switching: what the input is held at from there on is not the relay's level."""
     if len(switched) < 3:
         return False
@@ -308,19 +309,19 @@ def _ends_at_neutral(record: Record, switched: Array) -> bool:
     return abs(after - same) > NEUTRAL * abs(same - other)
 
 
-def _held_longest(record: Record, start: float, end: float) -> float:
+def _held_longest(record: Segment, start: float, end: float) -> float:
     """Return the value the input is held at for longest between two times."""
     edges, values = _holds(record, start, end)
     return float(values[int(np.argmax(np.diff(edges)))])
 
 
-def _holds(record: Record, start: float, end: float) -> tuple[Array, Array]:
+def _holds(record: Segment, start: float, end: float) -> tuple[Array, Array]:
     """Return the input's values (n,) between two times and the times (n + 1,) that bound them."""
     edges = np.concatenate([[start], record.t_in[(record.t_in > start) & (record.t_in < end)], [end]])
     return edges, record.tau[np.searchsorted(record.t_in, edges[:-1], side="right") - 1]
 
 
-def _half_periods(t: Array, x: Array, record: Record, switchings: Array) -> list[HalfPeriod]:
+def _half_periods(t: Array, x: Array, record: Segment, switchings: Array) -> list[HalfPeriod]:
     inside = switchings[(switchings >= t[0]) & (switchings <= t[-1])]
     at = np.interp(inside, t, x)
     halves = []
@@ -335,7 +336,7 @@ def _half_periods(t: Array, x: Array, record: Record, switchings: Array) -> list
     return halves
 
 
-def _level(record: Record, start: float, end: float) -> float | None:
+def _level(record: Segment, start: float, end: float) -> float | None:
     """Return the input's level in a half period, None when it is not held for four fifths of it."""
     edges, values = _holds(record, start, end)
     held = np.diff(edges)

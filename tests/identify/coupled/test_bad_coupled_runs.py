@@ -11,7 +11,7 @@ from coupled_plants import BOAT, horizontal, levels, sail
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.identify import Fit, fit
-from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.models.coupled import FORMS
 from gcs_autotune.trial import Channel, Trial
 
@@ -69,7 +69,7 @@ def test_gaps_restarts_missing_and_late_samples_in_one_file_are_all_told_and_bor
 
 def test_repeated_stamps_are_dropped_and_said(runs: list[Trial]) -> None:
     doubled = spoilt(runs[0], lambda c: dataclasses.replace(c, t=np.repeat(c.t, 2), values=np.repeat(c.values, 2)))
-    (twice,), (once,) = prepare_coupled(doubled, FORM), prepare_coupled(runs[0], FORM)
+    (twice,), (once,) = prepare_form(doubled, FORM), prepare_form(runs[0], FORM)
     assert "repeated-stamps" in {d.slug for d in twice.notes}
     assert all(np.array_equal(twice.signals[n].values, once.signals[n].values) for n in once.signals)
 
@@ -120,7 +120,7 @@ def test_positions_at_one_hertz_go_with_a_compass_at_ten() -> None:
 
     form = FORM.without(*(n for n in FORM.free if not PLAIN.get(n)))
     runs = [slow(sailed(seed, PLAIN, 24.0)) for seed in (21,)]
-    parts = prepare_coupled(runs[0], form)
+    parts = prepare_form(runs[0], form)
     assert [len(p.signals["x"].t) for p in parts] == [24]
     found = fit(runs, form, delay=0.0)
     assert is_right(found)

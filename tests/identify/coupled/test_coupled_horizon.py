@@ -7,7 +7,7 @@ import pytest
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.coupled.record import prepare_coupled, within_horizon
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.trial import Channel, Trial
 
@@ -46,12 +46,12 @@ def test_an_unstable_craft_with_waves_is_found_over_a_horizon() -> None:
 
 
 def test_pieces_are_no_longer_than_the_horizon_and_lose_no_sample() -> None:
-    (record,) = prepare_coupled(zig_zag(3), FORM)
-    pieces = within_horizon(record, 20.0)
+    (record,) = prepare_form(zig_zag(3), FORM)
+    pieces = record.within(20.0)
     assert len(pieces) == 6
     assert all(p.stamps[-1] - p.start <= 20.0 for p in pieces)
     assert sum(len(p.signals["psi"].t) for p in pieces) == len(record.signals["psi"].t)
-    assert len(within_horizon(record, np.inf)) == 1
+    assert len(record.within(np.inf)) == 1
 
 
 def test_a_horizon_that_is_no_time_is_refused() -> None:

@@ -13,8 +13,8 @@ from gcs_autotune.identify import fit
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.output_error import solve_coupled
-from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.models.coupled import form_from
 from gcs_autotune.trial import Channel, Trial
 
@@ -39,7 +39,7 @@ def run() -> Trial:
 
 def test_it_finds_the_truth_where_a_local_fit_from_a_bad_start_does_not(run: Trial) -> None:
     bad = {"K_pdot": -8.0, "K_p": -0.5, "K_phi": -8.0}
-    records = prepare_coupled(run, FORM)
+    records = prepare_form(run, FORM)
     ground = ground_of(FORM, records)
     limits = limits_of(FORM, CoupledCase(FORM, records, 0.0, False, (run.name,)))
     start = np.array([bad[n] for n in FORM.parameters])

@@ -8,8 +8,8 @@ import numpy as np
 from towed_boats import yaw_run
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.identify.extended.base import fit_base
-from gcs_autotune.identify.extended.stretches import plain_form, stretches_of
+from gcs_autotune.identify.base_model import fit_base, plain_form
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.trial import Trial
 
 STEP = 0.1
@@ -29,7 +29,7 @@ def dated_midway(trial: Trial) -> Trial:
 def test_the_base_finds_the_shift_of_its_stamps() -> None:
     runs = [dated_midway(yaw_run(seed, {})) for seed in (1, 2)]
     form = plain_form(runs)
-    _, fitted = fit_base(form, stretches_of(runs, form)[0])
+    _, fitted = fit_base(form, prepare_as_recorded(runs, form)[0])
     std = float(np.sqrt(fitted.covariance()[-1, -1]))
     assert abs(fitted.shift - 0.5 * STEP) < 3.0 * std < 0.2 * STEP
 

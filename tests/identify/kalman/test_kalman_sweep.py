@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.trial import Channel, Trial
 
@@ -40,7 +40,7 @@ def record(seed: int = 0):
             "psi": Channel("psi", "rad", t_psi, np.interp(t_psi, grid, psi) + 0.01 * rng.standard_normal(20)),
         },
     )
-    return prepare_coupled(run, FORM)[0]
+    return prepare_form(run, FORM)[0]
 
 
 def textbook(rec, inertia: float = INERTIA, drag: float = DRAG, q: float = Q):

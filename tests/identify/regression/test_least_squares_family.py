@@ -8,8 +8,8 @@ from regression_plants import TRUTH, M, camera_run, coupled, velocity_run, yaw_r
 
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.coupled.record import prepare_coupled
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import motion_of
 from gcs_autotune.models.coupled import Form
@@ -154,7 +154,7 @@ def test_the_acceleration_regression_is_the_papers_for_one_axis():
     run = yaw_run((8.0, 2.6, 0.0), (0.4, 0.17), step=0.1, noise=0.001, rate_noise=0.002, duration=100.0)
     found = fit(run, "linear", "least-squares", dof="yaw", equation="derivative", use=("velocity",))
     form = Form("yaw", "", ("yaw",), ("N_rdot", "N_r", "N_0"), {}, {"N": (("N", 1.0),)})
-    (record,) = prepare_coupled(run, form, ("r",))
+    (record,) = prepare_form(run, form, ("r",))
     motion = motion_of(record, form)
     tau = drives_of(record, form, motion.t, motion.step)[:, 0]
     Phi = np.column_stack([-motion.nu[:, 5], tau, np.ones(len(tau))])[2:-2]

@@ -8,7 +8,7 @@ from regression_plants import TRUTH, coupled, s_manoeuvre, velocity_run, videora
 
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import motion_of
 from gcs_autotune.identify.regression.rows import force_columns, inertia_columns
@@ -46,7 +46,7 @@ def test_velocities_from_camera_positions_are_those_of_the_body():
     t, S, tau = s_manoeuvre(2.0, 0.06)
     names = {"x": S[:, 0], "y": S[:, 1], "psi": S[:, 2], "X": tau[:, 0], "N": tau[:, 1]}
     trial = Trial("clean", {n: Channel(n, "rad" if n == "psi" else "m", t, v) for n, v in names.items()})
-    (record,) = prepare_coupled(trial, coupled())
+    (record,) = prepare_form(trial, coupled())
     motion = motion_of(record, coupled())
     for j, column in ((0, 3), (1, 4), (5, 5)):
         assert np.std(motion.nu[5:-5, j] - S[5:-5, column]) < 0.02 * np.std(S[:, column])
@@ -66,7 +66,7 @@ def test_turning_rates_of_a_rolling_craft_follow_from_its_angles():
     angles = {"phi": phi, "theta": theta, "psi": psi}
     channels = {n: Channel(n, "rad", t, v) for n, v in angles.items()}
     channels["N"] = Channel("N", "N m", t, np.sign(np.sin(t)))
-    (record,) = prepare_coupled(Trial("roll", channels), form)
+    (record,) = prepare_form(Trial("roll", channels), form)
     motion = motion_of(record, form)
     found = np.column_stack([np.interp(t, motion.t, motion.nu[:, j]) for j in (3, 4, 5)])
     assert np.abs(found - np.column_stack([p, q, r]))[10:-10].max() < 2e-3
@@ -74,7 +74,7 @@ def test_turning_rates_of_a_rolling_craft_follow_from_its_angles():
 
 def test_inputs_keep_their_impulse_and_their_delay():
     form = coupled().fixing({"delay": 0.33})
-    (record,) = prepare_coupled(velocity_run(0, 2.0, 0.06, 0.0), form)
+    (record,) = prepare_form(velocity_run(0, 2.0, 0.06, 0.0), form)
     t = np.arange(1.0, 35.0, 0.1)
     drives = drives_of(record, form, t, 0.1)
     edge = np.flatnonzero(np.abs(np.diff(drives[:, 1])) > 0.0)
@@ -88,7 +88,7 @@ def test_a_lag_is_the_exact_first_order_answer():
     form = coupled().fixing({"lag": 0.4})
     trial = velocity_run(0, 2.0, 0.06, 0.0, duration=10.0)
     channels = {**trial.channels, "N": Channel("N", "N m", t_in, np.array([0.0, 1.0, 0.0]))}
-    (record,) = prepare_coupled(Trial("lag", channels), form)
+    (record,) = prepare_form(Trial("lag", channels), form)
     t = np.arange(0.1, 5.0, 0.05)
     found = drives_of(record, form, t, 0.05)[:, 1]
     rise = 1.0 - np.exp(-(t - 1.0) / 0.4)

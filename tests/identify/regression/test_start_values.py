@@ -9,12 +9,12 @@ import pytest
 from regression_plants import TRUTH, coupled, velocity_run
 
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.record import prepare_coupled
+from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression import start_values
 
 
 def case_of(trial, form, **change) -> CoupledCase:
-    return replace(CoupledCase(form, prepare_coupled(trial, form), None, False, (trial.name,)), **change)
+    return replace(CoupledCase(form, prepare_form(trial, form), None, False, (trial.name,)), **change)
 
 
 def test_they_are_near_the_truth():

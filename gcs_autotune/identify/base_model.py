@@ -1,0 +1,283 @@
+"""The base model: the plain simulation everything else is measured against, and what is known of runs before a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import DataSummary, EffectInstance
+from gcs_autotune.errors import MissingChannel, NotInformative
+from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.coupled.objective import Limits
+from gcs_autotune.identify.coupled.smoothing import first_levels_of
+from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.preparation import INPUTS
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
+from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
+from gcs_autotune.models.coupled.derivatives import inertia_of
+from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = ["THRUSTERS", "asked_for", "base_limits", "fit_base", "given_base", "overlooked", "plain_form", "scene_of"]
+
+Array = NDArray[np.float64]
+
+STEERED_BY_ANGLE = "delta"
+
+THRUSTERS = ("force_left", "force_right")
+"""Channels of a boat steered by two fixed thrusters, as in the form ``twin-thruster``."""
+
+TRACK = {"x", "y", "psi"}
+"""Signals that show surge and sway where no speed is recorded."""
+
+
+def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
+    """Return the base model: the degrees of freedom in the file, uncoupled, with linear damping.
+
+    dof : names joined by commas, to look at these only, or that of a shipped form (``horizontal``) for all it has;
+        None: what the records say they swung, else all there are.
+
+    A track (x, y and the heading) without speeds shows surge and sway too, where something drives the heading.
+
+    Raises
+    ------
+    MissingChannel
+        No degree of freedom has both something that drives it and something measured.
+    """
+    there = {n for run in runs for n, c in run.channels.items() if len(c) >= MIN_SAMPLES}
+    varies = {
+        n for run in runs for n, c in run.channels.items() if len(c) and np.ptp(c.values[np.isfinite(c.values)]) > 0
+    }
+    asked = asked_for(runs, dof)
+    if set(THRUSTERS) <= there:
+        return _twin_thruster(asked, there)
+    steered = any(c in varies for c in INPUTS["yaw"]) and (asked is None or "yaw" in asked)
+    track = steered and TRACK <= there and not {"u", "v"} & there
+    pushed = {n for run in runs for n, c in run.channels.items() if len(c) and np.any(c.values)} if track else set()
+    dofs, inputs, free = [], {}, []
+    for name in ("surge", "sway", "heave", "roll", "pitch", "yaw"):
+        d = DOFS[name]
+        drives = [c for c in INPUTS[name] if c in there]
+        drive = next((c for c in drives if c in varies), None)
+        if drive is None and name == "surge":
+            drive = next((c for c in drives if c in pushed), None)
+        seen = {d.velocity, d.position} & there
+        if name == "surge" and d.velocity not in there and "psi" in there and not track:
+            seen = set()
+        if (asked is not None and name not in asked) or drive is None or not seen:
+            continue
+        dofs.append(name)
+        inputs[drive] = ((d.force, 1.0),)
+        free += [f"{d.force}_{d.velocity}dot", f"{d.force}_{d.velocity}"]
+    known = {}
+    adrift = "sway" not in dofs and {"surge", "yaw"} <= set(dofs) and ("v" in there or track)
+    if adrift and (asked is None or "sway" in asked):
+        dofs.insert(1, "sway")
+        known["Y_vdot"] = -1.0
+        free.append("Y_v")
+    if not dofs:
+        have = ", ".join(sorted(there)) or "nothing"
+        raise MissingChannel(
+            "no degree of freedom has both a varying input and a measured motion (for yaw: N[N m] or delta[rad] with "
+            f"psi[rad] or r[rad/s]; surge: X and u; heave: Z and z or w); the runs have {have}"
+        )
+    title = "uncoupled, linear damping: " + ", ".join(dofs)
+    return Form("plain", title, tuple(dofs), tuple(free), known, inputs, coriolis=False)
+
+
+def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
+    """Return the degrees of freedom to look at, see :func:`plain_form`; None for all there are.
+
+    Raises
+    ------
+    MissingChannel
+        A name that is neither a degree of freedom nor a shipped form.
+    """
+    if dof is None:
+        return swung(runs)
+    names = [d.strip() for d in dof.split(",")]
+    strange = [d for d in names if d not in DOFS and d not in FORMS]
+    if strange:
+        raise MissingChannel(
+            f"no degree of freedom called {', '.join(strange)}; there are {', '.join(DOFS)}, and for several at once "
+            f"{', '.join(FORMS)}"
+        )
+    return list(dict.fromkeys(d for n in names for d in (FORMS[n].dofs if n in FORMS else (n,))))
+
+
+def overlooked(
+    runs: Sequence[Trial], form: Form, dof: str | None, use: Sequence[str] | None, segments: Sequence[Segment]
+) -> list[Doubt]:
+    """Return a doubt for what was asked for, or recorded of the plane, and could not be looked at."""
+    asked = asked_for(runs, dof)
+    found = []
+    missing = [d for d in asked or () if d not in form.dofs] if dof is not None else []
+    if missing:
+        columns = "; ".join(
+            f"{d}: {' or '.join(INPUTS[d])} and {DOFS[d].velocity} or {DOFS[d].position}" for d in missing
+        )
+        found.append(
+            Doubt(
+                "not-looked-at",
+                f"{', '.join(missing)} was asked for and not looked at: nothing recorded drives and shows it",
+                f"record what is wanted of it ({columns})",
+            )
+        )
+    compared = {n for s in segments for n in s.signals}
+    moving = {
+        n for run in runs for n in ("x", "y") if n in run and len(run[n]) >= MIN_SAMPLES and np.ptp(run[n].values) > 0.0
+    }
+    left = sorted(moving - compared)
+    if left and use is None and (asked is None or {"surge", "sway"} & set(asked)):
+        found.append(
+            Doubt(
+                "not-looked-at",
+                f"{' and '.join(left)} were recorded and not compared: this model does not move on the plane with what "
+                "was recorded, so what happens to the track alone was not seen",
+                "record the thrust (X) and the speeds u and v, or only x, y and psi beside X and N",
+            )
+        )
+    return found
+
+
+def swung(runs: Sequence[Trial]) -> list[str] | None:
+    """Return the degree of freedom the records of all *runs* say was swung; None when not all say the same.
+
+    The others were kept still by a controller meanwhile: what they tell is how well it did.
+    """
+    told = {run.meta.get("dof") for run in runs}
+    return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
+
+
+def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
+    left, right = THRUSTERS
+    dofs = [d for d in ("surge", "yaw") if DOFS[d].velocity in there or (d == "yaw" and "psi" in there)]
+    dofs = [d for d in dofs if asked is None or d in asked]
+    inputs: dict[str, tuple[tuple[str, float | str], ...]] = {left: (), right: ()}
+    free: list[str] = []
+    if "surge" in dofs:
+        inputs = {c: (*g, ("X", 1.0)) for c, g in inputs.items()}
+        free += ["X_udot", "X_u"]
+    if "yaw" in dofs:
+        inputs = {left: (*inputs[left], ("N", "k_N")), right: (*inputs[right], ("N", "-k_N"))}
+        free += ["k_N", "N_r"]
+    known = {"I_z": 1.0} if "yaw" in dofs else {}
+    if not dofs:
+        raise MissingChannel(f"two thrusters are recorded, but none of u, r, psi: {', '.join(sorted(there))}")
+    return Form("plain", "two fixed thrusters, linear damping", tuple(dofs), tuple(free), known, inputs, coriolis=False)
+
+
+def scene_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
+    """Return what may be known of the runs before any effect is fitted; *base*: values of the base model."""
+    signals = {n: SIGNALS[n][0] for r in segments for n in r.signals}
+    units = dict(zip(form.inputs, segments[0].input_units, strict=True))
+    values = {n: np.concatenate([r.signals[n].values for r in segments if n in r.signals]) for n in signals}
+    measured: dict[str, list[Array]] = {}
+    for segment in {s.run: s for s in segments}.values():
+        for name, channel in segment.measured.items():
+            good = channel.values[np.isfinite(channel.values)]
+            if len(good):
+                measured.setdefault(name, []).append(good)
+    joined = {n: np.concatenate(parts) for n, parts in measured.items()}
+    steps = [float(np.median(np.diff(s.t))) for r in segments for s in r.signals.values() if len(s.t) > 1]
+    inertia = [(f"{DOFS[d].force}_{DOFS[d].velocity}") for d in form.dofs]
+    paces = [abs(base[f"{n}dot"] / base[n]) for n in inertia if base and base.get(n) and f"{n}dot" in base]
+    return DataSummary(
+        form=form,
+        inputs=units,
+        signals=signals,
+        amplitude={
+            n: max(float(np.abs(s.inputs[:, s.input_names.index(n)]).max()) for s in segments) for n in form.inputs
+        },
+        spread={n: max(float(np.std(v)), 1e-12) for n, v in values.items()},
+        level=first_levels_of(segments),
+        channels=frozenset(joined),
+        interval=float(np.median(steps)),
+        pace=float(np.clip(max(paces, default=1.0), 1e-2, 1e3)),
+        duration=max(float(r.stamps[-1]) - r.start for r in segments),
+        quantum={n: max(r.signals[n].step for r in segments if n in r.signals) for n in signals},
+        extent={n: (float(v.min()), float(v.max())) for n, v in joined.items()},
+        rms={n: float(np.sqrt(np.mean(v**2))) for n, v in joined.items()},
+        base=dict(base or {}),
+        runs=tuple(dict.fromkeys(s.run for s in segments)),
+        lags={n: max(s.lags.get(n, 0.0) for s in segments) for n in signals},
+    )
+
+
+def base_limits(form: Form) -> Limits:
+    """Return the limits of the base's parameters: inertia positive, drag that damps; either sign behind a rudder."""
+    limits = physical(form)
+    rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
+    low = {n: v for n, v in limits.low.items() if n[0] not in rows}
+    high = {n: v for n, v in limits.high.items() if n[0] not in rows}
+    for name in list(high):
+        if name.endswith("dot") and inertia_of(name) is not None:
+            high[name] = -1e-9
+    return Limits(low, high)
+
+
+def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tuple[Problem, Fitted]:
+    """Fit *form* from several starts, *trials* steps each, and return the problem and the best fit.
+
+    Raises
+    ------
+    NotInformative
+        From no start can the base model follow these runs.
+    """
+    limits = base_limits(form)
+    ground = ground_of(form, segments)
+    problem = Problem(form, segments, scene_of(form, segments), limits)
+    best: Fitted | None = None
+    with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
+        starts = list(ground.starts(limits))
+    for theta in starts:
+        low, high = limits.of(form.parameters)
+        found = problem.fit(np.clip(theta, low, high), (), ground.initial, trials=trials)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+    if best is None:
+        raise NotInformative(
+            f"no simulation of '{form.title}' follows these runs: check columns and units, or give --dof with less"
+        )
+    return _known(form, segments, limits, best), best
+
+
+def given_base(
+    model: CoupledModel, effects: Sequence[EffectInstance], segments: Sequence[Segment]
+) -> tuple[Problem, Fitted | None, Fitted]:
+    """Return the problem, the fit of a model taken as it is (initial states only), and the same model refitted.
+
+    The model as it is None when it runs away on these runs. Refitted from its own numbers and, where these may be
+    wrong, from the starts of any fit: a number far off must not hold the others in a valley of their own.
+
+    Raises
+    ------
+    NotInformative
+        From no start can the model follow these runs.
+    """
+    form, limits = model.form, base_limits(model.form)
+    problem = Problem(form, segments, scene_of(form, segments, model.values), limits)
+    ground = ground_of(form, segments)
+    low, high = limits.of(form.parameters)
+    with np.errstate(over="ignore", invalid="ignore"):
+        given = problem.states(model.theta, effects, ground.initial)
+        begins = [(model.theta, given.initial if given else ground.initial, given.shift if given else 0.0)]
+        begins += [(np.clip(theta, low, high), ground.initial, 0.0) for theta in ground.starts(limits)]
+        fits = [problem.fit(theta, effects, initial, shift=shift) for theta, initial, shift in begins]
+    best = min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
+    if best is None:
+        raise NotInformative(
+            f"the model '{form.title}' runs away on these runs, whatever its numbers: is it about this craft, in these "
+            "units?"
+        )
+    return _known(form, segments, limits, best), given, best
+
+
+def _known(form: Form, segments: Sequence[Segment], limits: Limits, fitted: Fitted) -> Problem:
+    """Return the problem with the base's values in the scene."""
+    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
+    return Problem(form, segments, scene_of(form, segments, values), limits)

@@ -1,0 +1,432 @@
+"""Recorded runs made into segments: channels chosen, cleaned, unwrapped, cut at gaps.
+
+Nothing is resampled or smoothed, and what was removed is counted and noted as a doubt. Three ask for segments: a fit of
+one degree of freedom (:func:`prepare`), of a form (:func:`prepare_form`), and one with effects
+(:func:`prepare_as_recorded`), which mends nothing, for a wrong unit or sign is what a diagnosis is to find.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
+from gcs_autotune.identify.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
+from gcs_autotune.identify.cleaning import clean, holes_of, noted, outside, quantum, unwrap, within_range
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.registry import lookup
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = [
+    "INPUTS",
+    "WITHIN_LOOP",
+    "guess_dof",
+    "prepare",
+    "prepare_as_recorded",
+    "prepare_form",
+    "signals_of",
+]
+
+Array = NDArray[np.float64]
+
+INPUTS: dict[str, tuple[str, ...]] = {
+    "yaw": ("N", "delta"),
+    "heave": ("Z",),
+    "surge": ("X",),
+    "sway": ("Y",),
+    "roll": ("K",),
+    "pitch": ("M",),
+}
+"""Degree of freedom -> channels that may drive it, preferred first."""
+
+WITHIN_LOOP = 0.25
+"""Chosen: share of an autopilot's loop by which outputs and attitudes of one loop may differ in time."""
+
+GAP_SECONDS, GAP_STEPS = 1.0, 10.0
+"""A hole longer than both (seconds, median steps) starts a new segment with free initial state."""
+
+TRANSITION = 4.0
+"""Standard deviation of a velocity over its noise that makes a transition."""
+
+SETTLED = 2.0
+"""Standard deviation of its second half over the noise up to which it has settled."""
+
+TURN_RATES = ("p", "q", "r")
+"""Signals that have passed the autopilot's gyro filter."""
+
+FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
+
+_VELOCITIES = frozenset(d.velocity for d in DOFS.values())
+
+
+def signals_of(form: Form) -> tuple[str, ...]:
+    """Return the names of the signals a form predicts: velocities, then positions."""
+    dofs = [DOFS[d] for d in form.dofs]
+    return (*(d.velocity for d in dofs), *(d.position for d in dofs))
+
+
+def guess_dof(trial: Trial) -> Dof:
+    """Return the degree of freedom a run is about, from its meta data or from what moves in it.
+
+    Raises
+    ------
+    MissingChannel
+        No pair of input and output.
+    UsageError
+        More than one pair whose input varies.
+    """
+    told = trial.meta.get("dof")
+    if isinstance(told, str) and told in DOFS:
+        return DOFS[told]
+    pairs = [d for d in DOFS.values() if _input_names(trial, d) and _output_names(trial, d)]
+    moving = [d for d in pairs if any(_varies(trial[n]) for n in _input_names(trial, d))]
+    if len(moving) == 1:
+        return moving[0]
+    have = ", ".join(trial.channels) or "nothing"
+    if not pairs:
+        raise MissingChannel(
+            f"run '{trial.name}' has no input with its output; it has {have}. Needed is a pair like "
+            "N (or delta) with psi or r, Z with z or w, X with u or x, Y with v or y"
+        )
+    if not moving:
+        if len(pairs) == 1:
+            return pairs[0]
+        raise NotInformative(f"no input of run '{trial.name}' ever changes: nothing can be learnt from it")
+    names = ", ".join(d.name for d in moving)
+    raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): say which with --dof")
+
+
+def _input_names(trial: Trial, dof: Dof) -> list[str]:
+    return [n for n in INPUTS[dof.name] if n in trial and len(trial[n])]
+
+
+def _output_names(trial: Trial, dof: Dof) -> list[str]:
+    other = (DISTANCE,) if dof.name == "surge" else ()
+    return [n for n in (dof.position, dof.velocity, *other) if n in trial and len(trial[n])]
+
+
+def _varies(channel: Channel) -> bool:
+    return bool(np.nanmin(channel.values) < np.nanmax(channel.values)) if len(channel) else False
+
+
+def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
+    """Return the usable segments of *trial* for one degree of freedom.
+
+    Raises
+    ------
+    MissingChannel
+        No input or no output for this degree of freedom.
+    BadFile
+        Stamps that run backwards.
+    NotInformative
+        Too few samples, a constant input, or an output that never moves.
+    """
+    axis = lookup(DOFS, dof, "degree of freedom") if isinstance(dof, str) else dof
+    measured = trial
+    trial = with_distance_ahead(trial) if axis.name == "surge" else trial
+    names, outputs = _input_names(trial, axis), _output_names(trial, axis)
+    if not names or not outputs:
+        want = f"{' or '.join(INPUTS[axis.name])} with {axis.position} or {axis.velocity}"
+        raise MissingChannel(
+            f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
+        )
+    source = next((n for n in names if _varies(trial[n])), names[0])
+    doubt = ahead_doubt(trial) if trial is not measured else None
+    notes = [*noted(trial), *([] if doubt is None else [doubt])]
+    drive = clean(trial[source], trial.name, notes)
+    rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
+    position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
+    if position is not None and rate is None and trial is measured:
+        position = projected_track(trial, axis, position, notes)
+    hidden = holes_of(drive, trial.name, notes)
+    rate = None if rate is None else outside(rate, hidden)
+    position = None if position is None else outside(position, hidden)
+    _check_excitation(trial, drive, [c for c in (position, rate) if c is not None])
+    if position is not None and axis.angular:
+        position = replace(position, values=unwrap(position.t, position.values, rate))
+    main = position if position is not None and len(position) >= MIN_SAMPLES else rate
+    assert main is not None
+    channels = {c.name: c for c in (position, rate) if c is not None}
+    return _cut(trial, [drive], channels, main.t, notes)
+
+
+def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) -> None:
+    most = max((len(c) for c in outputs), default=0)
+    if most < MIN_SAMPLES:
+        raise NotInformative(
+            f"run '{trial.name}' is too short: {most} output samples, at least {MIN_SAMPLES} are needed"
+        )
+    overlap = drive.t[(drive.t <= outputs[0].t[-1])] if len(drive) else drive.t
+    if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):
+        raise NotInformative(
+            f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: "
+            "inertia, damping and constant force cannot be told apart; fly a relay or a sequence of steps"
+        )
+    if not any(_varies(c) for c in outputs):
+        names = " and ".join(c.name for c in outputs)
+        raise NotInformative(
+            f"nothing moves in run '{trial.name}': {names} never changes; do sensor and actuator work?"
+        )
+
+
+def prepare_form(
+    trial: Trial, form: Form, use: Sequence[str] | None = None, *, continuous: bool = False
+) -> tuple[Segment, ...]:
+    """Return the usable segments of *trial* for *form*.
+
+    Parameters
+    ----------
+    use : names of the signals to take; when None all velocities and angles measured, and of the positions those whose
+        velocity is not.
+    continuous : angles are continuous already.
+
+    Raises
+    ------
+    MissingChannel
+        An input of the form, or every signal, is missing.
+    BadFile
+        Stamps that run backwards.
+    NotInformative
+        Too few samples, inputs that never change, nothing that moves.
+    """
+    absent = [c for c in form.inputs if c not in trial or not len(trial[c])]
+    if absent:
+        have = ", ".join(trial.channels) or "nothing"
+        raise MissingChannel(f"run '{trial.name}' lacks the input {', '.join(absent)} of '{form.name}'; it has {have}")
+    names = _names(trial, form, use)
+    notes = noted(trial)
+    drives = [clean(trial[c], trial.name, notes) for c in form.inputs]
+    channels = {n: clean(trial[n], trial.name, notes) for n in names}
+    for name, channel in channels.items():
+        dof = next(d for d in DOFS.values() if name in (d.position, d.velocity))
+        if name == dof.position and dof.angular and not continuous:
+            channels[name] = replace(channel, values=unwrap(channel.t, channel.values, channels.get(dof.velocity)))
+    for drive in drives:
+        hidden = holes_of(drive, trial.name, notes)
+        channels = {n: outside(c, hidden) for n, c in channels.items()}
+    _check_form(trial, form, drives, channels)
+    return _cut(trial, drives, channels, np.unique(np.concatenate([c.t for c in channels.values()])), notes)
+
+
+def _names(trial: Trial, form: Form, use: Sequence[str] | None) -> list[str]:
+    there = [n for n in signals_of(form) if n in trial and len(trial[n]) >= MIN_SAMPLES]
+    if use is not None:
+        missing = [n for n in use if n not in there]
+        if missing:
+            have = ", ".join(there) or "nothing"
+            raise MissingChannel(f"run '{trial.name}' has no {', '.join(missing)} for '{form.name}'; it has {have}")
+        return list(use)
+    dofs = [DOFS[d] for d in form.dofs]
+    taken = [d.velocity for d in dofs if d.velocity in there]
+    taken += [d.position for d in dofs if d.position in there and (d.angular or d.velocity not in there)]
+    if not taken:
+        raise MissingChannel(
+            f"run '{trial.name}' has none of the signals of '{form.name}' ({', '.join(signals_of(form))}) in at least "
+            f"{MIN_SAMPLES} samples; it has {', '.join(trial.channels)}"
+        )
+    return taken
+
+
+def _check_form(trial: Trial, form: Form, drives: Sequence[Channel], channels: Mapping[str, Channel]) -> None:
+    end = max(float(c.t[-1]) for c in channels.values())
+    moving = [d for d in drives if len(d) and np.ptp(d.between(-np.inf, end).values) > 0.0]
+    if form.inputs and not moving and not any(_gathers_way(c) for n, c in channels.items() if n in _VELOCITIES):
+        raise NotInformative(
+            f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be told "
+            "apart; fly steps, a zig-zag or a relay"
+        )
+    if all(np.ptp(c.values) == 0.0 for c in channels.values()):
+        raise NotInformative(f"nothing moves in run '{trial.name}': {', '.join(channels)} never change")
+
+
+def _gathers_way(velocity: Channel) -> bool:
+    """Whether a velocity goes from one steady value to another: that tells of the craft under constant inputs too.
+
+    A velocity that never settles under "constant" inputs is answering to something else: a stuck log, wind, waves.
+    """
+    values = velocity.values
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    late = float(np.std(values[len(values) // 2 :]))
+    return float(np.std(values)) > TRANSITION * noise and late < max(SETTLED * noise, 1e-12)
+
+
+def prepare_as_recorded(
+    runs: Sequence[Trial], form: Form, use: Sequence[str] | None = None
+) -> tuple[list[Segment], list[Doubt]]:
+    """Return the segments of all runs for a fit with effects, and what is doubtful about them.
+
+    Every measured signal the form predicts is taken (of positions in the plane only with the heading to turn them).
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        As :func:`prepare_form`, when no run can be used.
+    """
+    found: list[Segment] = []
+    doubts: list[Doubt] = []
+    failures: list[tuple[str, NotInformative]] = []
+    for run in runs:
+        ready = _with_continuous_heading(run)
+        names = list(use) if use is not None else _all_signals(ready, form)
+        try:
+            segments = prepare_form(ready, form, names, continuous=True)
+        except NotInformative as error:
+            failures.append((run.name, error))
+            continue
+        found += segments
+        doubts += [note for segment in segments for note in segment.notes]
+    if not found:
+        raise failures[0][1]
+    doubts += [
+        Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run")
+        for name, error in failures
+    ]
+    return found, doubts
+
+
+def _all_signals(run: Trial, form: Form) -> list[str]:
+    there = [n for n in signals_of(form) if n in run and len(run[n]) >= MIN_SAMPLES]
+    planar = "psi" in run and "psi" not in there
+    if planar or ("sway" not in form.dofs and "psi" in run):
+        there = [n for n in there if n not in ("x", "y")]
+    if not there:
+        wanted = ", ".join(signals_of(form))
+        raise MissingChannel(f"run '{run.name}' has none of {wanted} in at least {MIN_SAMPLES} samples")
+    return there
+
+
+def _with_continuous_heading(run: Trial) -> Trial:
+    """Return *run* with its headings made continuous, whatever unit they are really in."""
+    channels = dict(run.channels)
+    for name in ("psi", "phi", "theta"):
+        if name in channels and len(channels[name]) > 1:
+            channels[name] = _continuous(channels[name])
+    return replace(run, channels=channels)
+
+
+def _continuous(angle: Channel) -> Channel:
+    values = angle.values
+    good = values[np.isfinite(values)]
+    if not len(good):
+        return angle
+    span = float(np.ptp(good))
+    jumps = np.abs(np.diff(good))
+    for turn in FULL_TURN.values():
+        wraps = (jumps > 0.6 * turn) & (jumps < 1.001 * turn)
+        if span <= 1.001 * turn and wraps.any():
+            return replace(angle, values=np.where(np.isfinite(values), _unwrapped(values, turn), values))
+    return angle
+
+
+def _unwrapped(values: Array, turn: float) -> Array:
+    held = values.copy()
+    for i in range(1, len(held)):
+        if not np.isfinite(held[i]):
+            held[i] = held[i - 1]
+    unwrapped: Array = np.unwrap(held, period=turn)
+    return unwrapped
+
+
+def _cut(
+    trial: Trial, drives: Sequence[Channel], channels: Mapping[str, Channel], t: Array, notes: list[Doubt]
+) -> tuple[Segment, ...]:
+    """Return the segments between the holes in *t*, the stamps of what must be measured."""
+    borders = _edges(t)
+    if len(borders) > 2:
+        notes.append(
+            Doubt(
+                "gaps",
+                f"run '{trial.name}' has {len(borders) - 2} hole(s) in its telemetry",
+                "fly within good radio range; the stretches were fitted with initial states of their own",
+            )
+        )
+    channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}
+    t_in, table, slack = _joined(trial, drives)
+    lag = float(trial.meta.get("rate_lag", 0.0) or 0.0)
+    whole = Segment(
+        name=trial.name,
+        run=trial.name,
+        t_in=t_in,
+        inputs=table,
+        input_names=tuple(d.name for d in drives),
+        input_units=tuple(d.unit for d in drives),
+        signals={},
+        dating=max((_dating_of(trial, d) for d in drives), default=0.0),
+        slack=slack,
+        loop=float(trial.meta.get("loop_period", 0.0)),
+        lags=dict.fromkeys(TURN_RATES, lag) if lag > 0.0 else {},
+        measured={n: c for n, c in trial.channels.items() if len(c)},
+    )
+    parts: list[Segment] = []
+    for start, end in itertools.pairwise(borders):
+        signals = {}
+        for name, channel in channels.items():
+            keep = (channel.t >= start) & (channel.t < end)
+            if int(keep.sum()) >= MIN_SAMPLES:
+                signals[name] = Signal(name, channel.t[keep], channel.values[keep], quantum(channel.values[keep]))
+        if signals:
+            name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"
+            parts.append(replace(whole, name=name, signals=signals, notes=() if parts else tuple(notes)))
+    if not parts:
+        raise NotInformative(f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples")
+    return tuple(parts)
+
+
+def _edges(t: Array) -> Array:
+    """Return the boundaries of uninterrupted stretches, outermost at the ends of *t*."""
+    dt = np.diff(t)
+    holes = np.flatnonzero(dt > max(GAP_SECONDS, GAP_STEPS * float(np.median(dt))))
+    return np.concatenate([t[:1], t[holes + 1], [np.inf]])
+
+
+def _joined(trial: Trial, drives: Sequence[Channel]) -> tuple[Array, Array, Array]:
+    """Return the stamps (j,) at which any input changes, all inputs from then on (j, m), and the slack (j,)."""
+    if not drives:
+        return np.zeros(1), np.zeros((1, 0)), np.zeros(1)
+    t = np.unique(np.concatenate([d.t for d in drives]))
+    columns = [d.values[np.maximum(np.searchsorted(d.t, t, side="right") - 1, 0)] for d in drives]
+    table = np.column_stack(columns)
+    changes = np.concatenate([[True], np.any(np.diff(table, axis=0) != 0.0, axis=1)])
+    slack = np.zeros(len(t))
+    for drive in drives:
+        changed = np.flatnonzero(np.diff(drive.values) != 0.0) + 1
+        at = np.searchsorted(t, drive.t[changed])
+        slack[at] = np.maximum(slack[at], _slack_of(trial, drive)[changed])
+    return t[changes], np.ascontiguousarray(table[changes]), slack[changes]
+
+
+def _dating_of(trial: Trial, drive: Channel) -> float:
+    """Return how far [s] a jump of *drive* may lie from its stamp: 0 when stamps are exact, else (midway between two
+    messages) half their distance.
+
+    The last moment without it is as far before the stamp as the first message with it comes after; that moment is the
+    message before, or, where the autopilot's ``loop_period`` is known, one loop later. An autopilot changes
+    its outputs at its own loop only and a relay switches in step with the telemetry, so the error is the same at
+    every jump: it does not average out.
+    """
+    if trial.meta.get("outputs_dated") != "midway":
+        return 0.0
+    jumps = np.flatnonzero(np.diff(drive.values) != 0.0) + 1
+    if len(jumps) == 0:
+        return 0.0
+    loop = float(trial.meta.get("loop_period", 0.0))
+    return max(float(np.median(drive.t[jumps] - drive.t[jumps - 1])) - loop, WITHIN_LOOP * loop)
+
+
+def _slack_of(trial: Trial, drive: Channel) -> Array:
+    """Return how far [s] each value of *drive* may lie from its stamp for the autopilot's loop being another."""
+    slack = np.zeros(len(drive))
+    loop = float(trial.meta.get("loop_period", 0.0))
+    if trial.meta.get("outputs_dated") != "midway" or loop <= 0.0:
+        return slack
+    whole = np.round((np.diff(drive.t) - loop) / (0.5 * loop)) * 0.5 * loop
+    slack[1:] = np.where(whole < GAP_SECONDS, np.maximum(whole, 0.0), 0.0)
+    return slack

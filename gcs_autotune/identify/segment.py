@@ -1,0 +1,205 @@
+"""A segment: one uninterrupted stretch of a run, what every method of identification and the diagnosis start from.
+
+Nothing is resampled or smoothed: every sample keeps its own stamp.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import Passage, passage_of
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Channel
+
+__all__ = ["MIN_SAMPLES", "Segment", "Signal", "within_horizon", "without_signal"]
+
+Array = NDArray[np.float64]
+
+MIN_SAMPLES = 20
+"""Fewest output samples of a segment worth fitting. Chosen: three per parameter to be told apart."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """A measured output: stamps [s], values (angles continuous), smallest step of its scale (0 if none)."""
+
+    name: str
+    t: Array
+    values: Array
+    step: float
+
+    def since(self, start: float) -> Signal:
+        """Return the samples from *start* [s] on."""
+        keep = self.t >= start
+        return replace(self, t=self.t[keep], values=self.values[keep])
+
+    def between(self, first: float, last: float) -> Signal:
+        """Return the samples from *first* to *last* [s], both included."""
+        keep = (self.t >= first) & (self.t <= last)
+        return replace(self, t=self.t[keep], values=self.values[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One uninterrupted stretch of the run ``run``; ``name`` is that of the run, with ``#`` and a number if cut.
+
+    ``t_in`` (j,) [s], ``inputs`` (j, m): the inputs ``input_names`` at their jumps, each row held from its stamp on
+    (zero-order hold, joined over the stamps of all inputs). ``signals``: measured outputs by name; of one degree of
+    freedom position first.
+
+    ``dating`` [s]: how far the stamps of all inputs together may be off (decision 3), 0 when they are exact. ``slack``
+    (j,) [s]: how far each jump may lie from its own stamp for having happened at another ``loop`` [s] of the
+    autopilot; 0 where there is no other. ``lags`` [s]: signal -> how late a filter aboard made it, where its stamps
+    have been dated back by that. ``measured``: the run's own channels.
+    """
+
+    name: str
+    run: str
+    t_in: Array
+    inputs: Array
+    input_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    signals: Mapping[str, Signal]
+    notes: tuple[Doubt, ...] = ()
+    dating: float = 0.0
+    slack: Array = field(default_factory=lambda: np.zeros(0))
+    loop: float = 0.0
+    lags: Mapping[str, float] = field(default_factory=dict)
+    measured: Mapping[str, Channel] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.slack) != len(self.t_in):
+            object.__setattr__(self, "slack", np.zeros(len(self.t_in)))
+
+    @property
+    def start(self) -> float:
+        """First stamp of any signal [s]; simulations begin here."""
+        return float(self.stamps[0])
+
+    @cached_property
+    def stamps(self) -> Array:
+        """All stamps of all signals, sorted, each once."""
+        return np.unique(np.concatenate([s.t for s in self.signals.values()]))
+
+    @cached_property
+    def at(self) -> Mapping[str, NDArray[np.int64]]:
+        """Signal -> which of ``stamps`` are its own (n,)."""
+        return {n: np.searchsorted(self.stamps, s.t).astype(np.int64) for n, s in self.signals.items()}
+
+    @cached_property
+    def passage(self) -> Passage:
+        """The segment as a simulation with effects passes over it."""
+        commands = {n: np.ascontiguousarray(self.inputs[:, i]) for i, n in enumerate(self.input_names)}
+        return passage_of(self.run, self.t_in, commands, {n: s.t for n, s in self.signals.items()}, self.measured)
+
+    def passage_at(self, shift: float) -> Passage:
+        """Return the passage with its inputs *shift* [s] later than stamped; as it is when its stamps are exact."""
+        return replace(self.passage, t_in=self.passage.t_in + shift) if shift and self.dating else self.passage
+
+    @property
+    def tau(self) -> Array:
+        """The input (j,) of a segment that has one."""
+        only: Array = self.inputs[:, 0]
+        return only
+
+    @property
+    def dof(self) -> Dof:
+        """The degree of freedom the first signal belongs to."""
+        first = next(iter(self.signals))
+        return next(d for d in DOFS.values() if first in (d.position, d.velocity))
+
+    @property
+    def position(self) -> Signal | None:
+        """The position of :attr:`dof`, if it was measured."""
+        return self.signals.get(self.dof.position)
+
+    @property
+    def velocity(self) -> Signal | None:
+        """The velocity of :attr:`dof`, if it was measured."""
+        return self.signals.get(self.dof.velocity)
+
+    @property
+    def main(self) -> Signal:
+        """The first signal: of one degree of freedom position when there is one, else velocity."""
+        return next(iter(self.signals.values()))
+
+    def driven(self, t_in: Array, commands: Mapping[str, Array]) -> Segment:
+        """Return the segment under other inputs, each (j,) held from *t_in* (j,) [s] on; of new ones the unit is 1."""
+        units = dict(zip(self.input_names, self.input_units, strict=True))
+        return replace(
+            self,
+            t_in=t_in,
+            inputs=np.column_stack(list(commands.values())),
+            input_names=tuple(commands),
+            input_units=tuple(units.get(n, "1") for n in commands),
+            slack=np.zeros(len(t_in)),
+        )
+
+    def only(self, names: Sequence[str]) -> Segment:
+        """Return the segment with those of its signals that are called *names*."""
+        return replace(self, signals={n: s for n, s in self.signals.items() if n in names})
+
+    def after(self, delay: float) -> Segment:
+        """Return the segment without the samples that answer to inputs from before the first input stamp.
+
+        What was commanded before the record began is unknown, so with a delay [s] the first of it cannot be simulated.
+        As it is when too little would be left.
+        """
+        start = float(self.t_in[0]) + delay
+        if delay <= 0.0 or start <= self.start:
+            return self
+        kept = {n: s.since(start) for n, s in self.signals.items()}
+        if any(len(s.t) < MIN_SAMPLES for s in kept.values()):
+            return self
+        return replace(self, signals=kept)
+
+    def until(self, share: float) -> Segment:
+        """Return the first *share* of the segment's time, but of every signal no less than its first samples."""
+        if share >= 1.0:
+            return self
+        end = self.start + share * (float(self.stamps[-1]) - self.start)
+        count = {n: max(int(np.searchsorted(s.t, end)), MIN_SAMPLES) for n, s in self.signals.items()}
+        signals = {n: replace(s, t=s.t[: count[n]], values=s.values[: count[n]]) for n, s in self.signals.items()}
+        return replace(self, signals=signals)
+
+    def pieces(self, count: int) -> Iterator[Segment]:
+        """Cut into *count* segments of about as many stamps each; inputs stay whole."""
+        for part in np.array_split(self.stamps, count):
+            cut = {n: s.between(float(part[0]), float(part[-1])) for n, s in self.signals.items()}
+            signals = {n: s for n, s in cut.items() if len(s.t)}
+            if signals:
+                yield replace(self, signals=signals)
+
+    def within(self, horizon: float) -> tuple[Segment, ...]:
+        """Cut into segments no longer than *horizon* [s], none shorter than can be fitted; inputs stay whole."""
+        if not math.isfinite(horizon):
+            return (self,)
+        wanted = math.ceil((float(self.stamps[-1]) - self.start) / horizon)
+        fewest = min(len(s.t) for s in self.signals.values())
+        return tuple(self.pieces(max(1, min(wanted, fewest // MIN_SAMPLES))))
+
+
+def within_horizon(segments: Sequence[Segment], horizon: float) -> list[Segment]:
+    """Cut segments into such no longer than *horizon* [s], each with initial states of its own.
+
+    Raises
+    ------
+    UsageError
+        A horizon that is not above zero.
+    """
+    if not horizon > 0.0:
+        raise UsageError(f"a horizon of {horizon} s makes no sense: give seconds above 0, or inf for whole runs")
+    return [piece for s in segments for piece in s.within(horizon)]
+
+
+def without_signal(segments: Sequence[Segment], name: str) -> list[Segment]:
+    """Return the segments without one of their signals; those that have no other are left out."""
+    return [s.only([n for n in s.signals if n != name]) for s in segments if any(n != name for n in s.signals)]
