@@ -222,7 +222,7 @@ class _Ground:
 
 def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
     """Return the fit that *own* is added to: the same, but for whole turns of headings it would have read otherwise."""
-    initial = turned(own, problem.segments, fitted.initial)
+    initial = turned(own, problem.form, problem.segments, fitted.initial)
     same = all(new is old for new, old in zip(initial, fitted.initial, strict=True))
     return fitted if same else replace(fitted, initial=initial)
 

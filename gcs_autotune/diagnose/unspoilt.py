@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectInstance, Observed, columns_of
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.program import states_of
 
 __all__ = ["turned", "unspoilt"]
@@ -38,7 +39,7 @@ def unspoilt(effects: Sequence[EffectInstance], segment: Segment) -> Segment:
     return replace(segment, signals=signals)
 
 
-def turned(own: EffectInstance, segments: Sequence[Segment], initial: Sequence[Array]) -> tuple[Array, ...]:
+def turned(own: EffectInstance, form: Form, segments: Sequence[Segment], initial: Sequence[Array]) -> tuple[Array, ...]:
     """Return *initial* states with the heading put forward or back by whole turns, to where *own* would have it read.
 
     A heading of 85 (degrees, its head says radians) is fitted by 1.5 rad and thirteen turns: no other motion, but as
@@ -48,7 +49,7 @@ def turned(own: EffectInstance, segments: Sequence[Segment], initial: Sequence[A
     for segment, x_0 in zip(segments, initial, strict=True):
         right = unspoilt([own], segment) if "psi" in columns_of(own.place) else segment
         if right is not segment:
-            at = states_of(segment.form).index("psi")
+            at = states_of(form).index("psi")
             x_0 = x_0.copy()
             x_0[at] += TURN * np.round((right.signals["psi"].values[0] - x_0[at]) / TURN)
         found.append(x_0)

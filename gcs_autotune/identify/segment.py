@@ -6,7 +6,7 @@ Nothing is resampled or smoothed: every sample keeps its own stamp.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -170,13 +170,14 @@ class Segment:
         signals = {n: replace(s, t=s.t[: count[n]], values=s.values[: count[n]]) for n, s in self.signals.items()}
         return replace(self, signals=signals)
 
-    def pieces(self, count: int) -> Iterator[Segment]:
+    def pieces(self, count: int) -> list[Segment]:
         """Cut into *count* segments of about as many stamps each; inputs stay whole."""
+        found = []
         for part in np.array_split(self.stamps, count):
             cut = {n: s.between(float(part[0]), float(part[-1])) for n, s in self.signals.items()}
-            signals = {n: s for n, s in cut.items() if len(s.t)}
-            if signals:
-                yield replace(self, signals=signals)
+            if signals := {n: s for n, s in cut.items() if len(s.t)}:
+                found.append(replace(self, signals=signals))
+        return found
 
     def within(self, horizon: float) -> tuple[Segment, ...]:
         """Cut into segments no longer than *horizon* [s], none shorter than can be fitted; inputs stay whole."""

@@ -222,7 +222,7 @@ def _model(case: Case, first: NomotoFit) -> tuple[SingleDof, NDArray[np.float64]
     at = [1, 0, 4]
     covariance[np.ix_(at, at)] = first.covariance
     covariance[3, 3] = scatter**2
-    return SingleDof(record.dof.name, record.input_unit, alpha, beta, delta=delta, delay=delay), covariance
+    return SingleDof(record.dof.name, record.input_units[0], alpha, beta, delta=delta, delay=delay), covariance
 
 
 def _delay_status(case: Case, model: SingleDof) -> Status:

@@ -139,7 +139,7 @@ class Sampled:
 def trusted(record: Segment) -> Signal:
     """Return the signal of *record* that a fit of its degree of freedom trusts first."""
     name = first_names([record])[0]
-    return next((s for s in record.signals if s.name == name), record.main)
+    return record.signals.get(name, record.main)
 
 
 def sampled(record: Segment, model: SingleDof | None = None) -> Sampled:

@@ -130,7 +130,7 @@ def _model(found: FrequencyResponse, records: Sequence[Segment]) -> SingleDof | 
     if alpha == 0.0 or beta / alpha < 0.0:
         return None
     delta, _ = constant_force(records, alpha, beta)
-    return SingleDof(records[0].dof.name, records[0].input_unit, alpha, beta, delta=delta, delay=delay)
+    return SingleDof(records[0].dof.name, records[0].input_units[0], alpha, beta, delta=delta, delay=delay)
 
 
 def _grid(duration: float, dt: float, tapers: int) -> tuple[Array, NDArray[np.int_]]:

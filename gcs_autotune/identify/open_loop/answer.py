@@ -38,7 +38,7 @@ def axis_answer(
     """
     record = case.records[0]
     alpha, beta, quadratic, delta = (float(v) for v in theta)
-    model = SingleDof(record.dof.name, record.input_unit, alpha, beta, quadratic, delta, case.delay or 0.0)
+    model = SingleDof(record.dof.name, record.input_units[0], alpha, beta, quadratic, delta, case.delay or 0.0)
     full = np.zeros((5, 5))
     full[:4, :4] = covariance
     status: list[Status] = ["fitted" if f else "absent" for f in fitted]
