@@ -17,7 +17,18 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["JUMP_SAMPLES", "clean", "holes_of", "jumps_back", "noted", "outside", "quantum", "unwrap", "within_range"]
+__all__ = [
+    "JUMP_SAMPLES",
+    "clean",
+    "clipped",
+    "holes_of",
+    "jumps_back",
+    "noted",
+    "outside",
+    "quantum",
+    "unwrap",
+    "within_range",
+]
 
 Array = NDArray[np.float64]
 
@@ -159,7 +170,7 @@ def quantum(values: Array) -> float:
     return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
 
 
-def _clipped(channel: Channel) -> NDArray[np.bool_]:
+def clipped(channel: Channel) -> NDArray[np.bool_]:
     """Return which samples (n,) stand at the end of the range; none of them when the signal is not clipped."""
     x = channel.values
     none = np.zeros(len(x), dtype=bool)
@@ -172,13 +183,13 @@ def _clipped(channel: Channel) -> NDArray[np.bool_]:
     steps = np.abs(np.diff(x))
     usual = float(np.median(steps[steps > 0.0]))
     least = max(SPEED * usual, QUANTA * quantum(x))
-    clipped = none.copy()
+    found = none.copy()
     for extreme in (float(x.max()), float(x.min())):
         dwells = [(int(s), int(n)) for s, n in zip(starts, lengths, strict=True) if x[s] == extreme and n >= DWELL]
         broken_off = [d for d in dwells if _breaks_off(x, *d, least)]
         if broken_off and len(broken_off) >= 0.5 * len(dwells) and not _levels_off(x, extreme, least):
-            clipped |= x == extreme
-    return clipped
+            found |= x == extreme
+    return found
 
 
 def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
@@ -198,19 +209,19 @@ def _levels_off(x: Array, extreme: float, least: float) -> bool:
 
 def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
     """Return *channel* without its samples at the end of the sensor's range; what was left out is noted."""
-    clipped = _clipped(channel)
-    if not clipped.any():
+    out = clipped(channel)
+    if not out.any():
         return channel
-    worst = ", ".join(f"{v:.4g}" for v in sorted({float(v) for v in channel.values[clipped]}))
+    worst = ", ".join(f"{v:.4g}" for v in sorted({float(v) for v in channel.values[out]}))
     notes.append(
         Doubt(
             "clipped",
-            f"{int(clipped.sum())} samples of {channel.name} in run '{run}' stand at the end of its range "
+            f"{int(out.sum())} samples of {channel.name} in run '{run}' stand at the end of its range "
             f"({worst} {channel.unit})",
             "use smaller inputs or a sensor of wider range; the samples were left out",
         )
     )
-    return replace(channel, t=channel.t[~clipped], values=channel.values[~clipped])
+    return replace(channel, t=channel.t[~out], values=channel.values[~out])
 
 
 def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, float]]:

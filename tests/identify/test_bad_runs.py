@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from axis_plants import DEG, Levels, Relay
-from gcs_autotune.identify.rails import at_rails
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import Fit, fit
+from gcs_autotune.identify.cleaning import clipped
 from gcs_autotune.identify.consistency import Estimate, runs_apart
 from gcs_autotune.trial import Channel, Trial, save_trial
 
@@ -216,7 +216,7 @@ def test_a_craft_that_levels_off_at_its_steady_speed_is_not_clipped() -> None:
         0.24,
     )
     w = np.array((*one, *other) * 4)
-    assert not at_rails(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
+    assert not clipped(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
 
 
 def test_rest_and_a_coarse_scale_are_no_clipping(record: Record) -> None:

@@ -138,5 +138,5 @@ def _has_rigid_body(form: Form) -> bool:
     return any(name in form.known for name in ("m", "I_x", "I_y", "I_z"))
 
 
-def _pieces(record: Segment) -> Iterator[Segment]:
+def _pieces(record: Segment) -> list[Segment]:
     return record.pieces(max(1, min(PIECES, len(record.stamps) // SHORTEST)))
