@@ -48,9 +48,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     group = parser.add_argument_group("manoeuvre")
     for name in OPTIONS:
-        group.add_argument(
-            f"--{name}", type=limit_of(name).parse, metavar="X", help=limit_of(name).help.replace("%", "%%")
-        )
+        add_number(group, name, marked=True)
     group.add_argument("--first-to", choices=("starboard", "port"), default="starboard", help="the side it begins to")
     for name, metavar in (("throttle", "X"), ("speed", "X"), ("control-rate", "HZ"), ("delay", "S"), ("patience", "S")):
         add_number(group, name, metavar)
