@@ -39,12 +39,12 @@ def render_flight(
     doubts = [*remarks, *(doubt_sentence(d) for s in sheets for d in s.doubts)]
     doubts += [] if fit is None else [doubt_sentence(d) for d in fit.doubts]
     pictures = [*_signals(flown), *_fits(fit, flown), *_tracks({"flown": flown, "predicted": predicted})]
-    return _page(title, when, Headline("good", f"Flown: {flown.reason}", ()), sheets, fit, doubts, pictures)
+    return _page(title, when, Headline(f"Flown: {flown.reason}.", "good", ()), sheets, fit, doubts, pictures)
 
 
 def render_preview(title: str, when: str, predicted: Trial, told: str, trouble: str) -> str:
     """Return the page of a manoeuvre that was only previewed; *trouble* is why it had better not be flown."""
-    headline = Headline("bad" if trouble else "good", trouble or f"It takes {told}", ())
+    headline = Headline(trouble or f"It takes {told}.", "bad" if trouble else "good", ())
     pictures = [*_signals(predicted), *_tracks({"predicted": predicted})]
     return _page(title, when, headline, (), None, [], pictures)
 
