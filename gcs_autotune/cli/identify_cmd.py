@@ -76,6 +76,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     check.add_argument("--no-check", action="store_true", help="skip the check on data left out (faster)")
     check.add_argument("--choose", action="store_true", help="coupled models: drop the terms these runs do not justify")
     add_number(check, "plan-next", "S", const=60.0)
+    check.add_argument(
+        "--profile",
+        metavar="A,B",
+        default="",
+        help="intervals of parameters by profile likelihood: alpha_r,beta_r",
+    )
     out = parser.add_argument_group("output")
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
@@ -117,6 +123,7 @@ def _run(args: argparse.Namespace) -> int:
         check=not args.no_check,
         choose=args.choose,
         plan_next=args.plan_next,
+        profile=tuple(n.strip() for n in args.profile.split(",") if n.strip()),
     )
     with StageBar(Console(stderr=True, quiet=args.json)) as bar:
         found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"), bar)

@@ -75,7 +75,7 @@ class Profile:
         if self.closed:
             return f"{self.name} lies in {self.low:.4g} .. {self.high:.4g} {self.unit} ({100 * self.level:.0f} %)"
         if not (math.isfinite(self.low) or math.isfinite(self.high)):
-            return f"these runs do not bound {self.name} on either side"
+            return f"{self.name} is not bounded on either side: these runs do not bound it"
         side, bound = ("above", self.low) if math.isfinite(self.low) else ("below", self.high)
         other = "upwards" if side == "above" else "downwards"
         return f"{self.name} lies {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"

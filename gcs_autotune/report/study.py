@@ -44,7 +44,8 @@ class Study:
     ``outcomes``: one per method, the first fitted one is the answer. ``how_unseen`` says which data the check used.
     ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
     ``trials``: the runs themselves, for the pictures of inputs and track.
-    ``cannot_tell``, ``proposals``: sentences; ``figures``: extra pictures as (caption, matplotlib figure).
+    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra pictures as (caption,
+    matplotlib figure).
     """
 
     title: str
@@ -55,6 +56,7 @@ class Study:
     choice: tuple[tuple[str, ...], ...] = ()
     choice_verdict: str = ""
     cannot_tell: tuple[str, ...] = ()
+    intervals: tuple[str, ...] = ()
     proposals: tuple[tuple[str, ...], ...] = ()
     proposal_verdict: str = ""
     figures: tuple[tuple[str, Any], ...] = ()
@@ -84,6 +86,8 @@ def study_to_dict(study: Study) -> dict[str, Any]:
         data["structure_choice"] = {"verdict": study.choice_verdict, "rows": [list(row) for row in study.choice]}
     if study.cannot_tell:
         data["cannot_tell"] = list(study.cannot_tell)
+    if study.intervals:
+        data["intervals"] = list(study.intervals)
     if study.proposals:
         data["plan_next"] = {"verdict": study.proposal_verdict, "rows": [list(row) for row in study.proposals]}
     if len(study.outcomes) > 1:

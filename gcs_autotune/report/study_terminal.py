@@ -39,6 +39,8 @@ def study_summary(study: Study) -> Group:
         parts.extend(grid(one) for one in study_tables.estimate_tables(study))
     if study.cannot_tell:
         parts += [title("What these runs cannot tell"), *(paragraph(s) for s in study.cannot_tell)]
+    if study.intervals:
+        parts += [title("Intervals by profile likelihood"), *(paragraph(s) for s in study.intervals)]
     if study.proposals:
         parts += [title("What to fly next"), paragraph(study.proposal_verdict)]
         parts.append(grid(study_tables.proposal_table(study)))

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs_autotune.errors import AutotuneError, UsageError
-from gcs_autotune.experiments import FormChoice, eliminate, identifiability, plan_next, proposal_picture, weigh_drags
+from gcs_autotune.experiments import (
+    FormChoice,
+    correlation_picture,
+    eliminate,
+    identifiability,
+    plan_next,
+    profile,
+    profile_picture,
+    proposal_picture,
+    weigh_drags,
+)
 from gcs_autotune.identify import METHODS, AxisFit, Fit
 from gcs_autotune.identify.frequency.pictures import frequency_picture
 from gcs_autotune.identify.frequency.response import FrequencyResponse
@@ -22,6 +32,7 @@ if TYPE_CHECKING:
     from gcs_autotune.workflow.study import StudySettings
 
 __all__ = [
+    "Intervals",
     "Proposed",
     "Weighed",
     "cannot_tell",
@@ -29,6 +40,7 @@ __all__ = [
     "drags_weighed",
     "forms_weighed",
     "next_manoeuvres",
+    "profiled",
     "response_pictures",
 ]
 
@@ -52,6 +64,14 @@ class Weighed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Intervals:
+    """Intervals of parameters: one sentence each, pictures with captions."""
+
+    sentences: tuple[str, ...] = ()
+    pictures: tuple[tuple[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Proposed:
     """Manoeuvres worth flying: rows of ``study_tables.proposal_table``, the verdict, pictures with captions."""
 
@@ -67,6 +87,22 @@ def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
     except AutotuneError:
         return ()
     return tuple(f"{d.cause}: {d.cure}." for d in doubts)
+
+
+def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
+    """Return the intervals of the parameters *names* by profile likelihood, and how the estimates move together.
+
+    Raises
+    ------
+    UnknownName
+        A name that was not fitted.
+    """
+    found = [profile(fit, runs, name) for name in names]
+    pictures = (
+        ("Rise of the deviance with each parameter; the line is where the 95 % interval ends.", profile_picture(found)),
+        ("Correlation of the estimates: dark squares move together.", correlation_picture(identifiability(fit, runs))),
+    )
+    return Intervals(tuple(f"{f.words}." for f in found), pictures)
 
 
 def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:

@@ -22,6 +22,7 @@ from gcs_autotune.models.coupled import Form
 from gcs_autotune.report.study import Outcome, RunRow, Study
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.findings import (
+    Intervals,
     Proposed,
     Weighed,
     cannot_tell,
@@ -29,6 +30,7 @@ from gcs_autotune.workflow.findings import (
     drags_weighed,
     forms_weighed,
     next_manoeuvres,
+    profiled,
     response_pictures,
 )
 
@@ -48,7 +50,8 @@ class StudySettings:
     """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`.
 
     ``effects`` to fit with the model, ``begin`` a model to begin at; ``check`` on data left out; ``choose``: drop the
-    terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds.
+    terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds;
+    ``profile``: parameters whose intervals are to be found by profile likelihood.
     """
 
     dof: str | None = None
@@ -64,6 +67,7 @@ class StudySettings:
     check: bool = True
     choose: bool = False
     plan_next: float | None = None
+    profile: tuple[str, ...] = ()
 
 
 Stage = Callable[[str, int, int], None]
@@ -107,6 +111,10 @@ def study(
         drags = drags_weighed(answer.fit, runs)
     if settings.plan_next is not None:
         stage("planning what to fly next", 0, 1)
+    stated = Intervals()
+    if settings.profile:
+        stage("profiling the likelihood", 0, 1)
+        stated = profiled(answer.fit, runs, settings.profile)
     flown = Proposed() if settings.plan_next is None else next_manoeuvres(answer.fit, runs, settings.plan_next)
     return Study(
         title=f"Identification of {answer.fit.dof}: {', '.join(dict.fromkeys(t.name for t in runs))}",
@@ -117,9 +125,10 @@ def study(
         choice=drags.rows or forms.rows,
         choice_verdict=drags.verdict or forms.verdict,
         cannot_tell=cannot_tell(answer.fit, runs),
+        intervals=stated.sentences,
         proposals=flown.rows,
         proposal_verdict=flown.verdict,
-        figures=(*response_pictures(fitted), *flown.pictures),
+        figures=(*response_pictures(fitted), *stated.pictures, *flown.pictures),
         trials=(*runs, *unseen),
     )
 

@@ -43,6 +43,7 @@ def relay_rows(n=800, dt=0.1):
     return rows
 
 
+@pytest.mark.slow
 def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))  # from elsewhere, also when not installed
     monkeypatch.chdir(tmp_path)
@@ -55,6 +56,7 @@ def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, 
     assert "will arm the vehicle" in err
 
 
+@pytest.mark.slow
 def test_identify_gives_the_same_model_from_the_run_directory_as_the_tune_did(capsys, tmp_path):
     out = tmp_path / "run"
     assert main(["tune", "heading", "--connect", "sitl:automarine", "--dry-run", "--out", str(out)]) == 0
@@ -171,6 +173,7 @@ def test_a_boat_has_no_depth(capsys, tmp_path):
     assert "no depth loop" in err
 
 
+@pytest.mark.slow
 def test_a_real_vehicle_is_not_touched_when_nobody_can_be_asked(tmp_path):
     """Over UDP, without --yes and without a terminal: an error before anything is armed."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
@@ -195,6 +198,7 @@ def test_a_real_vehicle_is_not_touched_when_nobody_can_be_asked(tmp_path):
     assert not list((tmp_path / "r" / "trials").glob("*.csv"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
 def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
     tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--out", str(tmp_path / "r")]
@@ -239,6 +243,7 @@ def test_restoring_never_guesses_a_vehicle(capsys, tmp_path):
     assert "--connect" in err
 
 
+@pytest.mark.slow
 def test_the_undo_line_of_the_report_finds_the_vehicle_in_the_journal(capsys, tmp_path):
     out = tmp_path / "run"
     assert main(["tune", "heading", "--connect", "sitl:automarine", "--dry-run", "--out", str(out)]) == 0
@@ -311,6 +316,7 @@ def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
     assert "<!DOCTYPE html>" in (tmp_path / "identify-mine.html").read_text()
 
 
+@pytest.mark.slow
 def test_identify_compares_all_methods_and_validates_on_a_run_kept_apart(capsys, tmp_path):
     first, second = write(tmp_path / "a.csv", relay_rows()), write(tmp_path / "b.csv", relay_rows(500))
     code, out, _ = run(
@@ -368,3 +374,14 @@ def test_identify_fits_a_coupled_model_and_proposes_what_to_fly(capsys, tmp_path
     assert data["parameters"]["X_udot"]["value"] == pytest.approx(-12.0, rel=0.02)
     assert data["parameters"]["N_r"]["value"] == pytest.approx(-1.5, rel=0.02)
     assert data["plan_next"]["rows"]
+
+
+def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_fitted(capsys, tmp_path):
+    path, page = write(tmp_path / "mine.csv", relay_rows(400)), tmp_path / "page.html"
+    options = ("--structure", "linear", "--delay", "0", "--no-check", "--json", "--page", page)
+    code, out, err = run(capsys, "identify", path, "--profile", "alpha_r", *options)
+    assert code == 0, err
+    (sentence,) = json.loads(out)["intervals"]
+    assert sentence.startswith(("alpha_r lies in 0.04", "alpha_r lies in 0.039"))
+    assert "Rise of the deviance" in page.read_text()
+    assert run(capsys, "identify", path, "--profile", "alpha_q", *options)[0] == 2

@@ -13,6 +13,8 @@ import pytest
 
 from gcs_autotune.cli import main
 
+pytestmark = pytest.mark.slow
+
 BOAT_BIAS = 0.008 / 0.5235987755982988
 """Charlie's steady moment, in shares of full rudder."""
 

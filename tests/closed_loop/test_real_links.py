@@ -18,6 +18,8 @@ from collections.abc import Iterator
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 SPEEDUP = "10"
 INERTIA, LINEAR, QUADRATIC = 80 / 400, 300 / 400, 10 / 400
 TURNING = 0.5

@@ -26,6 +26,8 @@ from gcs_autotune.models.coupled import FORMS, CoupledModel
 
 from .crafts import DEFAULTS, ROVER_DEFAULTS, ROVER_HEADING, SUB_DEPTH, SUB_HEADING, heave, yaw
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 ALPHA, BETA, SPEED = 0.8, 0.8, 2.0
 SPEC = Spec(speed=SPEED, step_duration=20.0, noise_std=0.002)

@@ -14,6 +14,8 @@ from gcs_autotune.design.step_metrics import noise_floor
 
 from .crafts import CRAFTS, present, uncertain
 
+pytestmark = pytest.mark.slow
+
 FLOWN = 30.0
 SMALL_THRUSTER = "videoray heave"
 

@@ -9,6 +9,8 @@ import pytest
 
 from benchmarks.blind.referee import Outcome, play
 
+pytestmark = pytest.mark.slow
+
 SEED = 3
 
 

@@ -19,6 +19,8 @@ from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
 
+pytestmark = pytest.mark.slow
+
 
 def named(told) -> list[str]:
     return [cause.effect.slug for cause in told.causes]

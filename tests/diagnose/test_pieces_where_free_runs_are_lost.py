@@ -14,6 +14,8 @@ from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.segment import within_horizon
 from gcs_autotune.trial import Channel, Trial
 
+pytestmark = pytest.mark.slow
+
 FEW = ("dead-zone", "input-bias", "quadratic-drag", "compass-deviation")
 
 

@@ -15,6 +15,8 @@ from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
+pytestmark = pytest.mark.slow
+
 SEEDS = 40
 SIGMA, QUANTUM = 0.25 * DEG, 2.0 * DEG
 VIDEORAY = (0.031, 0.0, 0.069, 0.003)

@@ -19,6 +19,8 @@ from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.watch import SilentWatcher
 
+pytestmark = pytest.mark.slow
+
 LAG, RATE = 0.6, 0.8
 """The boat: time constant [s] and turn rate at full helm [rad/s]; inertia is LAG / RATE, drag 1 / RATE."""
 NOISE = 0.002

@@ -53,6 +53,7 @@ def test_gain_time_constant_and_rudder_bias_come_out_together():
     assert fit.extra["T_prime"] == pytest.approx(T / 7.0, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_standard_errors_cover_the_truth_at_a_noisy_compass():
     z = []
     for seed in range(12):

@@ -28,6 +28,8 @@ from gcs_autotune.workflow import Unattended, restore_run
 
 from .harbour import Harbour, Later, Moored, StopsAt
 
+pytestmark = pytest.mark.usefixtures("plainly")
+
 
 def silent_after(moment):
     return lambda t, message: () if t > moment else (message,)
@@ -81,6 +83,7 @@ def test_a_parameter_the_firmware_lacks_is_named(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_a_missing_context_parameter_is_said_and_done_without(tmp_path):
     def without(t, message):
         lacks = message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_TURN_MAX_G"
@@ -92,6 +95,7 @@ def test_a_missing_context_parameter_is_said_and_done_without(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", [12.0, 40.0, 100.0, 200.0, 330.0])
 def test_a_link_that_falls_silent_leaves_a_neutral_vehicle_and_a_journal(tmp_path, moment):
     harbour = Harbour(tmp_path, meddling=silent_after(moment))
@@ -103,6 +107,7 @@ def test_a_link_that_falls_silent_leaves_a_neutral_vehicle_and_a_journal(tmp_pat
     harbour.assert_neutral()
 
 
+@pytest.mark.slow
 def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the_journal(tmp_path):
     def silent_in_the_proof(t, message):
         harbour.peer.deaf = "step with new gains" in harbour.said
@@ -136,6 +141,7 @@ def test_nan_telemetry(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_frozen_telemetry(tmp_path):
     held = {}
 
@@ -149,6 +155,7 @@ def test_frozen_telemetry(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jump_ms", [60_000, -30_000])
 def test_a_clock_that_jumps(tmp_path, jump_ms):
     def jump(t, message):
@@ -162,6 +169,7 @@ def test_a_clock_that_jumps(tmp_path, jump_ms):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_that_never_settles(tmp_path):
     def gusts(t, m):
         m.yaw += 0.18 * math.sin(0.61 * t) + 0.12 * math.sin(0.37 * t + 1.0)
@@ -173,6 +181,7 @@ def test_a_limit_cycle_that_never_settles(tmp_path):
     assert any(harbour.directory.glob("trials/*relay-1.csv"))
 
 
+@pytest.mark.slow
 def test_a_write_that_does_not_take_is_undone(tmp_path):
     def stubborn(t, message):
         if message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_STR_ANG_P":
@@ -185,6 +194,7 @@ def test_a_write_that_does_not_take_is_undone(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_a_wish_no_gains_can_meet(tmp_path):
     harbour = Harbour(tmp_path)
     with pytest.raises(NoGainsMeetSpec, match="settling"):
@@ -192,6 +202,7 @@ def test_a_wish_no_gains_can_meet(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_leaving_the_safety_envelope(tmp_path):
     harbour = Harbour(tmp_path, "automarine")
     with pytest.raises(GuardTripped, match="heading excursion"):
@@ -206,6 +217,7 @@ def test_overrides_that_never_expire_are_refused(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_a_message_from_another_system_is_not_believed(tmp_path):
     forged = []
 
@@ -238,6 +250,7 @@ def moments(tmp_path_factory):
     return operator.asked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.003, 0.01, 0.02, 0.03, 0.1, 0.25, 0.4, 0.6, 0.75, 0.85, 0.9, 0.97])
 def test_ctrl_c_at_any_point_leaves_everything_as_found(tmp_path, moments, share):
     harbour = Harbour(tmp_path)
@@ -246,6 +259,7 @@ def test_ctrl_c_at_any_point_leaves_everything_as_found(tmp_path, moments, share
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_new_gains_are_flown_puts_the_old_ones_back(tmp_path):
     class StopsInTheProof(StopsAt):
         def stop_requested(self):

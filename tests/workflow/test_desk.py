@@ -156,6 +156,7 @@ def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> N
         beside(craft, partial(divmod, 1, 0))
 
 
+@pytest.mark.slow
 def test_everything_that_a_tune_computes_can_cross_to_another_process(tmp_path: Any, monkeypatch: Any) -> None:
     crossed = []
 

@@ -19,6 +19,8 @@ from gcs_autotune.workflow.given_gains import load_gains, step_of
 
 from .harbour import Answers, Harbour
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def proposed(tmp_path_factory):

@@ -18,6 +18,8 @@ from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
 from gcs_autotune.workflow.restore import _Restoring
 
+pytestmark = pytest.mark.usefixtures("plainly")
+
 NEW = {"ATC_STR_RAT_P": 0.5, "ATC_STR_RAT_I": 0.4, "ATC_STR_RAT_FF": 1.5}
 CHARLIE = FLEET[0]
 
@@ -184,6 +186,7 @@ def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> No
     assert berth.condition().differs_from(found, {}) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [
@@ -203,6 +206,7 @@ def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fau
     assert outcome.writes > 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc for open files")
 def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
     play(Case.of(CHARLIE, Fault("unplugged", 5.0)), tmp_path)

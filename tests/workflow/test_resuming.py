@@ -18,6 +18,8 @@ from gcs_autotune.workflow import tune
 from .harbour import WHEN, Ear, Harbour, Later, Moored
 from .test_silence import Enough
 
+pytestmark = pytest.mark.slow
+
 CHANGED = "ATC_STR_RAT_FF"
 
 

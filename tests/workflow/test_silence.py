@@ -14,6 +14,8 @@ from gcs_autotune.workflow.tale import Tale
 
 from .harbour import Harbour
 
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("plainly")]
+
 
 class Hushed(Harbour):
     """A vehicle that cannot be heard, and hears nothing, for ``silence`` [s], from ``after`` [s] into *stage* on."""

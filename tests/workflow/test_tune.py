@@ -101,6 +101,7 @@ def test_the_journal_is_settled_in_the_end(tuned):
     assert state.debts == {}
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
     runs = []
     for name in ("a", "b"):
@@ -111,6 +112,7 @@ def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
     assert runs[0] == runs[1]
 
 
+@pytest.mark.slow
 def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
     harbour = Harbour(tmp_path)
     story = harbour.tune(dry_run=True)
@@ -119,6 +121,7 @@ def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
     harbour = Harbour(tmp_path)
@@ -128,6 +131,7 @@ def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_written(tmp_path):
     harbour = Harbour(tmp_path)
     operator = Answers(True, True)
@@ -145,6 +149,7 @@ def test_no_to_the_first_question_arms_nothing(tmp_path):
     assert not any(harbour.directory.glob("trials/*.csv"))
 
 
+@pytest.mark.slow
 def test_no_to_the_second_question_writes_nothing(tmp_path):
     harbour = Harbour(tmp_path)
     story = harbour.tune(Answers(True, False), simulated=False)
@@ -152,6 +157,7 @@ def test_no_to_the_second_question_writes_nothing(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_an_rov_survives_the_operators_long_thinking(tmp_path):
     # ArduSub disarms three seconds after the last pilot input; each question takes four.
     harbour = Harbour(tmp_path, "automarine")
@@ -166,6 +172,7 @@ def test_a_boat_has_no_depth_loop(tmp_path):
     harbour.assert_as_found()
 
 
+@pytest.mark.slow
 def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
     harbour = Harbour(tmp_path, parameters={"ATC_STR_RAT_FF": 9.0})
     story = harbour.tune(dry_run=True)
@@ -180,6 +187,7 @@ def test_a_run_directory_is_never_overwritten(tmp_path):
         harbour.tune()
 
 
+@pytest.mark.slow
 def test_the_relay_and_the_step_can_be_given(tmp_path):
     harbour = Harbour(tmp_path, "automarine")
     story = harbour.tune(

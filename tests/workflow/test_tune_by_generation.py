@@ -9,6 +9,8 @@ from gcs_autotune.mavlink import load_params
 
 from .harbour import Harbour
 
+pytestmark = pytest.mark.slow
+
 GAINS = ("PSC_D_POS_P", "PSC_D_VEL_P", "PSC_D_VEL_I", "PSC_D_ACC_P", "PSC_D_ACC_I", "PSC_D_ACC_FF")
 INSIDE = ("PSC_POSZ_P", "PSC_VELZ_P", "PSC_VELZ_I", "PSC_ACCZ_P", "PSC_ACCZ_I", "PSC_ACCZ_FF")
 SCALES = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)

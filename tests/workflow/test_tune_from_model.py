@@ -15,6 +15,8 @@ from sitl.effects.table import make_effect
 
 from .harbour import Harbour
 
+pytestmark = pytest.mark.slow
+
 ALPHA, BETA = 16.36, 4.912
 """The simulated boat's own yaw, input as a fraction of full rudder."""
 DEAD = 0.06

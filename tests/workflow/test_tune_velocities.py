@@ -15,6 +15,8 @@ from sitl.effects import parse_effect
 
 from .harbour import Ear, Harbour
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def swift(tmp_path_factory):

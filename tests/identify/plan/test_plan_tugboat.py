@@ -14,6 +14,8 @@ from gcs_autotune.report.plan import plan_summary
 from gcs_autotune.report.terminal import render_text
 from gcs_autotune.trial import Trial
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def trials() -> list[Trial]:

@@ -1,0 +1,12 @@
+"""Cheaper whole jobs, for tests of what happens on the way."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture
+def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the gains as matched, without refining them, and leave the pictures out of the report."""
+    monkeypatch.setattr("gcs_autotune.design.proposal.polish", lambda problem, chosen, duration: chosen)
+    monkeypatch.setattr("gcs_autotune.report.html.draw_pictures", lambda story: ())
