@@ -47,7 +47,7 @@ def open_vehicle(
     parameters : autopilot parameters set before boot.
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of the vehicle's own (:func:`sitl.modelfile.read_model`).
-    names : the firmware generation whose parameter names and units are spoken (``autopilot.generations``).
+    names : the firmware generation whose parameter names and units are spoken (``autopilot.parameter_dialect``).
 
     Raises
     ------

@@ -12,7 +12,7 @@ from types import FrameType
 
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
 from sitl.ardupilot_json.command import add_options, run_json, write_parameters
-from sitl.autopilot.generations import GENERATIONS
+from sitl.autopilot.parameter_dialect import GENERATIONS
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters
@@ -139,7 +139,7 @@ def _open(args: argparse.Namespace) -> Server:
     except KeyError as error:
         raise _Usage(f"the firmware of {args.vehicle} has no parameter {error}") from error
     if args.eeprom:
-        keep_parameters(server.vehicle.spoken, args.eeprom)
+        keep_parameters(server.vehicle.dialect, args.eeprom)
     return server
 
 

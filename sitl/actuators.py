@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from sitl.body import Body, Loads
+from sitl.hull import Body, Loads
 
 __all__ = ["FRAMES", "Actuators", "RudderBoat", "ThrustCurve", "ThrusterFrame", "TwinThrusterBoat", "YawSchedule"]
 

@@ -22,7 +22,7 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.body import AxisDynamics, Body, World
+from sitl.hull import AxisDynamics, Body, World
 from sitl.sensors import SensorData
 
 __all__ = ["VEHICLES", "UnknownVehicle", "VehicleData", "load_vehicle"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sitl.autopilot.generations import Spoken
+from sitl.autopilot.parameter_dialect import ParameterDialect
 
 __all__ = ["keep_parameters", "read_parameters"]
 
@@ -32,7 +32,7 @@ def read_parameters(path: Path) -> Mapping[str, float]:
     return values
 
 
-def keep_parameters(store: Spoken, path: Path) -> None:
+def keep_parameters(store: ParameterDialect, path: Path) -> None:
     """From now on write every changed parameter to *path* (whole file, renamed into place)."""
     changed = dict(read_parameters(path))
 

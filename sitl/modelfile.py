@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sitl.effects import EFFECTS, BadEffect, Effect, make_effect
-from sitl.plane import Coupling, Term
+from sitl.hull import Coupling, Term
 
 __all__ = ["BadModel", "FlownModel", "read_model"]
 

@@ -8,7 +8,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sitl.body import Body
+from sitl.hull import Body
 
 __all__ = ["Reading", "SensorData", "Sensors"]
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sitl.autopilot import FIRMWARE, SLOW_RATE, Autopilot, loop_rate
-from sitl.autopilot.generations import Spoken
+from sitl.autopilot.parameter_dialect import ParameterDialect
 from sitl.autopilot.parameters import ParameterStore
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.effects import Effect
 from sitl.modelfile import FlownModel
-from sitl.rig import Rig
+from sitl.plant import Plant
 from sitl.sensors import Reading, Sensors
 
 __all__ = ["Vehicle"]
@@ -47,16 +47,16 @@ class Vehicle:
         model: FlownModel | None = None,
         names: str = "own",
     ) -> None:
-        self.rig = Rig(data, effects=effects, model=model)
+        self.plant = Plant(data, effects=effects, model=model)
         self.data = data
-        self.effects, self.body, self.actuators = self.rig.effects, self.rig.body, self.rig.actuators
+        self.effects, self.body, self.actuators = self.plant.effects, self.plant.body, self.plant.actuators
         self._make_autopilot, definitions = FIRMWARE[data.firmware]
         self.parameters = ParameterStore(definitions)
         for name, value in data.parameters.items():
             self.parameters.preset(name, value)
-        self.spoken = Spoken(self.parameters, names, data.firmware)
+        self.dialect = ParameterDialect(self.parameters, names, data.firmware)
         for name, value in (parameters or {}).items():
-            self.spoken.preset(name, value)
+            self.dialect.preset(name, value)
         self.rate = loop_rate(self.parameters)
         self._dt = 1.0 / self.rate
         self._slowly = self.rate // SLOW_RATE
@@ -66,7 +66,7 @@ class Vehicle:
         self._reading = Reading()
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.autopilot = self._boot()
-        self.rig.begin(str(seed))
+        self.plant.begin(str(seed))
 
     @property
     def ms(self) -> int:
@@ -93,13 +93,13 @@ class Vehicle:
         self.tick += 1
         pwm: Sequence[int] = self.autopilot.pwm
         t, dt = self.seconds, self._dt
-        self.rig.move(t, dt, pwm)
+        self.plant.move(t, dt, pwm)
         slowly = self._slowly
         new = self.tick % slowly == 0
         if new:
             self.battery.drain(pwm, slowly * dt)
         self._sensors.sample(self.body, self._reading, new=new)
-        self.rig.alter(t, self._reading)
+        self.plant.alter(t, self._reading)
 
     def control(self) -> None:
         """Let the autopilot run its loop on that sample."""

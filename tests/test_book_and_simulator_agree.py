@@ -11,7 +11,7 @@ from gcs_autotune.models.coupled.form import Form
 from gcs_autotune.trial import Channel
 from sitl.effects import EFFECTS as SIMULATED
 from sitl.effects import make_effect
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 INERTIA = {"surge": 10.0, "sway": 15.0, "heave": 12.0, "yaw": 2.0}
 DRAG = {"surge": 5.0, "sway": 10.0, "heave": 6.0, "yaw": 2.0}
@@ -91,14 +91,14 @@ def test_the_simulator_has_every_effect_of_the_book_under_the_same_names():
 @pytest.fixture(scope="module")
 def unaltered():
     usual = {"duration": COUNT * INTERVAL, "interval": INTERVAL, "measured": SIGNALS, "initial": START}
-    return tow(Hull(tuple(NAMES), INERTIA, DRAG), commands(), **usual)
+    return open_loop(Hull(tuple(NAMES), INERTIA, DRAG), commands(), **usual)
 
 
 @pytest.mark.parametrize("slug", [slug for slug in CASES if slug in EFFECTS])
 def test_book_and_simulator_agree_on(slug, unaltered):
     place, numbers = CASES[slug]
     usual = {"duration": COUNT * INTERVAL, "interval": INTERVAL, "measured": SIGNALS, "initial": START}
-    run = tow(Hull(tuple(NAMES), INERTIA, DRAG), commands(), effects=[make_effect(slug, place, numbers)], **usual)
+    run = open_loop(Hull(tuple(NAMES), INERTIA, DRAG), commands(), effects=[make_effect(slug, place, numbers)], **usual)
     values = {name: value for name, value in numbers.items() if name not in CONSTANTS}
     constants = {name: value for name, value in numbers.items() if name in CONSTANTS}
     applied = EffectInstance(slug, place, values, {**constants, **BOOK_ONLY.get(slug, {})})

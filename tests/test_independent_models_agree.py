@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
 from sitl import load_vehicle
-from sitl.body import Loads
+from sitl.hull import Loads
 
 TICK = 0.02
 

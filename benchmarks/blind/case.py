@@ -23,7 +23,7 @@ from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import Effect, make_effect
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 __all__ = ["BESIDE", "GIVEN", "Case", "NoCase", "draw_case"]
 
@@ -346,7 +346,7 @@ def _shallow(craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidde
     effects = [_made(h, {}) for h in hidden if h.near_bottom]
     for _ in range(8):
         hull = _hull(craft, hidden[0].plain)
-        dived = tow(hull, commands, **_clock(craft), measured=("z",), initial={"z": depth}, effects=effects)["z"]
+        dived = open_loop(hull, commands, **_clock(craft), measured=("z",), initial={"z": depth}, effects=effects)["z"]
         close = BOTTOM - float(dived.max())
         if 0.5 * clear <= close <= 2.0 * clear:
             break
@@ -375,7 +375,7 @@ def _fly(voyage: _Voyage, hidden: Sequence[Hidden], noise: Mapping[str, float] |
     for k, commands in enumerate(voyage.commands):
         effects = [_made(h, full) for h in hidden if h.slug and (h.in_runs is None or k in h.in_runs)]
         files.append(
-            tow(
+            open_loop(
                 _hull(voyage.craft, voyage.plain),
                 commands,
                 **_clock(voyage.craft),

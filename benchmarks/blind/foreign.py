@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
-from sitl.body import Loads
 from sitl.effects import Effect, Parameter, Setting
+from sitl.hull import Loads
 from sitl.sensors import Reading
 
 __all__ = ["FOREIGN"]

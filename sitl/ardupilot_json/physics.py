@@ -16,7 +16,7 @@ from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.effects import BadEffect, Effect
 from sitl.modelfile import FlownModel
-from sitl.rig import Rig
+from sitl.plant import Plant
 from sitl.sensors import Reading
 
 __all__ = ["Physics"]
@@ -61,15 +61,15 @@ class Physics:
 
     def restart(self) -> None:
         """Put a new hull at home, as a restart of ArduPilot does with its own models."""
-        rig = Rig(self._data, effects=self._effects, model=self._model)
-        rig.body.z = 0.0
-        for effect in rig.effects:
+        plant = Plant(self._data, effects=self._effects, model=self._model)
+        plant.body.z = 0.0
+        for effect in plant.effects:
             _refuse(effect)
-        rig.begin(str(self._seed))
-        if not rig.body.over_ground:
+        plant.begin(str(self._seed))
+        if not plant.body.over_ground:
             raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground; leave the place away")
-        self.rig = rig
-        self._tells_true = not any(effect.overrides("alter_measurement") for effect in rig.effects)
+        self.plant = plant
+        self._tells_true = not any(effect.overrides("alter_measurement") for effect in plant.effects)
         self._reading = Reading()
         self._battery = Battery()
         self.seconds = 0.0
@@ -79,13 +79,13 @@ class Physics:
 
     def step(self, dt: float, pwm: Sequence[int]) -> State:
         """Let *dt* [s] pass under servo pulses *pwm* [us] and return what it looks like then."""
-        body, before = self.rig.body, self._velocity()
+        body, before = self.plant.body, self._velocity()
         self._pwm = pwm
         psi_before = body.psi
         count = max(1, math.ceil(dt / _LONGEST_STEP - 1e-9))
         for _ in range(count):
             self.seconds += dt / count
-            self.rig.move(self.seconds, dt / count, pwm)
+            self.plant.move(self.seconds, dt / count, pwm)
         self._battery.drain(pwm, dt)
         after = self._velocity()
         north, east, down = ((b - a) / dt for a, b in zip(before, after, strict=True))
@@ -97,17 +97,17 @@ class Physics:
     @property
     def shares(self) -> dict[str, float]:
         """What the last pulses ask of each axis, as shares of full, before any effect."""
-        return self.rig.actuators.read(self._pwm)
+        return self.plant.actuators.read(self._pwm)
 
     def _velocity(self) -> tuple[float, float, float]:
         """Return the true velocity over ground (3,) [m/s]: north, east, down."""
-        body = self.rig.body
+        body = self.plant.body
         u, v, c, s = body.speed, body.drift, math.cos(body.psi), math.sin(body.psi)
         return c * u - s * v, s * u + c * v, body.w
 
     def _tell(self, acceleration: tuple[float, float, float]) -> None:
         """Fill the state from the truth, or from what the sensor effects make of it."""
-        body, state, reading = self.rig.body, self.state, self._reading
+        body, state, reading = self.plant.body, self.state, self._reading
         state.t = self.seconds
         state.voltage, state.current = self._battery.voltage(_FULL_BATTERY), self._battery.current
         state.force = (acceleration[0], acceleration[1], acceleration[2] - _GRAVITY)
@@ -125,7 +125,7 @@ class Physics:
         )
         reading.x, reading.y, reading.z, reading.w = body.x, body.y, body.z, body.w
         reading.p = reading.q = 0.0
-        self.rig.alter(self.seconds, reading)
+        self.plant.alter(self.seconds, reading)
         c, s = math.cos(body.psi), math.sin(body.psi)
         state.gyro = (reading.p, reading.q, reading.r)
         state.attitude = (0.0, 0.0, math.remainder(reading.psi, math.tau))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import MutableMapping
 
-from sitl.body import Loads
 from sitl.effects.effect import FORCE_OF, Effect, Parameter, Setting
 from sitl.effects.places import find_input
+from sitl.hull import Loads
 
 __all__ = [
     "AdvanceSpeedLoss",

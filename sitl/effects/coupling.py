@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sitl.body import Loads
 from sitl.effects.effect import BadEffect, Effect, Motion, Parameter, Setting
+from sitl.hull import Loads
 
 __all__ = ["CoriolisCoupling", "SwayYawCoupling"]
 

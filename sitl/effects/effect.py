@@ -1,8 +1,8 @@
 """The seam for hidden effects: what may stand between the commands, the ideal sea and the record.
 
 An effect overrides only what it alters. Effects run in the order given; an empty list costs nothing. The same effect
-works in the tank (:mod:`sitl.tank`), where inputs are in SI units, and on a vehicle, where an input is the share of
-full of one axis.
+works in open loop (:mod:`sitl.open_loop`), where inputs are in SI units, and on a vehicle, where an input is the share
+of full of one axis.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.body import AxisDynamics, Loads
+from sitl.hull import AxisDynamics, Loads
 from sitl.sensors import Reading
 
 __all__ = ["FORCE_OF", "BadEffect", "Effect", "Motion", "Parameter", "Setting"]
@@ -70,7 +70,7 @@ class Setting:
     ``axes``: drag and inertia of each degree of freedom there is, live; ``inputs``: channel -> degree of freedom it
     drives; ``swing``: largest command of each; ``gain``: force per unit of input of each degree of freedom;
     ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge speed; ``bottom`` [m]: depth of the water;
-    ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: behind the wire, not in the tank.
+    ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: behind the wire, not in open loop.
     """
 
     motion: Motion
@@ -136,11 +136,11 @@ class Effect:
         """Forget everything and learn where the craft starts. ``BadEffect`` when it has no such place."""
 
     def quickness(self, setting: Setting) -> float:
-        """Return the shortest time [s] in which this effect moves the craft; the tank's steps are much shorter."""
+        """Return the shortest time [s] in which this effect moves the craft; open-loop steps are much shorter."""
         return float("inf")
 
     def lateness(self) -> Mapping[str, float]:
-        """Return by how much [s] signals are late against the inputs, for the tank. ``*``: all of them."""
+        """Return by how much [s] signals are late against the inputs, in open loop. ``*``: all of them."""
         return {}
 
     # -- from the command to the hull
@@ -163,7 +163,7 @@ class Effect:
         """Change what the sensors report."""
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Change what is written down: ``t``, inputs and signals, (n,) each. Tank only."""
+        """Change what is written down: ``t``, inputs and signals, (n,) each. In open loop only."""
 
     def alter_report(self, fields: dict[str, float]) -> None:
         """Change what is sent of one moment (see :mod:`sitl.mavlink.report`). Vehicles only."""

@@ -1,13 +1,13 @@
-"""What the surroundings do to the craft. In the tank forces are SI; on a vehicle ``input unit`` is a share of full."""
+"""What the surroundings do to the craft. In open loop forces are SI; on a vehicle ``input unit`` is a share of full."""
 
 from __future__ import annotations
 
 import math
 from random import Random
 
-from sitl.body import Loads
 from sitl.effects.effect import FORCE_OF, BadEffect, Effect, Parameter, Setting
 from sitl.effects.places import find_dof
+from sitl.hull import Loads
 
 __all__ = ["InputBias", "SteadyCurrent", "TetherPull", "WaveDisturbance", "WindMoment"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from sitl.body import Loads
 from sitl.effects.effect import BadEffect, Effect, Motion, Parameter, Setting
 from sitl.effects.places import find_dof
+from sitl.hull import Loads
 
 __all__ = ["GroundEffect", "LinearDrag", "MassChange", "NetBuoyancy", "QuadraticDrag"]
 

@@ -76,7 +76,7 @@ class MeasurementDelay(Effect):
         return dict.fromkeys(self._names, self["delay"])
 
     def alter_measurement(self, t: float, reading: Reading) -> None:
-        """Put back what was seen then, between two samples in proportion; the tank reads its own past instead."""
+        """Put back what was seen then, between two samples in proportion; in open loop its own past is read instead."""
         if not self._on_vehicle:
             return
         seen, when = self._seen, t - self["delay"] + 1e-9

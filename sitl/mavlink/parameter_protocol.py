@@ -27,7 +27,7 @@ class ParameterProtocol:
 
     def __init__(self, server: Server) -> None:
         self._server = server
-        self._store = server.vehicle.spoken
+        self._store = server.vehicle.dialect
         self._cursor: int | None = None
 
     def request_list(self, message: Message) -> None:

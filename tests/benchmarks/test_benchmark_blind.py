@@ -18,7 +18,7 @@ from benchmarks.blind.scoring import bounds, recovered, report
 from benchmarks.blind.sizes import RECIPES
 from gcs_autotune.effects import EFFECTS
 from sitl.effects import EFFECTS as SIMULATED
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 RIGHT = Outcome("single", 1, 0, "dead-zone", ["dead-zone"], ["N"], "yaw", 1.0, 2.0, 0.01, "effect-found", ["dead-zone"])
 
@@ -52,7 +52,7 @@ def test_commands_with_full_turns_turn_the_bow_right_round() -> None:
             continue
         commands = draw_commands(rng, craft, "steps", turns=True)
         hull = Hull(craft.dofs, craft.inertia, craft.linear)
-        file = tow(hull, commands, duration=craft.duration, interval=craft.interval, measured=("psi",))
+        file = open_loop(hull, commands, duration=craft.duration, interval=craft.interval, measured=("psi",))
         turned.append(np.ptp(file["psi"]) / (2.0 * np.pi))
     assert np.mean(np.array(turned) > 1.0) > 0.9
 
@@ -77,7 +77,7 @@ def test_the_plain_model_explains_a_plain_hull_down_to_the_noise() -> None:
     hull = Hull(craft.dofs, craft.inertia, craft.linear)
     noise = {n: 0.01 * s for n, s in craft.scale.items()}
     files = [
-        tow(
+        open_loop(
             hull,
             draw_commands(rng, craft, "steps", turns=False),
             duration=craft.duration,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import Effect
 from sitl.effects.table import make_effect
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 __all__ = ["BOAT", "HULL", "Hidden", "sailed", "squares", "towed"]
 
@@ -31,7 +31,7 @@ def towed(
     found = []
     for k in range(runs):
         steps: Sequence[float] = np.repeat(full * rng.uniform(-1.0, 1.0, samples // 25 + 1), 25)[:samples]
-        columns = tow(
+        columns = open_loop(
             HULL,
             {"N": steps},
             duration=samples * 0.1,
@@ -52,7 +52,7 @@ def squares(
     return [
         _filed(
             f"run{k}",
-            tow(
+            open_loop(
                 HULL,
                 {"N": _square(size, period)},
                 duration=30.0,
@@ -82,7 +82,7 @@ def sailed(*effects: Hidden, seed: int = 1) -> list[Trial]:
     found = []
     for k in range(2):
         steps: Sequence[float] = np.repeat(rng.uniform(-1.0, 1.0, 10), 25)
-        columns = tow(
+        columns = open_loop(
             BOAT,
             {"N": steps, "X": np.repeat(rng.uniform(1.0, 3.0, 5), 50)},
             duration=25.0,

@@ -13,14 +13,14 @@ from gcs_autotune.identify.base_model import fit_base, overlooked, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects.table import make_effect
-from sitl.tank import tow
+from sitl.open_loop import open_loop
 
 COUPLED = make_effect("coriolis-coupling", "surge+sway+yaw", {"X_vr": 7.0, "Y_ur": -5.0, "N_uv": -2.0})
 
 
 def s_manoeuvre(*effects, measured=("x", "y", "psi"), k=0, samples=150):
     t = 0.2 * np.arange(samples)
-    columns = tow(
+    columns = open_loop(
         BOAT,
         {"N": np.sign(np.sin(2.0 * np.pi * t / (14.0 + 4.0 * k))), "X": np.full(samples, 2.5)},
         duration=0.2 * samples,

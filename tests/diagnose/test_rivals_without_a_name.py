@@ -14,8 +14,8 @@ from gcs_autotune.diagnose.ringing import rings
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
-from sitl.body import Loads
 from sitl.effects import Effect, Parameter, Setting
+from sitl.hull import Loads
 
 
 class CubicDrag(Effect):

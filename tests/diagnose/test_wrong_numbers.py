@@ -25,7 +25,7 @@ from gcs_autotune.report import diagnosis_summary
 from gcs_autotune.report.diagnosis_wording import scale_words
 from gcs_autotune.report.terminal import render_text
 from gcs_autotune.workflow.diagnosis import write_diagnosis
-from sitl.tank import Hull
+from sitl.open_loop import Hull
 
 FEW = ["dead-zone", "input-bias", "input-delay"]
 TRUE = {"N_rdot": -2.0, "N_r": -1.0}

@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.firmware import ALIASES, FIRMWARE, Alias, Names, read_named
 from gcs_autotune.link import MemoryLink, Parameters, Session, same_float32
 from sitl import open_vehicle
-from sitl.autopilot.generations import GENERATIONS
+from sitl.autopilot.parameter_dialect import GENERATIONS
 
 SUB = FIRMWARE["ardusub"]
 WANTED = {axis: [*(g.parameter for g in a.gains), *a.context] for axis, a in SUB.axes.items()}

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from sitl.actuators import FRAMES, RudderBoat, ThrusterFrame, YawSchedule
-from sitl.body import AxisDynamics, Body, Loads, World
+from sitl.hull import AxisDynamics, Body, Loads, World
 
 SCHEDULE = YawSchedule(((16.0, 10.0, 3.0), (36.0, 8.0, 2.0), (64.0, 9.0, 2.5)))
 BOAT = RudderBoat(SCHEDULE, math.radians(30), 8.0, 75.0, 0.0, 1, 3)

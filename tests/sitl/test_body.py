@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from sitl.body import AxisDynamics, Body, Loads, World
+from sitl.hull import AxisDynamics, Body, Loads, World
 
 DT = 0.02
 

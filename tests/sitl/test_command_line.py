@@ -65,14 +65,14 @@ def test_an_unknown_option_is_a_usage_error():
 def test_written_parameters_outlive_the_process(tmp_path):
     path = tmp_path / "eeprom.csv"
     first = Ground("charlie")
-    keep_parameters(first.vehicle.spoken, path)
+    keep_parameters(first.vehicle.dialect, path)
     first.set("ATC_STR_ANG_P", 3.5)
     first.set("WP_SPEED", 0.9)
     first.run(0.1)
     second = Ground("charlie", parameters=read_parameters(path))
     assert second.vehicle.parameters["ATC_STR_ANG_P"] == 3.5
     assert second.vehicle.parameters["WP_SPEED"] == first.vehicle.parameters["WP_SPEED"]
-    keep_parameters(second.vehicle.spoken, path)
+    keep_parameters(second.vehicle.dialect, path)
     second.set("ATC_STR_ANG_P", 4.0)
     second.run(0.1)
     assert dict(read_parameters(path)).keys() == {"ATC_STR_ANG_P", "WP_SPEED"}

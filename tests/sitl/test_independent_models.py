@@ -13,7 +13,7 @@ from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.servo_rail import ServoRail
 from sitl.autopilot.sub_motors import SubMotors
 from sitl.autopilot.sub_parameters import SUB_PARAMETERS
-from sitl.body import Loads
+from sitl.hull import Loads
 
 DT = 0.02
 CASES = [(name, dof) for name in ("videoray", "automarine", "falcon") for dof in ("yaw", "heave")]

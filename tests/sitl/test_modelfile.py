@@ -13,7 +13,7 @@ from gcs_autotune.models.coupled import FORMS, CoupledModel
 from gcs_autotune.models.coupled.form import Form
 from sitl import BadModel, read_model
 from sitl.__main__ import main
-from sitl.body import Loads
+from sitl.hull import Loads
 from tests.sitl.ground import boat, rov
 
 YAW = Form(

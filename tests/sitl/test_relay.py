@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from sitl import load_vehicle
-from sitl.body import Loads
+from sitl.hull import Loads
 from tests.sitl.ground import boat
 
 FULL_AHEAD = 2000

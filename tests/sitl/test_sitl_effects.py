@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sitl.body import Loads
 from sitl.effects import EFFECTS, BadEffect, Setting, make_effect, parse_effect
-from sitl.tank import Hull, tow
+from sitl.hull import Loads
+from sitl.open_loop import Hull, open_loop
 
 SLUGS = [
     "time-scale",
@@ -62,7 +62,7 @@ RAMP = np.linspace(-1.0, 1.0, 201)
 def turn(hull, slug, values, command, *, place="", measured=("psi", "r"), interval=0.1, **more):
     command = np.asarray(command, dtype=float)
     effect = make_effect(slug, place, values)
-    return tow(
+    return open_loop(
         hull, {"N": command}, duration=interval * len(command), interval=interval, measured=measured, effects=[effect],
         **more,
     )  # fmt: skip
@@ -166,7 +166,7 @@ def test_drag_is_added_to_one_degree_of_freedom():
 
 def plane(slug, values, *, place="", initial=None, commands=None):
     commands = commands or {"X": [(0.0, 4.0)], "Y": [(0.0, 1.0)], "N": [(0.0, 0.6)]}
-    return tow(
+    return open_loop(
         PLANE, commands, duration=20.0, interval=0.1, measured=("x", "y", "psi", "u", "v", "r"), initial=initial,
         effects=[make_effect(slug, place, values)],
     )  # fmt: skip
@@ -211,7 +211,7 @@ def test_a_payload_changes_the_inertia_and_not_the_speed():
 
 
 def dive(slug, values, *, place="", **more):
-    return tow(
+    return open_loop(
         DIVER, {"Z": [(0.0, 1.2)]}, duration=60.0, interval=0.1, measured=("z", "w"),
         effects=[make_effect(slug, place, values)], **more,
     )  # fmt: skip
@@ -238,7 +238,7 @@ def test_a_bias_is_added_in_units_of_the_input():
     assert turn(SLOW, "input-bias", {"bias": 0.2}, np.zeros(400))["r"][-1] == pytest.approx(0.2, rel=1e-4)
     hull = Hull(("yaw",), {"yaw": 1.0}, {"yaw": 1.0}, gain=3.0)
     bias = make_effect("input-bias", "yaw", {"bias": 0.2})
-    run = tow(hull, {"delta": [(0.0, 0.0)]}, duration=20.0, interval=0.1, measured=("r",), effects=[bias])
+    run = open_loop(hull, {"delta": [(0.0, 0.0)]}, duration=20.0, interval=0.1, measured=("r",), effects=[bias])
     assert run["r"][-1] == pytest.approx(0.6, rel=1e-4)
 
 

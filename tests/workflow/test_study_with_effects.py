@@ -7,7 +7,7 @@ import numpy as np
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.study import StudySettings, study
 from sitl.effects.table import make_effect
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 
 def drifting(seed: int) -> Trial:
@@ -15,7 +15,7 @@ def drifting(seed: int) -> Trial:
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 80.0, 2.5)
     steps = [(float(a), float(b)) for a, b in zip(t, rng.uniform(-1.0, 1.0, len(t)), strict=True)]
-    table = tow(
+    table = open_loop(
         Hull(("yaw",), {"yaw": 2.0}, {"yaw": 1.5}),
         {"N": steps},
         duration=80.0,

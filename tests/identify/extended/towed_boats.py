@@ -6,7 +6,7 @@ import numpy as np
 
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects.table import make_effect
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 INERTIA, DRAG = 2.0, 1.5
 NOISE = {"psi": 0.01, "r": 0.02}
@@ -19,7 +19,7 @@ def yaw_run(seed: int, effects: dict[str, dict[str, float]], *, duration: float 
     steps = [(float(a), float(b)) for a, b in zip(t, rng.uniform(-1.0, 1.0, len(t)), strict=True)]
     hidden = [make_effect(*_parts(name), values) for name, values in effects.items()]
     hull = Hull(("yaw",), {"yaw": INERTIA}, {"yaw": DRAG})
-    table = tow(
+    table = open_loop(
         hull,
         {"N": steps},
         duration=duration,

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sitl.effects import make_effect
-from sitl.tank import Hull, tow
+from sitl.open_loop import Hull, open_loop
 
 FULL = Hull(
     ("surge", "sway", "heave", "yaw"),
@@ -25,7 +25,7 @@ def turning(time_constant, **more):
 
 @pytest.mark.parametrize("time_constant", [0.1, 1.0, 20.0])
 def test_a_step_of_moment_turns_the_hull_as_the_closed_solution_says(time_constant):
-    run = tow(turning(time_constant), {"N": [(0.0, 0.5)]}, duration=20.0, interval=0.1, measured=("psi", "r"))
+    run = open_loop(turning(time_constant), {"N": [(0.0, 0.5)]}, duration=20.0, interval=0.1, measured=("psi", "r"))
     t, T = run["t"], time_constant
     assert len(t) == 200
     assert np.max(np.abs(run["r"] - 0.5 * (1.0 - np.exp(-t / T)))) < 1e-4
@@ -35,7 +35,7 @@ def test_a_step_of_moment_turns_the_hull_as_the_closed_solution_says(time_consta
 def test_all_degrees_of_freedom_move_as_an_adaptive_integrator_says():
     forces = {"X": 4.0, "Y": -2.0, "Z": 1.0, "N": 1.5}
     commands = {name: [(0.0, value), (6.0, -value)] for name, value in forces.items()}
-    run = tow(FULL, commands, duration=12.0, interval=0.2, measured=("x", "y", "z", "psi", "u", "v", "w", "r"))
+    run = open_loop(FULL, commands, duration=12.0, interval=0.2, measured=("x", "y", "z", "psi", "u", "v", "w", "r"))
 
     def slope(t, s):
         psi, u, v, w, r = s[3:]
@@ -53,36 +53,38 @@ def test_all_degrees_of_freedom_move_as_an_adaptive_integrator_says():
 
 def test_without_yaw_x_is_the_integral_of_u():
     hull = Hull(("surge",), {"surge": 10.0}, {"surge": 5.0})
-    run = tow(hull, {"X": [(0.0, 5.0)]}, duration=20.0, interval=0.5, measured=("x", "u"), initial={"x": 3.0, "u": 1.0})
+    run = open_loop(
+        hull, {"X": [(0.0, 5.0)]}, duration=20.0, interval=0.5, measured=("x", "u"), initial={"x": 3.0, "u": 1.0}
+    )
     assert run["u"] == pytest.approx(np.ones(40))
     assert run["x"] == pytest.approx(3.0 + run["t"])
 
 
 def test_a_rudder_turns_the_hull_by_its_gain():
     hull = turning(1.0, gain=3.0)
-    run = tow(hull, {"delta": [(0.0, 0.1)]}, duration=20.0, interval=0.5, measured=("r",))
+    run = open_loop(hull, {"delta": [(0.0, 0.1)]}, duration=20.0, interval=0.5, measured=("r",))
     assert run["r"][-1] == pytest.approx(0.3, rel=1e-4)
 
 
 def test_commands_are_held_from_stamp_to_stamp_and_written_as_given():
     values = np.where(np.arange(50) % 10 < 5, 1.0, -1.0)
-    run = tow(turning(0.5), {"N": values}, duration=5.0, interval=0.1, measured=("r",))
+    run = open_loop(turning(0.5), {"N": values}, duration=5.0, interval=0.1, measured=("r",))
     assert np.array_equal(run["N"], values)
     steps = [(k * 0.5, 1.0 if k % 2 == 0 else -1.0) for k in range(10)]
-    again = tow(turning(0.5), {"N": steps}, duration=5.0, interval=0.1, measured=("r",))
+    again = open_loop(turning(0.5), {"N": steps}, duration=5.0, interval=0.1, measured=("r",))
     assert np.array_equal(again["N"], values)
     assert np.array_equal(again["r"], run["r"])
 
 
 def test_nothing_is_commanded_before_the_first_step():
-    run = tow(turning(0.5), {"N": [(1.0, 1.0)]}, duration=3.0, interval=0.1, measured=("r",))
+    run = open_loop(turning(0.5), {"N": [(1.0, 1.0)]}, duration=3.0, interval=0.1, measured=("r",))
     assert not np.any(run["r"][:11])
     assert run["r"][11] > 0.0
 
 
 def test_noise_is_white_of_the_given_size_and_follows_the_seed():
     def fly(seed):
-        return tow(
+        return open_loop(
             turning(1.0), {"N": [(0.0, 0.0)]}, duration=100.0, interval=0.1, measured=("psi", "r"),
             noise={"psi": 0.01}, seed=seed,
         )  # fmt: skip
@@ -95,7 +97,7 @@ def test_noise_is_white_of_the_given_size_and_follows_the_seed():
 
 
 def test_stamps_can_be_uneven_and_the_motion_is_that_of_the_stamps():
-    run = tow(turning(1.0), {"N": [(0.0, 1.0)]}, duration=10.0, interval=0.1, measured=("r",), stamps_jitter=0.04)
+    run = open_loop(turning(1.0), {"N": [(0.0, 1.0)]}, duration=10.0, interval=0.1, measured=("r",), stamps_jitter=0.04)
     gaps = np.diff(run["t"])
     assert gaps.min() < 0.08 and gaps.max() > 0.12 and gaps.min() > 0.0
     assert run["r"] == pytest.approx(1.0 - np.exp(-run["t"]), abs=1e-4)
@@ -114,13 +116,13 @@ def test_stamps_can_be_uneven_and_the_motion_is_that_of_the_stamps():
 def test_a_run_that_cannot_be_is_refused(change, said):
     usual = {"commands": {"N": [(0.0, 1.0)]}, "duration": 10.0, "interval": 0.1, "measured": ("r",)}
     with pytest.raises(ValueError, match=said):
-        tow(turning(1.0), **{**usual, **change})
+        open_loop(turning(1.0), **{**usual, **change})
 
 
 def test_effects_that_do_nothing_leave_the_file_as_it_is():
     usual = {"duration": 20.0, "interval": 0.1, "measured": ("psi", "r")}
     commands = {"N": [(0.0, 1.0), (7.0, -1.0)]}
-    plain = tow(FULL, commands, **usual)
+    plain = open_loop(FULL, commands, **usual)
     nothing = [
         make_effect("dead-zone", "", {"width": 0.0}),
         make_effect("input-delay", "", {"delay": 0.0}),
@@ -128,7 +130,7 @@ def test_effects_that_do_nothing_leave_the_file_as_it_is():
         make_effect("mass-change", "", {"ratio": 1.0, "time": 0.0}),
         make_effect("measurement-delay", "psi", {"delay": 0.0}),
     ]
-    altered = tow(FULL, commands, effects=nothing, **usual)
+    altered = open_loop(FULL, commands, effects=nothing, **usual)
     assert set(altered) == set(plain) >= {"t", "psi", "r", "N"}
     for name, values in plain.items():
         assert altered[name] == pytest.approx(values, abs=1e-12), name
@@ -138,13 +140,15 @@ def test_the_same_effect_object_flies_again_from_the_start():
     lag = make_effect("actuator-lag", "", {"time_constant": 0.7})
     waves = make_effect("wave-disturbance", "yaw", {"amplitude": 0.2, "frequency": 2.0, "bandwidth": 0.1})
     usual = {"duration": 10.0, "interval": 0.1, "measured": ("r",), "effects": [lag, waves]}
-    first, second = (tow(turning(1.0), {"N": [(0.0, 0.0), (1.0, 1.0)]}, **usual) for _ in range(2))
+    first, second = (open_loop(turning(1.0), {"N": [(0.0, 0.0), (1.0, 1.0)]}, **usual) for _ in range(2))
     assert np.array_equal(first["r"], second["r"])
 
 
 def test_a_hull_that_only_turns_keeps_the_way_it_begins_with():
-    run = tow(turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"), initial={"u": 1.0})
-    still = tow(turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"))
+    run = open_loop(
+        turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"), initial={"u": 1.0}
+    )
+    still = open_loop(turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"))
     assert run["r"] == pytest.approx(still["r"], abs=1e-12)
     assert run["x"][10] > 0.5
     assert not np.any(still["x"])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from sitl.autopilot.parameters import ParameterStore, ReadOnlyParameter, stored
 
-__all__ = ["GENERATIONS", "Spoken", "UnknownGeneration"]
+__all__ = ["GENERATIONS", "ParameterDialect", "UnknownGeneration"]
 
 _FLOAT, _INT16, _INT32 = 9, 4, 6
 
@@ -110,7 +110,7 @@ _ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
 """Generations that answer PARAM_ERROR where the others keep silent (seen in December 2025)."""
 
 
-class Spoken:
+class ParameterDialect:
     """The parameters as a ground station sees them: other names and units in front of *store*.
 
     What this generation of *firmware* ("rover", "sub") has no parameter for yet is hidden, and set to what it does.

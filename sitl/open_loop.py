@@ -1,0 +1,361 @@
+"""A bare hull in open loop, as in a towing tank: commands in, hidden effects, and the file one would write down.
+
+The hull is uncoupled; effects couple it. Steps are short against every time constant there is and end on the stamps of
+the file.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.effects import Effect, Setting
+from sitl.hull import AxisDynamics, Body, Hull, Loads, World
+from sitl.sensors import Reading
+
+__all__ = ["INPUTS", "SIGNALS", "Command", "Hull", "open_loop"]
+
+Array = NDArray[np.float64]
+Command = Array | Sequence[float] | Sequence[tuple[float, float]]
+"""Values on the file's stamps (n,), or steps as (time [s], value from then on); before the first step: 0."""
+
+SIGNALS = ("x", "y", "z", "psi", "u", "v", "w", "r")
+"""What can be measured, SI and radians; the heading is continuous."""
+
+_Step = Callable[[float, float, tuple[float, ...]], tuple[float, ...]]
+"""Time [s], step [s], state in the order of :data:`SIGNALS` -> state after it."""
+
+INPUTS: Mapping[str, str] = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw", "delta": "yaw"}
+"""Input channel -> degree of freedom it drives."""
+
+_STEPS_PER_TIME_CONSTANT = 32
+"""Heun's error per time constant goes with its inverse square: about 2e-4."""
+_STEPS_PER_SAMPLE = 4
+_STEPS_PER_RADIAN = 16
+"""Per radian of waves, or time constant of an effect."""
+
+
+def open_loop(
+    hull: Hull,
+    commands: Mapping[str, Command],
+    *,
+    duration: float,
+    interval: float,
+    measured: tuple[str, ...],
+    effects: Sequence[Effect] = (),
+    noise: Mapping[str, float] | None = None,
+    seed: int = 0,
+    initial: Mapping[str, float] | None = None,
+    stamps_jitter: float = 0.0,
+) -> dict[str, Array]:
+    """Drive *hull* with *commands* and return the file: ``t``, inputs and signals, (n,) each, n = duration/interval.
+
+    Commands are held from one stamp to the next. With a wrong clock (``time-scale``) duration, interval and commands
+    are in true time, the file's stamps are not. Late signals (``time-offset``, ``measurement-delay``) are those of a
+    hull that has been under the first command that much longer, from the *initial* state on.
+
+    Parameters
+    ----------
+    duration, interval : [s].
+    measured : of :data:`SIGNALS`.
+    noise : standard deviation of white noise per measured signal.
+    initial : state at the start, 0 where not given.
+    stamps_jitter : stamps are off the even grid by up to this [s], below half an interval.
+
+    Raises
+    ------
+    ValueError
+        A command, signal or degree of freedom is unknown, or the numbers make no run.
+    BadEffect
+        The hull has no place for an effect.
+    """
+    _check(hull, commands, measured, duration, interval, stamps_jitter)
+    stamps = _stamps(duration, interval, stamps_jitter, seed)
+    held = {name: _held(command, stamps) for name, command in commands.items()}
+    heun = _Heun(hull)
+    setting = _setting(hull, heun.body, held, measured, seed, initial or {})
+    for effect in effects:
+        effect.begin(setting)
+    late = _lateness(effects, measured)
+    begun = -max([0.0, *late.values()])
+    last = float(stamps[-1])
+    ended = last - min([0.0, *late.values()])
+    state = tuple(float((initial or {}).get(name, 0.0)) for name in SIGNALS)
+    knots = np.concatenate([[begun][: begun < 0.0], stamps, [ended][: ended > last]])
+    t, truth = _integrate(hull, heun, effects, _shortest(hull, setting, effects), held, stamps, knots, state)
+    columns = {"t": stamps, **held, **_measure(heun.body, effects, t, truth, stamps, measured, late, noise or {}, seed)}
+    for effect in effects:
+        effect.alter_file(columns)
+    return columns
+
+
+def _check(
+    hull: Hull,
+    commands: Mapping[str, Command],
+    measured: tuple[str, ...],
+    duration: float,
+    interval: float,
+    jitter: float,
+) -> None:
+    for name in commands:
+        if INPUTS.get(name) not in hull.dofs:
+            raise ValueError(f"this hull has no input '{name}'; it moves in {', '.join(hull.dofs)}")
+    for name in measured:
+        if name not in SIGNALS:
+            raise ValueError(f"'{name}' cannot be measured; {', '.join(SIGNALS)} can")
+    if not (interval > 0.0 and round(duration / interval) >= 2 and 0.0 <= jitter < 0.5 * interval):
+        raise ValueError("a run needs two samples at least, and a jitter below half an interval")
+
+
+def _stamps(duration: float, interval: float, jitter: float, seed: int) -> Array:
+    t: Array = interval * np.arange(round(duration / interval), dtype=np.float64)
+    if jitter:
+        t[1:] += np.random.default_rng([seed, zlib.crc32(b"stamps")]).uniform(-jitter, jitter, len(t) - 1)
+    return t
+
+
+def _held(command: Command, stamps: Array) -> Array:
+    values = np.asarray(command, dtype=float)
+    if values.ndim == 1 and len(values) == len(stamps):
+        return values.copy()
+    if values.ndim != 2 or values.shape[1] != 2:
+        raise ValueError(f"a command is {len(stamps)} values, one per stamp, or pairs (time, value)")
+    at = np.searchsorted(values[:, 0], stamps + 1e-9, side="right") - 1
+    return np.where(at >= 0, values[np.maximum(at, 0), 1], 0.0)
+
+
+def _setting(
+    hull: Hull,
+    body: Body,
+    held: Mapping[str, Array],
+    measured: tuple[str, ...],
+    seed: int,
+    initial: Mapping[str, float],
+) -> Setting:
+    swing = {name: float(np.max(np.abs(values))) for name, values in held.items()}
+    return Setting(
+        motion=body,
+        axes={dof: getattr(body, dof) for dof in hull.dofs},
+        inputs={name: INPUTS[name] for name in held},
+        swing=swing,
+        gain={"yaw": hull.gain if "delta" in held else 1.0},
+        signals=measured,
+        seed=str(seed),
+        cruise=_cruise(hull, held, initial),
+        bottom=hull.bottom,
+    )
+
+
+def _cruise(hull: Hull, held: Mapping[str, Array], initial: Mapping[str, float]) -> float:
+    """Return the speed [m/s] its rms command ahead holds, or the one it begins with."""
+    if "X" not in held:
+        return initial.get("u", 0.0)
+    force, axis = float(np.sqrt(np.mean(np.square(held["X"])))), hull.axis("surge")
+    return _steady(axis, force)
+
+
+def _steady(axis: AxisDynamics, force: float) -> float:
+    if axis.beta2 > 0.0:
+        return (math.sqrt(axis.beta**2 + 4.0 * axis.beta2 * force) - axis.beta) / (2.0 * axis.beta2)
+    return force / axis.beta if axis.beta > 0.0 else 0.0
+
+
+def _shortest(hull: Hull, setting: Setting, effects: Sequence[Effect]) -> float:
+    """Return the longest step [s] that is short against hull and effects."""
+    longest = math.inf
+    for dof in hull.dofs:
+        axis = hull.axis(dof)
+        force = sum(setting.gain.get(dof, 1.0) * setting.swing[n] for n, d in setting.inputs.items() if d == dof)
+        rate = axis.beta + 2.0 * axis.beta2 * _steady(axis, force)
+        longest = min(longest, axis.alpha / rate / _STEPS_PER_TIME_CONSTANT if rate > 0.0 else math.inf)
+    return min([longest, *(effect.quickness(setting) / _STEPS_PER_RADIAN for effect in effects)])
+
+
+def _integrate(
+    hull: Hull,
+    heun: _Heun,
+    effects: Sequence[Effect],
+    longest: float,
+    held: Mapping[str, Array],
+    stamps: Array,
+    knots: Array,
+    state: tuple[float, ...],
+) -> tuple[Array, Array]:
+    """Return times (k,) and true states (k, 8) from the first to the last of *knots* (stamps, and before and after)."""
+    heun.pushes = [e.alter_force for e in effects if e.overrides("alter_force")]
+    drives = [e.alter_input for e in effects if e.overrides("alter_input")]
+    changes = [e.alter_parameters for e in effects if e.overrides("alter_parameters")]
+    step = heun.stepper(hull, state)
+    inputs = dict.fromkeys(held, 0.0)
+    rows = {name: values.tolist() for name, values in held.items()}
+    row = np.maximum(np.searchsorted(stamps, knots + 1e-12, side="right") - 1, 0).tolist()
+    ends = knots.tolist()
+    times, states = [ends[0]], [state]
+    longest = min(longest, float(np.median(np.diff(stamps))) / _STEPS_PER_SAMPLE)
+    for begin, end, i in zip(ends, ends[1:], row, strict=False):
+        count = max(1, math.ceil((end - begin) / longest - 1e-9))
+        dt = (end - begin) / count
+        for name, values in rows.items():
+            inputs[name] = values[i]
+        _ask(hull, heun.asked, inputs)
+        told = dict(inputs)
+        for k in range(count):
+            t = begin + k * dt
+            if drives or changes:
+                heun.take(state)
+            if changes:
+                heun.restore()
+                for change in changes:
+                    change(t, heun.body)
+            if drives:
+                inputs.update(told)
+                for drive in drives:
+                    drive(t, dt, inputs)
+                _ask(hull, heun.asked, inputs)
+            state = step(t, dt, state)
+            times.append(t + dt)
+            states.append(state)
+    return np.array(times), np.array(states)
+
+
+def _ask(hull: Hull, asked: Loads, inputs: Mapping[str, float]) -> None:
+    get = inputs.get
+    asked.X, asked.Y, asked.Z = get("X", 0.0), get("Y", 0.0), get("Z", 0.0)
+    asked.N = get("N", 0.0) + hull.gain * get("delta", 0.0)
+
+
+class _Heun:
+    """Steps a hull by Heun's rule, second order: ``asked`` of it by its actuators, ``pushes`` of effects besides."""
+
+    def __init__(self, hull: Hull) -> None:
+        surge, sway, heave, yaw = (hull.axis(dof) for dof in ("surge", "sway", "heave", "yaw"))
+        self.body = Body(surge, heave, yaw, World(bottom=hull.bottom), sway=sway)
+        self.asked = Loads()
+        self.pushes: list[Callable[[float, Loads], None]] = []
+        self._loads = Loads()
+        self._plain = self.body.axes()
+
+    def restore(self) -> None:
+        """Make inertia and drag the plain ones again."""
+        self.body.set_axes(self._plain)
+
+    def stepper(self, hull: Hull, state: Sequence[float]) -> _Step:
+        """Return the rule that steps this hull on from *state*: the short one when it only turns or only dives."""
+        if any(
+            speed
+            for speed, dof in zip(state[4:], ("surge", "sway", "heave", "yaw"), strict=True)
+            if dof not in hull.dofs
+        ):
+            return self.step
+        if hull.dofs == ("yaw",):
+            return self.step_alone(SIGNALS.index("psi"), "N", self.body.yaw)
+        if hull.dofs == ("heave",):
+            return self.step_alone(SIGNALS.index("z"), "Z", self.body.heave)
+        return self.step
+
+    def take(self, state: Sequence[float]) -> None:
+        """Be in that state, in the order of :data:`SIGNALS`."""
+        body = self.body
+        body.x, body.y, body.z, body.psi, body.u, body.v, body.w, body.r = state
+
+    def slope(self, t: float, state: Sequence[float]) -> tuple[float, ...]:
+        """Return the time derivative of *state* (Fossen2011, equations 2.40 and 6.112)."""
+        _, _, _, psi, u, v, w, r = state
+        loads = self._pushed(t, state) if self.pushes else self.asked
+        body, heave = self.body, self.body.heave
+        udot, vdot, rdot = body.acceleration(u, v, r, loads)
+        wdot = (loads.Z - (heave.beta + heave.beta2 * abs(w)) * w) / heave.alpha
+        c, s = math.cos(psi), math.sin(psi)
+        return c * u - s * v + body.V_x, s * u + c * v + body.V_y, w, r, udot, vdot, wdot, rdot
+
+    def step_alone(self, at: int, force: str, axis: AxisDynamics) -> _Step:
+        """Return Heun's rule for a hull of one degree of freedom: *axis*, its position at ``SIGNALS[at]``."""
+
+        def step(t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
+            position, nu = state[at], state[at + 4]
+            before = after = getattr(self.asked, force)
+            first = (getattr(self._pushed(t, state), force) if self.pushes else before) - (
+                axis.beta + axis.beta2 * abs(nu)
+            ) * nu
+            there = nu + dt * first / axis.alpha
+            if self.pushes:
+                after = getattr(self._pushed(t + dt, _with(state, at, position + dt * nu, there)), force)
+            second = after - (axis.beta + axis.beta2 * abs(there)) * there
+            half = 0.5 * dt
+            return _with(state, at, position + half * (nu + there), nu + half * (first + second) / axis.alpha)
+
+        return step
+
+    def _pushed(self, t: float, state: Sequence[float]) -> Loads:
+        """Return what actuators and effects do together in that *state*."""
+        self.take(state)
+        asked, loads = self.asked, self._loads
+        loads.X, loads.Y, loads.Z, loads.N = asked.X, asked.Y, asked.Z, asked.N
+        for push in self.pushes:
+            push(t, loads)
+        return loads
+
+    def step(self, t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the state after *dt* [s]: Heun's rule."""
+        first = self.slope(t, state)
+        second = self.slope(t + dt, [s + dt * a for s, a in zip(state, first, strict=True)])
+        half = 0.5 * dt
+        return tuple([s + half * (a + b) for s, a, b in zip(state, first, second, strict=True)])
+
+
+def _with(state: tuple[float, ...], at: int, position: float, speed: float) -> tuple[float, ...]:
+    return (*state[:at], position, *state[at + 1 : at + 4], speed, *state[at + 5 :])
+
+
+def _lateness(effects: Sequence[Effect], measured: tuple[str, ...]) -> dict[str, float]:
+    """Return by how much [s] each measured signal is late, all effects together."""
+    late = dict.fromkeys(measured, 0.0)
+    for effect in effects:
+        for name, delay in effect.lateness().items():
+            for each in measured if name == "*" else (name,):
+                late[each] += delay
+    return late
+
+
+def _measure(
+    body: Body,
+    effects: Sequence[Effect],
+    t: Array,
+    truth: Array,
+    stamps: Array,
+    measured: tuple[str, ...],
+    late: Mapping[str, float],
+    noise: Mapping[str, float],
+    seed: int,
+) -> dict[str, Array]:
+    """Return what is reported at the file's *stamps* (n,) of the *truth* (k, 8) at *t* (k,): late, noisy, altered."""
+    psi = truth[:, SIGNALS.index("psi")]
+    if body.over_ground:
+        truth[:, 4] += body.V_x * np.cos(psi) + body.V_y * np.sin(psi)
+        truth[:, 5] += body.V_y * np.cos(psi) - body.V_x * np.sin(psi)
+    reported = {}
+    for name in measured:
+        values = np.interp(stamps - late[name], t, truth[:, SIGNALS.index(name)])
+        level = noise.get(name, 0.0)
+        if level > 0.0:
+            values += np.random.default_rng([seed, zlib.crc32(name.encode())]).normal(0.0, level, len(values))
+        reported[name] = values
+    alters = [e.alter_measurement for e in effects if e.overrides("alter_measurement")]
+    if alters:
+        _alter(alters, stamps, reported)
+    return reported
+
+
+def _alter(alters: Sequence[Callable[[float, Reading], None]], stamps: Array, reported: dict[str, Array]) -> None:
+    reading = Reading()
+    for i, t in enumerate(stamps.tolist()):
+        for name, values in reported.items():
+            setattr(reading, name, float(values[i]))
+        for alter in alters:
+            alter(t, reading)
+        for name, values in reported.items():
+            values[i] = getattr(reading, name)
