@@ -10,12 +10,12 @@ import pytest
 from gcs_autotune.identify import fit_axis
 from gcs_autotune.logs import load_runs
 from gcs_autotune.workflow import Unattended, experiment
-from tests.workflow.harbour import Ear, Harbour
+from tests.workflow.sitl_harness import Ear, SitlHarness
 
 
 @pytest.mark.parametrize(("name", "axis", "dof"), [("videoray", "heading", "yaw"), ("falcon", "depth", "heave")])
 def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: str, dof: str) -> None:
-    harbour = Harbour(tmp_path, name)
+    harbour = SitlHarness(tmp_path, name)
     experiment(harbour.settings(axis), Unattended(), Ear(harbour.said), "2026-11-20T12:00:00")
     page = (harbour.directory / "report.html").read_text(encoding="utf-8")
     assert f"Experiment: {axis}" in page

@@ -33,7 +33,7 @@ def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
             for key, entry in table.items():
                 assert set(entry) == {"value", "unit", "source"}, (heading, key)
                 assert entry["source"].startswith(
-                    ("seed 0", "Chosen: ", "ArduSub: ", "ArduRover: ", "von Benzon", "jankristia")
+                    ("Chosen: ", "ArduSub: ", "ArduRover: ", "Miskovic20", "Benzon2022", "jankristia")
                 ), (heading, key)
 
 

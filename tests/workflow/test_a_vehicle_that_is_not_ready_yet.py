@@ -8,7 +8,7 @@ from gcs_autotune.craft import DepthTarget, Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope
 from gcs_autotune.workflow.experiments import dive_for
-from tests.workflow.harbour import Harbour
+from tests.workflow.sitl_harness import SitlHarness
 
 
 class StopsWhen:
@@ -25,7 +25,7 @@ class StopsWhen:
 
 
 def test_a_boat_without_a_position_is_waited_for_before_it_is_armed(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     harbour.vehicle.autopilot.ready_ms = 42_000
     with pytest.raises(OperatorStopped):
         harbour.tune(StopsWhen(harbour, "step with present gains"))

@@ -22,7 +22,7 @@ from gcs_autotune.workflow import voyage
 from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.waiting import beside, think
 
-from .harbour import Harbour
+from .sitl_harness import SitlHarness
 
 
 class Company:
@@ -165,6 +165,6 @@ def test_everything_that_a_tune_computes_can_cross_to_another_process(tmp_path: 
         return pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(partial(work, *args, **named)))()))
 
     monkeypatch.setattr(voyage, "think", there_and_back)
-    story = Harbour(tmp_path).tune(dry_run=True)
+    story = SitlHarness(tmp_path).tune(dry_run=True)
     assert story.ending == "dry-run"
     assert {"fit_axis", "design"} <= set(crossed)

@@ -17,7 +17,7 @@ from gcs_autotune.mavlink import load_params
 from gcs_autotune.trial import Channel, Trial, save_trial
 from gcs_autotune.workflow.given_gains import load_gains, step_of
 
-from .harbour import Answers, Harbour
+from .sitl_harness import Answers, SitlHarness
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def proposed(tmp_path_factory):
     """A dry run: its harbour and its story."""
-    harbour = Harbour(tmp_path_factory.mktemp("dry"), "automarine")
+    harbour = SitlHarness(tmp_path_factory.mktemp("dry"), "automarine")
     command = "gcs-autotune tune heading --gains"
     return harbour, harbour.tune(dry_run=True, step=np.radians(25.0), proving=command)
 
@@ -51,7 +51,7 @@ def test_the_page_names_the_command_that_proves_it(proposed):
 
 def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed, tmp_path):
     dry, told = proposed
-    harbour = Harbour(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine")
     operator = Answers(True, True)
     story = harbour.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
     assert story.ending == "kept", story.reason
@@ -69,7 +69,7 @@ def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed
 def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
     file = tmp_path / "mine.param"
     file.write_text("ATC_RAT_YAW_P,0.05\n")
-    harbour = Harbour(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine")
     story = harbour.tune(gains=load_gains(file, "heading"))
     assert story.ending == "restored", story.reason
     harbour.assert_as_found()
@@ -82,7 +82,7 @@ def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
 def test_a_file_that_sets_what_this_loop_may_not_have_is_refused_before_anything_moves(line, why, tmp_path):
     file = tmp_path / "mine.param"
     file.write_text(f"ATC_STR_RAT_I,0.1\n{line}\n")
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(UsageError, match=why):
         harbour.tune(gains=load_gains(file, "heading"))
     assert not list((harbour.directory / "trials").iterdir())

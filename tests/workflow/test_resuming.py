@@ -15,7 +15,7 @@ from gcs_autotune.errors import BadFile, OperatorStopped, PreconditionFailed, Us
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import tune
 
-from .harbour import WHEN, Ear, Harbour, Later, Moored
+from .sitl_harness import WHEN, Ear, Later, Moored, SitlHarness
 from .test_silence import Enough
 
 pytestmark = pytest.mark.slow
@@ -24,9 +24,9 @@ CHANGED = "ATC_STR_RAT_FF"
 
 
 @pytest.fixture(scope="module")
-def ended_early(tmp_path_factory: pytest.TempPathFactory) -> Harbour:
+def ended_early(tmp_path_factory: pytest.TempPathFactory) -> SitlHarness:
     """A heading tune that was stopped after its first self-oscillation."""
-    harbour = Harbour(tmp_path_factory.mktemp("ended_early"))
+    harbour = SitlHarness(tmp_path_factory.mktemp("ended_early"))
     with pytest.raises(OperatorStopped):
         harbour.tune(Enough(harbour, "relay-1: completed"))
     return harbour
@@ -36,7 +36,7 @@ class Again:
     """The same vehicle, tuned by somebody who goes on from an earlier run, until *words* are said."""
 
     def __init__(
-        self, harbour: Harbour, tmp_path: Path, words: str = "second self-oscillation", **changes: Any
+        self, harbour: SitlHarness, tmp_path: Path, words: str = "second self-oscillation", **changes: Any
     ) -> None:
         self.said: list[str] = []
         self.operator = Enough(self, words)  # type: ignore[arg-type]
@@ -49,7 +49,7 @@ class Again:
         tune(self.settings, self.operator, Ear(self.said), WHEN)
 
 
-def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: Harbour) -> None:
+def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: SitlHarness) -> None:
     told = [text for text in ended_early.said if "--resume" in text]
     assert told == [
         "of this run step-before, relay-1 can be used again, the rest is lost; to go on from there, with the same "
@@ -57,7 +57,7 @@ def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: Harbour
     ]
 
 
-def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early: Harbour, tmp_path: Path) -> None:
+def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:
     again = Again(ended_early, tmp_path)
     with pytest.raises(OperatorStopped):
         again.tune()
@@ -76,7 +76,7 @@ def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early:
         assert np.array_equal(channel.values, new[name].values, equal_nan=True), name
 
 
-def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: Harbour, tmp_path: Path) -> None:
+def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlHarness, tmp_path: Path) -> None:
     values, old = ended_early.vehicle.parameters.values, ended_early.vehicle.parameters.values[CHANGED]
     values[CHANGED] = old + 0.125
     again = Again(ended_early, tmp_path)
@@ -88,11 +88,11 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: Harbo
     assert not any(text.startswith("found: mode") for text in again.said)
 
 
-def copied(harbour: Harbour, tmp_path: Path) -> Path:
+def copied(harbour: SitlHarness, tmp_path: Path) -> Path:
     return Path(shutil.copytree(harbour.directory, tmp_path / "copied"))
 
 
-def test_another_vehicle_is_not_gone_on_with(ended_early: Harbour, tmp_path: Path) -> None:
+def test_another_vehicle_is_not_gone_on_with(ended_early: SitlHarness, tmp_path: Path) -> None:
     run = copied(ended_early, tmp_path)
     told = json.loads((run / "setting_out.json").read_text())
     told["vehicle"]["uid"] = "c0ffee"
@@ -106,7 +106,7 @@ def test_another_vehicle_is_not_gone_on_with(ended_early: Harbour, tmp_path: Pat
     [({"step": 0.25}, "step None there, 0.25 here"), ({"axis": "yaw"}, "axis heading there, yaw here")],
 )
 def test_other_settings_are_refused_before_the_link_is_opened(
-    ended_early: Harbour, tmp_path: Path, changes: dict[str, Any], words: str
+    ended_early: SitlHarness, tmp_path: Path, changes: dict[str, Any], words: str
 ) -> None:
     again = Again(ended_early, tmp_path, **changes)
     with pytest.raises(UsageError, match=words):
@@ -114,7 +114,7 @@ def test_other_settings_are_refused_before_the_link_is_opened(
     assert again.said == [] and not again.directory.exists()
 
 
-def test_a_run_that_owes_something_is_put_back_first(ended_early: Harbour, tmp_path: Path) -> None:
+def test_a_run_that_owes_something_is_put_back_first(ended_early: SitlHarness, tmp_path: Path) -> None:
     run = copied(ended_early, tmp_path)
     journal = run / "journal.jsonl"
     journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
@@ -122,7 +122,7 @@ def test_a_run_that_owes_something_is_put_back_first(ended_early: Harbour, tmp_p
         Again(ended_early, tmp_path, resume=run).tune()
 
 
-def test_what_is_no_run_of_a_tune_is_refused(ended_early: Harbour, tmp_path: Path) -> None:
+def test_what_is_no_run_of_a_tune_is_refused(ended_early: SitlHarness, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no run to go on from"):
         Again(ended_early, tmp_path, resume=tmp_path).tune()
     run = copied(ended_early, tmp_path)

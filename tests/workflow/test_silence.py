@@ -12,12 +12,12 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow.tale import Tale
 
-from .harbour import Harbour
+from .sitl_harness import SitlHarness
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("plainly")]
 
 
-class Hushed(Harbour):
+class Hushed(SitlHarness):
     """A vehicle that cannot be heard, and hears nothing, for ``silence`` [s], from ``after`` [s] into *stage* on."""
 
     def __init__(self, tmp_path: Any, stage: str, after: float, silence: float, **options: Any) -> None:
@@ -35,7 +35,7 @@ class Hushed(Harbour):
 class Enough:
     """An operator who has seen enough as soon as *words* have been said."""
 
-    def __init__(self, harbour: Harbour, words: str, declined: str = "nothing") -> None:
+    def __init__(self, harbour: SitlHarness, words: str, declined: str = "nothing") -> None:
         self.harbour, self.words, self.declined = harbour, words, declined
         self.asked: list[str] = []
 
@@ -83,7 +83,7 @@ def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no
 
 
 def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(tmp_path: Any) -> None:
-    tale = Tale(Harbour(tmp_path).settings(), "now", SilentWatcher())
+    tale = Tale(SitlHarness(tmp_path).settings(), "now", SilentWatcher())
     for ending in ("aborted", "completed"):
         tale.flown(Trial("step-before", {}, ending=ending))
     shown = tale.story().step_before

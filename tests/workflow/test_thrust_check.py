@@ -16,7 +16,7 @@ from gcs_autotune.workflow.preflight import see_throttle_is_free, sign_check_for
 from sitl import open_vehicle
 from sitl.effects import parse_effect
 
-from .harbour import Harbour, Meddler
+from .sitl_harness import Meddler, SitlHarness
 
 WORKING = 0.8
 """Throttle that a tune of Charlie's speed goes up to; the check tries half of it, then all."""
@@ -104,7 +104,7 @@ def test_a_throttle_that_goes_on_standing_at_its_stop_is_said_to_be_not_neutral(
 
 
 def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_throttle_that_does(tmp_path) -> None:
-    harbour = Harbour(tmp_path, parameters={"MOT_THR_MAX": 25.0})
+    harbour = SitlHarness(tmp_path, parameters={"MOT_THR_MAX": 25.0})
     with pytest.raises(PreconditionFailed, match=r"MOT_THR_MAX is 25 %: .* up to 80%.* Give --throttle 0\.25"):
         harbour.tune(axis="speed")
     harbour.assert_as_found()

@@ -11,12 +11,12 @@ from gcs_autotune.link import Journal
 from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
 
-from .harbour import Answers, Harbour
+from .sitl_harness import Answers, SitlHarness
 
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    harbour = Harbour(tmp_path_factory.mktemp("tuned"))
+    harbour = SitlHarness(tmp_path_factory.mktemp("tuned"))
     return harbour, harbour.tune()
 
 
@@ -105,7 +105,7 @@ def test_the_journal_is_settled_in_the_end(tuned):
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
     runs = []
     for name in ("a", "b"):
-        harbour = Harbour(tmp_path / name, "automarine")
+        harbour = SitlHarness(tmp_path / name, "automarine")
         harbour.tune(dry_run=True)
         files = sorted((harbour.directory / "trials").glob("*.csv"))
         runs.append([f.read_bytes() for f in files] + [(harbour.directory / "telemetry.tlog").read_bytes()])
@@ -114,7 +114,7 @@ def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
 
 @pytest.mark.slow
 def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     story = harbour.tune(dry_run=True)
     assert story.ending == "dry-run"
     assert story.proposal.changes
@@ -124,7 +124,7 @@ def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
 @pytest.mark.slow
 def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     story = harbour.tune()
     assert story.ending == "restored"
     assert "at least 100% lower" in " ".join(story.verdict_reasons)
@@ -133,7 +133,7 @@ def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_written(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     operator = Answers(True, True)
     story = harbour.tune(operator, simulated=False)
     assert operator.questions[0] == "Go ahead?"
@@ -142,7 +142,7 @@ def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_writ
 
 
 def test_no_to_the_first_question_arms_nothing(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(OperatorStopped, match="nothing was armed, moved or written"):
         harbour.tune(Answers(False), simulated=False)
     harbour.assert_as_found()
@@ -151,7 +151,7 @@ def test_no_to_the_first_question_arms_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_no_to_the_second_question_writes_nothing(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     story = harbour.tune(Answers(True, False), simulated=False)
     assert story.ending == "declined"
     harbour.assert_as_found()
@@ -160,13 +160,13 @@ def test_no_to_the_second_question_writes_nothing(tmp_path):
 @pytest.mark.slow
 def test_an_rov_survives_the_operators_long_thinking(tmp_path):
     # ArduSub disarms three seconds after the last pilot input; each question takes four.
-    harbour = Harbour(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine")
     story = harbour.tune(Answers(True, True), simulated=False)
     assert story.ending in ("kept", "restored")
 
 
 def test_a_boat_has_no_depth_loop(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(WrongVehicle, match="no depth loop"):
         harbour.tune(axis="depth")
     harbour.assert_as_found()
@@ -174,14 +174,14 @@ def test_a_boat_has_no_depth_loop(tmp_path):
 
 @pytest.mark.slow
 def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
-    harbour = Harbour(tmp_path, parameters={"ATC_STR_RAT_FF": 9.0})
+    harbour = SitlHarness(tmp_path, parameters={"ATC_STR_RAT_FF": 9.0})
     story = harbour.tune(dry_run=True)
     assert any("ATC_STR_RAT_FF" in note for note in story.proposal.notes)
     harbour.assert_as_found()
 
 
 def test_a_run_directory_is_never_overwritten(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     (harbour.directory / "trials").mkdir(parents=True)
     with pytest.raises(UsageError, match="already holds a run"):
         harbour.tune()
@@ -189,7 +189,7 @@ def test_a_run_directory_is_never_overwritten(tmp_path):
 
 @pytest.mark.slow
 def test_the_relay_and_the_step_can_be_given(tmp_path):
-    harbour = Harbour(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine")
     story = harbour.tune(
         dry_run=True, relay_output=0.4, relay_hysteresis=math.radians(15.0), step=math.radians(20.0), step_duration=15.0
     )

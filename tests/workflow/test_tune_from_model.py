@@ -13,7 +13,7 @@ from gcs_autotune.identify.model_file import as_extended, load_model
 from gcs_autotune.models import SingleDof
 from sitl.effects.table import make_effect
 
-from .harbour import Harbour
+from .sitl_harness import SitlHarness
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +33,7 @@ def model_file(folder: Path, *effects: EffectInstance, unit: str = "1", alpha: f
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
     folder = tmp_path_factory.mktemp("given")
-    harbour = Harbour(folder, effects=[make_effect("dead-zone", "N", {"width": DEAD})])
+    harbour = SitlHarness(folder, effects=[make_effect("dead-zone", "N", {"width": DEAD})])
     given = load_model(model_file(folder, EffectInstance("dead-zone", "N", {"width": DEAD})))
     return harbour, harbour.tune(given=given)
 
@@ -70,14 +70,14 @@ def test_what_became_of_the_effect_is_said_and_recorded(tuned):
 
 
 def test_a_model_of_another_craft_is_noticed(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     story = harbour.tune(given=load_model(model_file(tmp_path, alpha=0.05 * ALPHA)), dry_run=True)
     assert any("is it a model of this craft" in text for text in harbour.said), harbour.said
     assert story.ending in ("dry-run", "unchanged")
 
 
 def test_newtons_need_the_full_scale_before_anything_moves(tmp_path):
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(UsageError, match="--full-scale"):
         harbour.tune(given=load_model(model_file(tmp_path, unit="N m")))
     assert not any("step with present gains" in text for text in harbour.said)

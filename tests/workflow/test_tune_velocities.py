@@ -13,7 +13,7 @@ from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Unattended, experiment
 from sitl.effects import parse_effect
 
-from .harbour import Ear, Harbour
+from .sitl_harness import Ear, SitlHarness
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def swift(tmp_path_factory):
     """A boat that steers by two thrusters, its speed loop tuned from a cruise pair that is wrong."""
-    harbour = Harbour(tmp_path_factory.mktemp("swift"), "blueboat", parameters={"CRUISE_SPEED": 2.5})
+    harbour = SitlHarness(tmp_path_factory.mktemp("swift"), "blueboat", parameters={"CRUISE_SPEED": 2.5})
     return harbour, harbour.tune(axis="speed")
 
 
@@ -60,7 +60,7 @@ def test_the_same_speed_step_is_flown_before_and_after_and_drawn_as_speed(swift)
 
 
 def test_a_turn_rate_loop_is_tuned_without_its_angle_gain(tmp_path) -> None:
-    harbour = Harbour(tmp_path, "blueboat")
+    harbour = SitlHarness(tmp_path, "blueboat")
     story = harbour.tune(axis="yaw")
     assert story.ending == "kept"
     assert story.step_after.meta["signal"] == "r"
@@ -71,7 +71,7 @@ def test_a_turn_rate_loop_is_tuned_without_its_angle_gain(tmp_path) -> None:
 
 
 def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_third_oscillation(tmp_path) -> None:
-    harbour = Harbour(tmp_path, "blueboat", effects=[parse_effect("dead-zone@N.width=0.12")])
+    harbour = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("dead-zone@N.width=0.12")])
     story = harbour.tune(axis="yaw")
     assert [trial.name for trial in story.relays] == ["relay-1", "relay-2", "relay-3"]
     assert any(
@@ -82,14 +82,14 @@ def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_th
 
 
 def test_what_a_straight_model_leaves_of_bent_thrust_is_not_taken_for_noise_of_the_turn_rate(tmp_path) -> None:
-    harbour = Harbour(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
+    harbour = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
     story = harbour.tune(axis="yaw")
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
     _assert_all_is_told_of_the_model_with_the_curve(harbour, story)
 
 
-def _assert_all_is_told_of_the_model_with_the_curve(harbour: Harbour, story: TuneStory) -> None:
+def _assert_all_is_told_of_the_model_with_the_curve(harbour: SitlHarness, story: TuneStory) -> None:
     """Page, fit.json, model.json and doubts are of the model that the gains came from: one model, one file."""
     assert ("quadratic-actuator", "N") in [(e.slug, e.place) for e in story.fit.effects]
     assert story.fit.fit_percent > 95.0
@@ -103,7 +103,7 @@ def _assert_all_is_told_of_the_model_with_the_curve(harbour: Harbour, story: Tun
 
 
 def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
-    harbour = Harbour(tmp_path, "falcon")
+    harbour = SitlHarness(tmp_path, "falcon")
     story = harbour.tune(axis="yaw", dry_run=True)
     assert story.ending in ("dry-run", "unchanged")
     flown = story.step_before
@@ -114,7 +114,7 @@ def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
 
 
 def test_experiment_surge_on_a_boat_explains_the_motion_and_leaves_a_model_file(tmp_path) -> None:
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     fit = experiment(harbour.settings("surge"), Unattended(), Ear(harbour.said))
     assert fit.fit_percent > 85.0
     assert fit.model.alpha == pytest.approx(300.0 / 75.0, rel=0.03)

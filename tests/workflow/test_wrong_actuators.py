@@ -7,7 +7,7 @@ import pytest
 from gcs_autotune.errors import PreconditionFailed
 from sitl.effects import parse_effect
 
-from .harbour import Harbour
+from .sitl_harness import SitlHarness
 
 REVERSED_HEAVE = {"MOT_5_DIRECTION": -1.0, "MOT_6_DIRECTION": -1.0, "MOT_3_DIRECTION": -1.0}
 
@@ -29,7 +29,7 @@ WRONG = {
 @pytest.mark.parametrize(("name", "axis", "options", "why"), WRONG.values(), ids=WRONG)
 def test_a_wrong_actuator_is_refused_before_anything_swings(tmp_path, name, axis, options, why):
     effects = [parse_effect(options["effect"])] if "effect" in options else []
-    harbour = Harbour(tmp_path, name, parameters=options.get("parameters"), effects=effects)
+    harbour = SitlHarness(tmp_path, name, parameters=options.get("parameters"), effects=effects)
     with pytest.raises(PreconditionFailed, match="sign check") as caught:
         harbour.tune(axis=axis, **({"throttle": options["throttle"]} if "throttle" in options else {}))
     assert why in str(caught.value)
@@ -39,7 +39,7 @@ def test_a_wrong_actuator_is_refused_before_anything_swings(tmp_path, name, axis
 
 def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path):
     settings = {"ARMING_SKIPCHK": -1.0, "MANUAL_OPTIONS": 1.0, "SERVO1_REVERSED": 1.0}
-    harbour = Harbour(tmp_path, names="4.7", parameters=settings)
+    harbour = SitlHarness(tmp_path, names="4.7", parameters=settings)
     with pytest.raises(PreconditionFailed):
         harbour.tune()
     assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harbour.said)
@@ -52,7 +52,7 @@ def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_pat
             message.press_abs = -580.0
         yield message
 
-    harbour = Harbour(tmp_path, "videoray", high_above_the_sea)
+    harbour = SitlHarness(tmp_path, "videoray", high_above_the_sea)
     with pytest.raises(PreconditionFailed, match=r"tells -580 hPa .* altitude of 0; nothing was armed"):
         harbour.tune(axis="depth")
     harbour.assert_as_found()

@@ -1,4 +1,4 @@
-"""A harbour for testing whole jobs: a simulated vehicle on a memory link, and somebody meddling with the wire.
+"""A harness for testing whole jobs: a simulated vehicle on a memory link, and somebody meddling with the wire.
 
 The only place besides the benchmarks where tuner and simulator meet in one process, and only by bytes.
 """
@@ -77,7 +77,7 @@ class Moored(Connection):
         return link
 
 
-class Harbour:
+class SitlHarness:
     """One vehicle, how it was found, and a place for the run."""
 
     def __init__(self, tmp_path: Path, name: str = "charlie", meddling: Meddling | None = None, **options: Any) -> None:
