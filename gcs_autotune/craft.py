@@ -58,12 +58,15 @@ class Observation:
 class Actuate:
     """Drive the actuators directly (manual mode): fractions of full output, -1..1, SNAME signs.
 
-    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle.
+    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle. ``K`` and
+    ``M`` are for previews on a model: no firmware gives them a channel here.
     """
 
     X: float = 0.0
     Y: float = 0.0
     Z: float = 0.0
+    K: float = 0.0
+    M: float = 0.0
     N: float = 0.0
 
 

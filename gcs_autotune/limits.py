@@ -349,6 +349,58 @@ _FLOWN = (
         "it is what the closed loop swings at: slower takes minutes, quicker no actuator follows",
     ),
 )
+_MANOEUVRED = (
+    Limit(
+        "heading",
+        "change of heading at which the rudder is reversed",
+        "deg",
+        0.5,
+        90.0,
+        "less drowns in a compass' noise, more is a turn and no zig-zag",
+        20.0,
+        slips=(_RADIANS, _CENTI),
+    ),
+    Limit(
+        "rudder",
+        "rudder angle to either side, for craft that have a rudder",
+        "deg",
+        1.0,
+        60.0,
+        "less is lost in the linkage's play, and beyond every rudder stalls",
+        unset="by --steering",
+        slips=(_RADIANS, _CENTI),
+    ),
+    Limit(
+        "full-rudder",
+        "rudder angle at full steering output, which no autopilot knows",
+        "deg",
+        5.0,
+        80.0,
+        "it is how far the rudder really goes to either side",
+        slips=(_RADIANS, _CENTI),
+    ),
+    Limit("steering", "output of what is driven, of full", "", 0.02, 1.0, _FULL, 0.67, slips=(_PERCENT,)),
+    Limit(
+        "executes",
+        "times the rudder is put over",
+        "",
+        2,
+        40,
+        "an overshoot takes two, and beyond forty the battery tells nothing new",
+        5,
+        whole=True,
+    ),
+    Limit(
+        "duration",
+        "length of what is flown by the clock",
+        "s",
+        2.0,
+        600.0,
+        "in less nothing answers, for longer no water stays the same",
+        60.0,
+        slips=(_MS,),
+    ),
+)
 _GUARDED = (
     Limit(
         "max-heading-excursion",
@@ -540,6 +592,6 @@ _DESK = (
 )
 
 LIMITS: Mapping[tuple[str, str], Limit] = {
-    (limit.name, limit.axis): limit for limit in (*_BY_AXIS, *_FLOWN, *_GUARDED, *_LINKED, *_DESK)
+    (limit.name, limit.axis): limit for limit in (*_BY_AXIS, *_FLOWN, *_MANOEUVRED, *_GUARDED, *_LINKED, *_DESK)
 }
 """(Option without dashes, axis or empty) -> its limit; adding a number is one row here."""

@@ -75,11 +75,13 @@ def add_number(
     meaning: str = "",
     default: float | None = None,
     const: float | None = None,
+    marked: bool = False,
 ) -> None:
     """Add the option *name* (without dashes) for a number of the table of limits, which gives its range and help.
 
     limit : its name in the table, where that is another; meaning : words instead of the table's; const : what the
-    option alone stands for. Where ranges differ by axis, :func:`see_axis_limits` sees to them.
+    option alone stands for; marked : None when it was not given, whatever the default is. Where ranges differ by axis,
+    :func:`see_axis_limits` sees to them.
     """
     rows = axes_of(limit or name)
     row = rows[0]
@@ -88,7 +90,7 @@ def add_number(
             f"--{name}",
             type=_typed(rows),
             metavar=metavar,
-            default=row.default if len(rows) == 1 and default is None else default,
+            default=row.default if len(rows) == 1 and default is None and not marked else default,
             help=_help(rows, meaning),
         )
     else:
@@ -284,9 +286,9 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     )
 
 
-def run_directory(args: argparse.Namespace, uri: str, now: datetime) -> Path:
-    """Return ``--out``, or a new folder below ``runs/`` named for time, vehicle and axis."""
+def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:
+    """Return ``--out``, or a new folder below ``runs/`` named for time, vehicle and *what* was done (its axis)."""
     if args.out is not None:
         return Path(args.out)
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
-    return fresh(Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{args.axis}")
+    return fresh(Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}")

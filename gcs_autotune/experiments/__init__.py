@@ -4,7 +4,6 @@
 identifiability     parameters that move together, parameters the runs hardly see
 scales              how much of a parameter would be felt: what makes a standard error large
 profile_likelihood  of one parameter: an interval that is honest where it is not closed
-manoeuvres          the table of manoeuvres that can be proposed
 preview             a manoeuvre flown by the model within what the runs have used; the room it takes
 next_manoeuvre      the manoeuvres ranked by what they would add
 cross_validation    folds, likelihood and errors on data left out

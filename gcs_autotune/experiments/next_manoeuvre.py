@@ -19,16 +19,19 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
-from gcs_autotune.experiments.manoeuvres import CANDIDATES, Candidate
-from gcs_autotune.experiments.preview import Flight, Reach, fly, helm_of
+from gcs_autotune.experiments.preview import ROLES, Flight, Reach, fly, helm_of
 from gcs_autotune.identify.information import Information, Subject, information_on, subject_of
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
 __all__ = ["Criterion", "Plan", "Proposal", "plan_next", "worth_of"]
 
 Array = NDArray[np.float64]
+
+PRESETS: Mapping[str, Preset] = {p.name: p for kind in MANOEUVRES.values() for p in kind.presets}
+"""Name -> manoeuvre of a given size, of every kind in the table."""
 
 Criterion = Literal["worst", "volume"]
 
@@ -45,7 +48,7 @@ class Plan:
     included, infinite where something becomes visible at all; ``flags`` where the motion exceeds what was seen.
     """
 
-    candidate: Candidate
+    candidate: Preset
     flight: Flight
     information: Information
     std: Array
@@ -113,7 +116,7 @@ class Proposal:
 def plan_next(
     fit: Fit,
     trials: Trial | Sequence[Trial],
-    candidates: Sequence[str | Candidate] | None = None,
+    candidates: Sequence[str | Preset] | None = None,
     *,
     seconds: float = 60.0,
     criterion: Criterion = "worst",
@@ -122,7 +125,7 @@ def plan_next(
 
     Parameters
     ----------
-    candidates : names in ``CANDIDATES`` or manoeuvres of one's own; all whose roles the inputs have when None.
+    candidates : names in :data:`PRESETS` or manoeuvres of one's own; all whose roles the inputs have when None.
     seconds : length of the next run, its approach included.
 
     Raises
@@ -138,8 +141,8 @@ def plan_next(
         raise UsageError(f"a run of {seconds} s cannot be planned: give 5 to 3600 s")
     subject = subject_of(fit, trials)
     helm = helm_of(subject.form, subject.theta, subject.records)
-    wanted = CANDIDATES.values() if candidates is None else [_candidate(c) for c in candidates]
-    able = [c for c in wanted if c.roles <= set(helm.columns)]
+    wanted = PRESETS.values() if candidates is None else [_candidate(c) for c in candidates]
+    able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(helm.columns)]
     if not able:
         raise UsageError(
             f"the inputs {', '.join(helm.channels)} give {', '.join(helm.columns)}; no candidate is flown with these"
@@ -156,7 +159,7 @@ def plan_next(
     return Proposal(now, seconds, tuple(ranked), names)
 
 
-def worth_of(subject: Subject, now: Identifiability, flight: Flight | None, candidate: Candidate) -> Plan | None:
+def worth_of(subject: Subject, now: Identifiability, flight: Flight | None, candidate: Preset) -> Plan | None:
     """Return what a flight would bring, None when there is none or its sensitivities run away."""
     if flight is None:
         return None
@@ -179,8 +182,8 @@ def worth_of(subject: Subject, now: Identifiability, flight: Flight | None, cand
     )
 
 
-def _candidate(given: str | Candidate) -> Candidate:
-    return given if isinstance(given, Candidate) else lookup(CANDIDATES, given, "manoeuvre")
+def _candidate(given: str | Preset) -> Preset:
+    return given if isinstance(given, Preset) else lookup(PRESETS, given, "manoeuvre")
 
 
 def _key(plan: Plan, now: Identifiability, hopeless: NDArray[np.bool_], criterion: Criterion) -> float:

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.experiments.manoeuvres import Candidate, Shares
 from gcs_autotune.identify.information import Subject
 from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.manoeuvres import Preset
 from gcs_autotune.models.coupled import Form, Simulator
 from gcs_autotune.models.coupled.derivatives import FORCES
 from gcs_autotune.models.coupled.program import states_of
@@ -193,6 +194,8 @@ def _gains(form: Form, theta: Array) -> Array:
     return gains
 
 
+_SHOWN = frozenset(f.name for f in fields(Observation))
+
 CONTROL_STEP = 0.1
 """Seconds between two commands of a proposed manoeuvre."""
 
@@ -212,14 +215,14 @@ class Flight:
         return replace(subject, records=(self.record,), initial=(self.initial,))
 
 
-def fly(subject: Subject, helm: Helm, candidate: Candidate, seconds: float) -> Flight | None:
-    """Let the model fly *candidate*; None when it runs away.
+def fly(subject: Subject, helm: Helm, preset: Preset, seconds: float) -> Flight | None:
+    """Let the model fly *preset*; None when it runs away.
 
     It starts from rest, or, when no input drives surge, at the median speed of the runs.
     """
     x_0 = _start(subject, helm)
     t: Array = np.arange(round(seconds / CONTROL_STEP), dtype=np.float64) * CONTROL_STEP
-    inputs = _closed(subject, helm, candidate, t, x_0, seconds) if candidate.closed else _open(helm, candidate, seconds)
+    inputs = _commanded(subject, helm, preset, t, x_0, seconds)
     if inputs is None:
         return None
     signals = {}
@@ -228,8 +231,8 @@ def fly(subject: Subject, helm: Helm, candidate: Candidate, seconds: float) -> F
         signals[name] = Signal(name, own, np.zeros(len(own)), 0.0)
     record = replace(
         subject.records[0],
-        name=candidate.name,
-        run=candidate.name,
+        name=preset.name,
+        run=preset.name,
         t_in=t,
         inputs=inputs,
         signals=signals,
@@ -248,26 +251,36 @@ def fly(subject: Subject, helm: Helm, candidate: Candidate, seconds: float) -> F
     return Flight(t, inputs, replace(record, signals=signals), x_0, reach_of(subject.form, stamps, X))
 
 
-def _open(helm: Helm, candidate: Candidate, seconds: float) -> Array:
-    return np.array([helm.inputs(shares) for shares in candidate.pilot(seconds, CONTROL_STEP)])
-
-
-def _closed(subject: Subject, helm: Helm, candidate: Candidate, t: Array, x_0: Array, seconds: float) -> Array | None:
+def _commanded(subject: Subject, helm: Helm, preset: Preset, t: Array, x_0: Array, seconds: float) -> Array | None:
+    """Return the inputs (j, m) that the manoeuvre commands at *t*; after its end none. Open loops are not simulated."""
     simulator = Simulator(subject.form)
     states, x = simulator.states, x_0
-    pilot = candidate.pilot(seconds, CONTROL_STEP)
     inputs = np.zeros((len(t), len(helm.channels)))
-    shares: Shares = next(pilot)
+    manoeuvre = preset.make(seconds)
+    commands = manoeuvre.commands(_observed(0.0, states, x_0))
+    command = next(commands)
     for i in range(len(t)):
-        inputs[i] = helm.inputs(shares)
-        if i + 1 == len(t):
+        inputs[i] = helm.inputs(_shares(command))
+        if i + 1 == len(t) or manoeuvre.outcome is not None:
             break
-        found = simulator.run(subject.theta, x, t[: i + 1], inputs[: i + 1], t[i : i + 2])
-        if found is None:
-            return None
-        x = found[0][-1]
-        shares = pilot.send(dict(zip(states, x.tolist(), strict=True)))
+        if preset.closed:
+            found = simulator.run(subject.theta, x, t[: i + 1], inputs[: i + 1], t[i : i + 2])
+            if found is None:
+                return None
+            x = found[0][-1]
+        command = commands.send(_observed(float(t[i + 1]), states, x))
     return inputs
+
+
+def _shares(command: Command) -> Mapping[str, float]:
+    assert isinstance(command, Actuate)  # presets drive the actuators themselves
+    return {role: getattr(command, force) for force, role in ROLES.items() if getattr(command, force)}
+
+
+def _observed(t: float, states: Sequence[str], x: Array) -> Observation:
+    known = {n: v for n, v in zip(states, x.tolist(), strict=True) if n in _SHOWN}
+    speed = math.hypot(known.get("u", 0.0), known.get("v", 0.0))
+    return Observation(**{"psi": 0.0, **known, "t": t, "speed": speed})
 
 
 def _start(subject: Subject, helm: Helm) -> Array:

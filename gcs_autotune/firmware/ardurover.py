@@ -131,4 +131,5 @@ FIRMWARE = Firmware(
     manual_dead_zone=True,
     rc_map={"N": "RCMAP_ROLL", "X": "RCMAP_THROTTLE"},
     unsuited=_UNSUITED,
+    needs_way=True,
 )

@@ -83,6 +83,7 @@ class Firmware:
     RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
+    ``needs_way`` tells whether such craft steer under way only, and so need room to turn about.
     """
 
     name: str
@@ -108,6 +109,7 @@ class Firmware:
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
     unsuited: Sequence[Unsuited] = ()
+    needs_way: bool = False
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""

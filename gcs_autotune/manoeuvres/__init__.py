@@ -1,30 +1,31 @@
 """What to do to a craft so that it reveals itself, and the engine that does it safely.
 
-A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: it turns observations into commands. Only
-:class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
+A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: a generator of commands that receives observations.
+Only :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
-What to use when: ``sign-check`` first of all (``thrust-check`` for surge), to see that an actuator acts, and the right
-way; ``relay`` to identify
-one degree of freedom in a few oscillations; ``throttle-steps`` to identify a boat's surge; ``step`` to prove a closed
-loop; ``turn-about`` to bring a boat back between two of them; ``dive`` to take an ROV off the surface.
+What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
+one degree of freedom in a few oscillations; ``zig-zag`` for the figures and the model of steering; ``throttle-steps``
+to identify a boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back between two of them;
+``dive`` to take an ROV off the surface. :data:`MANOEUVRES` is the table of them all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
+from gcs_autotune.manoeuvres.preview import PaperCraft, Preview, preview
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings
+from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
+from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
     "DISARMED_ITSELF",
@@ -38,8 +39,12 @@ __all__ = [
     "Flown",
     "Guard",
     "Manoeuvre",
+    "ManoeuvreKind",
     "Outcome",
     "Outlet",
+    "PaperCraft",
+    "Preset",
+    "Preview",
     "Relay",
     "RelaySettings",
     "Sequencer",
@@ -53,16 +58,8 @@ __all__ = [
     "ThrustCheckSettings",
     "TurnAbout",
     "TurnAboutSettings",
+    "ZigZag",
+    "ZigZagSettings",
+    "preview",
     "restore_on_exit",
 ]
-
-MANOEUVRES: Mapping[str, Callable[[Any], Manoeuvre]] = {
-    "relay": Relay,
-    "sign-check": SignCheck,
-    "step": Step,
-    "thrust-check": ThrustCheck,
-    "throttle-steps": ThrottleSteps,
-    "turn-about": TurnAbout,
-    "dive": Dive,
-}
-"""Name -> manoeuvre (built from its settings); adding one is one file and one line."""

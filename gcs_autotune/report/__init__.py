@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from gcs_autotune.report.diagnosis_page import render_diagnosis
 from gcs_autotune.report.diagnosis_terminal import diagnosis_summary, effects_list, effects_to_dict
+from gcs_autotune.report.flight_page import render_flight, render_preview
 from gcs_autotune.report.live import TerminalWatcher
 from gcs_autotune.report.log_survey import log_summary
 from gcs_autotune.report.run_directory import summarise, write_story
@@ -38,6 +39,8 @@ __all__ = [
     "log_summary",
     "proof_command",
     "render_diagnosis",
+    "render_flight",
+    "render_preview",
     "render_study",
     "sheets_summary",
     "show_tune",

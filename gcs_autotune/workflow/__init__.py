@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from gcs_autotune.workflow.experiment import experiment
+from gcs_autotune.workflow.fly import FlightResult, FlySettings, fly, preview_of_model
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.parameter_files import restore_parameters, save_parameters
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_run
@@ -19,13 +20,17 @@ from gcs_autotune.workflow.tune import tune
 __all__ = [
     "EXPERIMENTS",
     "Connection",
+    "FlightResult",
+    "FlySettings",
     "Operator",
     "StudySettings",
     "TuneSettings",
     "Unattended",
     "experiment",
+    "fly",
     "is_settled",
     "link_of",
+    "preview_of_model",
     "restore_parameters",
     "restore_run",
     "save_parameters",

@@ -20,6 +20,7 @@ from gcs_autotune.workflow import Connection, TuneSettings
 POSITIONALS = {
     "tune": ("heading",),
     "experiment": ("heading",),
+    "fly": ("zig-zag",),
     "identify": ("a.csv",),
     "diagnose": ("a.csv",),
     "figures": ("a.csv",),

@@ -114,7 +114,10 @@ def _steering(trial: Trial) -> Channel:
         there = ", ".join(trial.channels) or "nothing"
         raise MissingChannel(f"run '{trial.name}' has neither delta nor N; it has {there}")
     moving = [n for n in have if float(np.ptp(trial[n].values)) > 0.0]
-    return trial[(moving or have)[0]]
+    steering, full = trial[(moving or have)[0]], trial.meta.get("full_rudder")
+    if steering.name == "N" and steering.unit == "1" and isinstance(full, float):
+        return replace(steering, name="delta", unit="rad", values=full * steering.values)
+    return steering
 
 
 def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:

@@ -1,0 +1,72 @@
+"""A row of the table of manoeuvres: what each is called, excites, needs, and how one is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.firmware import Firmware
+from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
+
+__all__ = ["ManoeuvreKind", "Preset"]
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A manoeuvre of a given size, as `identify --plan-next` weighs it: ``make(seconds)`` returns one so long.
+
+    ``forces`` (letters with spaces between) it drives; ``closed``: whether its commands answer to the motion.
+    """
+
+    title: str
+    forces: str
+    make: Callable[[float], Manoeuvre]
+    closed: bool = False
+
+    @property
+    def name(self) -> str:
+        """The title without spaces and signs."""
+        plain = self.title.replace("%", "").replace("/", "-").replace(",", "").replace("  ", " ")
+        return plain.replace(" ", "-").rstrip("-")
+
+    @property
+    def drives(self) -> frozenset[str]:
+        """The forces, one by one."""
+        return frozenset(self.forces.split())
+
+
+@dataclass(frozen=True, slots=True)
+class ManoeuvreKind:
+    """One kind of manoeuvre.
+
+    Attributes
+    ----------
+    name, help : its name, as records carry it, and what is done.
+    excites : degrees of freedom it tells about. drives : forces it commands.
+    make : a manoeuvre from options (SI and radians) by name: those of ``options``, besides ``throttle``, ``duration``,
+        ``side`` (1 starboard, -1 port) and ``keep-still`` (1: an ROV's other axes are held); None when it is flown by
+        ``command`` only.
+    options : names in :data:`gcs_autotune.limits.LIMITS`.
+    room : the free water it takes, in words; the preview says it in metres.
+    identifies : whether its record is for identification. turns : whether the bow goes right round.
+    needs_way : for craft that steer under way only.
+    presets : what `identify --plan-next` weighs.
+    command : what flies it when ``gcs-autotune fly`` does not.
+    """
+
+    name: str
+    help: str
+    excites: frozenset[str]
+    drives: frozenset[str]
+    make: Callable[[Mapping[str, float]], Manoeuvre] | None = None
+    options: tuple[str, ...] = ()
+    room: str = "about where the craft is"
+    identifies: bool = True
+    turns: bool = False
+    needs_way: bool = False
+    presets: tuple[Preset, ...] = ()
+    command: str = "fly"
+
+    def suits(self, firmware: Firmware) -> bool:
+        """Whether a craft with this *firmware* has what it drives."""
+        return self.drives <= set(firmware.channels) and (not self.needs_way or firmware.needs_way)

@@ -1,0 +1,98 @@
+"""The table of manoeuvres: what ``gcs-autotune fly``, ``tune`` and ``experiment`` fly, previews show and
+``identify --plan-next`` weighs, by the names that records carry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from gcs_autotune.manoeuvres import open_loop, zig_zag
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
+from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
+
+__all__ = ["MANOEUVRES"]
+
+
+def _relay(title: str, signal: str, force: str, hysteresis: float) -> Preset:
+    """Return a relay at full output that swings on for as long as it is given."""
+
+    def make(seconds: float) -> Relay:
+        settings = RelaySettings(signal, force, 1.0, hysteresis, periods=10**6, most_periods=10**6, patience=math.inf)
+        return Relay(settings)
+
+    return Preset(title, force, make, closed=True)
+
+
+_RELAY = ManoeuvreKind(
+    name="relay",
+    help="self-oscillation: a relay with hysteresis on heading, depth or speed",
+    excites=frozenset({"yaw", "heave", "surge"}),
+    drives=frozenset({"N"}),
+    presets=(
+        _relay("yaw relay", "psi", "N", math.radians(10.0)),
+        _relay("heave bob", "z", "Z", 0.2),
+        _relay("roll relay", "phi", "K", math.radians(3.0)),
+        _relay("pitch relay", "theta", "M", math.radians(3.0)),
+    ),
+    room="a boat goes on at its cruise meanwhile, and turns about between two",
+    command="experiment AXIS, and tune AXIS",
+)
+_STEP = ManoeuvreKind(
+    name="step",
+    help="step and step back under the autopilot's own loop: the proof of gains",
+    excites=frozenset({"yaw", "heave", "surge"}),
+    drives=frozenset({"N"}),
+    identifies=False,
+    command="tune AXIS",
+)
+_SIGN_CHECK = ManoeuvreKind(
+    name="sign-check",
+    help="a pulse, and one back, to see that an actuator moves the craft, and the right way",
+    excites=frozenset({"yaw", "heave", "surge"}),
+    drives=frozenset({"N"}),
+    identifies=False,
+    command="every command that flies, first of all",
+)
+_THROTTLE_STEPS = ManoeuvreKind(
+    name="throttle-steps",
+    help="throttle levels under way, each until the speed is steady",
+    excites=frozenset({"surge"}),
+    drives=frozenset({"X", "N"}),
+    needs_way=True,
+    room="a minute of going straight ahead",
+    command="experiment surge, and tune speed",
+)
+_TURN_ABOUT = ManoeuvreKind(
+    name="turn-about",
+    help="half a circle, to come back to where the last manoeuvre began",
+    excites=frozenset(),
+    drives=frozenset({"X", "N"}),
+    needs_way=True,
+    identifies=False,
+    room="a turning circle",
+    command="every command that flies a boat twice",
+)
+_DIVE = ManoeuvreKind(
+    name="dive",
+    help="down from the surface by the autopilot's own depth loop",
+    excites=frozenset(),
+    drives=frozenset({"Z"}),
+    identifies=False,
+    room="1.5 m of depth",
+    command="every command that swings depth, where the craft is at the surface",
+)
+
+MANOEUVRES: Mapping[str, ManoeuvreKind] = {
+    kind.name: kind
+    for kind in (
+        zig_zag.KIND,
+        *open_loop.KINDS,
+        _RELAY,
+        _THROTTLE_STEPS,
+        _STEP,
+        _SIGN_CHECK,
+        _TURN_ABOUT,
+        _DIVE,
+    )
+}
+"""Name -> kind; adding one is one file (its class and its row) and one line here."""

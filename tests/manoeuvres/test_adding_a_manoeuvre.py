@@ -1,0 +1,69 @@
+"""A manoeuvre from outside the package: one class, one row, and it is listed, previewed and flown like the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, PaperCraft, Sequencer, preview
+from gcs_autotune.manoeuvres.manoeuvre import Commands
+from gcs_autotune.models import SingleDof
+from gcs_autotune.watch import SilentWatcher
+
+from .pond import PondCraft
+
+
+class Wiggle(Manoeuvre):
+    kind = "wiggle"
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self.seconds = seconds
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        return {"dof": "yaw", "force": "N"}
+
+    def commands(self, now: Observation) -> Commands:
+        start = now.t
+        while True:
+            if now.t - start > self.seconds:
+                self._end("completed", "wiggled")
+            now = yield Actuate(N=0.3 if int(now.t) % 2 else -0.3)
+
+
+KIND = ManoeuvreKind(
+    "wiggle",
+    "left and right",
+    excites=frozenset({"yaw"}),
+    drives=frozenset({"N"}),
+    make=lambda options: Wiggle(options["duration"]),
+    options=("duration",),
+)
+
+
+def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Any
+) -> None:
+    monkeypatch.setitem(MANOEUVRES, "wiggle", KIND)  # type: ignore[arg-type]
+    assert main(["fly", "--list"]) == 0
+    assert "wiggle\n    left and right. Tells about yaw." in capsys.readouterr().out
+    out = tmp_path / "run"
+    assert main(["fly", "wiggle", "--duration", "8", "--connect", "sitl:videoray", "--out", str(out), "--yes"]) == 0
+    assert "Report:" in capsys.readouterr().out
+    assert (out / "trials" / "02-wiggle.csv").exists()
+    paper = PaperCraft(SingleDof("yaw", "1", 1.0, 1.0), 0.0, "a test")
+    assert preview(Wiggle(8.0), paper, Envelope()).seconds == pytest.approx(8.1, abs=0.1)
+
+
+def test_the_sequencer_needs_nothing_but_the_generator() -> None:
+    free = Envelope(heading_excursion=math.inf)
+    flown = Sequencer(PondCraft(), free, SilentWatcher(), lambda trial: None).fly(Wiggle(5.0))
+    assert flown.outcome.reason == "wiggled"
+    assert flown.trial.meta["manoeuvre"] == "wiggle"
+    assert flown.trial.purpose == "identification"

@@ -1,0 +1,76 @@
+"""The zig-zag: reversed at its angle, either side first, on a pond and on paper; given up where it is not reached."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    Envelope,
+    PaperCraft,
+    Sequencer,
+    ZigZag,
+    ZigZagSettings,
+    preview,
+)
+from gcs_autotune.models import SingleDof
+from gcs_autotune.watch import SilentWatcher
+
+from .pond import PondCraft
+
+FREE = Envelope(heading_excursion=math.inf)
+PAPER = PaperCraft(SingleDof("yaw", "1", 1.25, 1.0), 1.0, "a test")
+"""The pond's own yaw: gain 1, drag 0.8."""
+
+
+def settings(heading: float = 20.0, steering: float = 0.5, **changes: object) -> ZigZagSettings:
+    return ZigZagSettings(math.radians(heading), steering, **changes)  # type: ignore[arg-type]
+
+
+def fly(manoeuvre: ZigZag, craft: PondCraft):
+    return Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(manoeuvre)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side: int) -> None:
+    flown = fly(ZigZag(settings(side=side)), PondCraft())
+    executes = [m for m in flown.trial.marks if m.kind == "execute"]
+    assert flown.outcome.ending == "completed"
+    assert [np.sign(m.detail["N"]) for m in executes] == [side * (-1) ** k for k in range(5)]
+    at = [side * (-1) ** k * math.degrees(m.detail["psi"]) for k, m in enumerate(executes[1:])]
+    assert all(20.0 < angle < 25.0 for angle in at)
+    assert abs(flown.trial["psi"].values[-1] - flown.trial["psi"].values[0]) < math.radians(5.0)
+
+
+def test_an_angle_that_is_never_reached_is_given_up_with_the_number_and_the_cure() -> None:
+    flown = fly(ZigZag(settings(60.0, patience=20.0)), PondCraft(gain=0.02))
+    assert flown.outcome.ending == "aborted"
+    assert "60 deg are wanted" in flown.outcome.reason
+    assert "--heading" in flown.outcome.reason
+
+
+def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None:
+    flown = fly(ZigZag(settings()), PondCraft())
+    foreseen = preview(ZigZag(settings()), PAPER, FREE)
+    assert foreseen.trouble == ""
+    peaks = [float(np.max(np.abs(t["psi"].values - t["psi"].values[0]))) for t in (flown.trial, foreseen.trial)]
+    assert peaks[0] == pytest.approx(peaks[1], abs=math.radians(2.0))
+    assert foreseen.seconds == pytest.approx(flown.trial.duration, rel=0.1)
+
+
+def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_turns_says_so() -> None:
+    ahead = preview(ZigZag(settings(throttle=0.5)), PAPER, Envelope(distance=5.0))
+    assert "distance from start" in ahead.trouble
+    slow = PaperCraft(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
+    assert "20 deg are wanted" in preview(ZigZag(settings()), slow, FREE).trouble
+
+
+def test_every_kind_is_in_the_table_under_the_name_its_records_carry() -> None:
+    for name, kind in MANOEUVRES.items():
+        assert kind.name == name
+        for preset in kind.presets:
+            assert preset.make(30.0).settings["manoeuvre"] == name
+            assert preset.make(30.0).purpose == ("identification" if kind.identifies else "check")

@@ -1,0 +1,186 @@
+"""A zig-zag flown over MAVLink: figures, model, preview; whatever ends it, the vehicle is left as found."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import NotAchieved, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify.model_file import ModelFile, load_model
+from gcs_autotune.logs import load_runs
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.seatrials import ship_figures
+from gcs_autotune.workflow import FlySettings, Unattended, fly
+
+from .harbour import WHEN, Answers, Ear, Harbour
+
+DEG = math.pi / 180.0
+PAIR = {"heading": 20.0 * DEG, "rudder": 20.0 * DEG, "full-rudder": 30.0 * DEG}
+SHARE = {"heading": 20.0 * DEG, "steering": 0.6}
+
+
+class Stops(Ear):
+    """Watches, and wants to stop as soon as a phase is under way."""
+
+    def __init__(self, said: list[str], phase: str) -> None:
+        super().__init__(said)
+        self.phase, self.wants = phase, False
+
+    def update(self, progress: Any) -> None:
+        self.wants = self.wants or progress.manoeuvre == self.phase
+
+    def stop_requested(self) -> bool:
+        return self.wants
+
+    def ask(self, question: str, while_waiting: Any) -> bool:
+        return True
+
+
+def flown(harbour: Harbour, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
+    common = {k: more.pop(k) for k in ("throttle", "envelope", "simulated") if k in more}
+    watcher, operator = more.pop("watcher", None), more.pop("operator", None)
+    only_preview = more.pop("only_preview", False)
+    settings = FlySettings(name, harbour.settings(**common), options, **more)
+    ear = watcher or Ear(harbour.said)
+    return fly(settings, operator or Unattended(), ear, WHEN, only_preview=only_preview)
+
+
+def calm(harbour: Harbour) -> Harbour:
+    """Take all noise off the sensors."""
+    sensors = harbour.vehicle._sensors
+    sensors._draws = tuple(lambda: 0.0 for _ in sensors._draws)
+    return harbour
+
+
+def figures(run: Any) -> dict[str, float]:
+    (sheet,) = ship_figures(run)
+    return {f.slug: f.reading.value for f in sheet.figures}
+
+
+@pytest.fixture(scope="module")
+def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[Harbour, Any]:
+    harbour = Harbour(tmp_path_factory.mktemp("charlie"))
+    return harbour, flown(harbour)
+
+
+def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
+    charlie: tuple[Harbour, Any], tmp_path: Path
+) -> None:
+    harbour, _ = charlie
+    (run,) = load_runs(harbour.directory)
+    assert run.purpose == "identification"
+    read = figures(run)
+    quiet = calm(Harbour(tmp_path))
+    true = flown(quiet).trial
+    psi, at = true["psi"], [m.t for m in true.marks if m.kind == "execute"]
+    side = 1.0
+    for k, name in ((1, "first-overshoot"), (2, "second-overshoot")):
+        after = psi.between(at[k], at[k + 1]).values
+        overshoot = float((side * after).max()) - side * float(np.interp(at[k], psi.t, psi.values))
+        assert read[name] == pytest.approx(overshoot, abs=1.0 * DEG)
+        side = -side
+    assert read["helm"] == pytest.approx(20.0 * DEG, rel=0.02)
+    assert read["heading"] == pytest.approx(20.0 * DEG, abs=1.5 * DEG)
+
+
+def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_one(charlie: tuple[Harbour, Any]) -> None:
+    harbour, result = charlie
+    fit = fit_axis(load_runs(harbour.directory), dof="yaw")
+    n2 = (0.8 * 8.0) ** 2
+    alpha, beta = (np.interp(n2, [36.0, 49.0], pair) for pair in ([8.2, 9.155], [2.465, 2.745]))
+    assert 1.0 / fit.model.beta == pytest.approx(math.radians(30.0) / beta, rel=0.03)
+    assert fit.model.alpha / fit.model.beta == pytest.approx(alpha / beta, rel=0.03)
+    assert load_model(harbour.directory / "model.json").model is not None
+    assert result.fit.model.beta == pytest.approx(fit.model.beta, rel=0.01)
+
+
+def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[Harbour, Any]) -> None:
+    harbour, result = charlie
+    said = " ".join(harbour.said)
+    for words in ("m of free water", "Go ahead?", "draw on the battery", "take about", "write no parameter"):
+        assert words in said
+    assert said.index("will move") < said.index("Go ahead?") < said.index("found: mode")
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
+    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
+    page = (harbour.directory / "report.html").read_text()
+    assert "20/20 zig-zag" in page
+    assert "predicted" in page
+    assert result.remarks == []
+
+
+def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Path) -> None:
+    harbour = Harbour(tmp_path, "bluerov2")
+    result = flown(harbour, SHARE, side=-1)
+    first = next(m for m in result.trial.marks if m.kind == "execute")
+    assert first.detail["N"] == -0.6
+    assert figures(result.trial)["first-overshoot"] > 0.0
+    assert np.ptp(result.trial["z"].values) < 0.5
+    assert not harbour.vehicle.autopilot.armed
+
+
+@pytest.mark.parametrize("phase", ["pulse", "approach", "execute 1", "execute 3"])
+def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(phase: str, tmp_path: Path) -> None:
+    harbour = Harbour(tmp_path)
+    watcher = Stops(harbour.said, phase)
+    with pytest.raises(OperatorStopped):
+        flown(harbour, watcher=watcher, operator=watcher)
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
+    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
+    assert list((harbour.directory / "trials").glob("*.csv"))
+
+
+def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path) -> None:
+    harbour = Harbour(tmp_path)
+    with pytest.raises(NotAchieved, match="deg are wanted: give a smaller --heading"):
+        flown(harbour, {"heading": 90.0 * DEG, "steering": 0.02})
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+
+
+def test_a_preview_by_a_model_that_leaves_the_envelope_refuses_before_anything_is_armed(
+    charlie: tuple[Harbour, Any], tmp_path: Path
+) -> None:
+    model: ModelFile = load_model(charlie[0].directory / "model.json")
+    harbour = Harbour(tmp_path)
+    with pytest.raises(PreconditionFailed, match="distance from start"):
+        flown(harbour, model=model, envelope=Envelope(distance=15.0))
+    assert harbour.found == ""
+    assert not harbour.vehicle.autopilot.armed
+
+
+def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[Harbour, Any], tmp_path: Path) -> None:
+    flown_once, result = charlie
+    model = load_model(flown_once.directory / "model.json")
+    seen = flown(Harbour(tmp_path), model=model, only_preview=True)
+    assert seen.preview.trouble == ""
+    assert seen.preview.seconds == pytest.approx(result.trial.duration, rel=0.15)  # it had way on already
+    assert seen.preview.turned == pytest.approx(float(np.ptp(result.trial["psi"].values)), rel=0.1)
+    assert "Track" in seen.page.read_text()
+
+
+def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) -> None:
+    harbour = Harbour(tmp_path)
+    with pytest.raises(OperatorStopped, match="nothing was armed"):
+        flown(harbour, simulated=False, operator=Answers(False))
+    assert not harbour.vehicle.autopilot.armed
+    with pytest.raises(UsageError, match="experiment AXIS"):
+        FlySettings("relay", harbour.settings())
+    with pytest.raises(UsageError, match="takes no --duration"):
+        FlySettings("zig-zag", harbour.settings(), {"duration": 5.0})
+    with pytest.raises(UsageError, match="--full-rudder"):
+        FlySettings("zig-zag", harbour.settings(), {"rudder": 0.3})
+    (tmp_path / "twin").mkdir()
+    with pytest.raises(UsageError, match="has no rudder"):
+        flown(Harbour(tmp_path / "twin", "blueboat"), PAIR)
+    (tmp_path / "boat").mkdir()
+    with pytest.raises(WrongVehicle, match="which takes Z"):
+        flown(Harbour(tmp_path / "boat"), {}, "heave-steps")
