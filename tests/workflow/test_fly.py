@@ -17,7 +17,7 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.workflow import FlySettings, Unattended, fly
 
-from .harbour import WHEN, Answers, Ear, Harbour
+from .sitl_harness import WHEN, Answers, Ear, SitlHarness
 
 DEG = math.pi / 180.0
 PAIR = {"heading": 20.0 * DEG, "rudder": 20.0 * DEG, "full-rudder": 30.0 * DEG}
@@ -41,7 +41,7 @@ class Stops(Ear):
         return True
 
 
-def flown(harbour: Harbour, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
+def flown(harbour: SitlHarness, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
     common = {k: more.pop(k) for k in ("throttle", "envelope", "simulated") if k in more}
     watcher, operator = more.pop("watcher", None), more.pop("operator", None)
     only_preview = more.pop("only_preview", False)
@@ -50,7 +50,7 @@ def flown(harbour: Harbour, options: dict[str, float] = PAIR, name: str = "zig-z
     return fly(settings, operator or Unattended(), ear, WHEN, only_preview=only_preview)
 
 
-def calm(harbour: Harbour) -> Harbour:
+def calm(harbour: SitlHarness) -> SitlHarness:
     """Take all noise off the sensors."""
     sensors = harbour.vehicle._sensors
     sensors._draws = tuple(lambda: 0.0 for _ in sensors._draws)
@@ -63,19 +63,19 @@ def figures(run: Any) -> dict[str, float]:
 
 
 @pytest.fixture(scope="module")
-def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[Harbour, Any]:
-    harbour = Harbour(tmp_path_factory.mktemp("charlie"))
+def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
+    harbour = SitlHarness(tmp_path_factory.mktemp("charlie"))
     return harbour, flown(harbour)
 
 
 def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
-    charlie: tuple[Harbour, Any], tmp_path: Path
+    charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
     harbour, _ = charlie
     (run,) = load_runs(harbour.directory)
     assert run.purpose == "identification"
     read = figures(run)
-    quiet = calm(Harbour(tmp_path))
+    quiet = calm(SitlHarness(tmp_path))
     true = flown(quiet).trial
     psi, at = true["psi"], [m.t for m in true.marks if m.kind == "execute"]
     side = 1.0
@@ -88,7 +88,9 @@ def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
     assert read["heading"] == pytest.approx(20.0 * DEG, abs=1.5 * DEG)
 
 
-def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_one(charlie: tuple[Harbour, Any]) -> None:
+def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_one(
+    charlie: tuple[SitlHarness, Any],
+) -> None:
     harbour, result = charlie
     fit = fit_axis(load_runs(harbour.directory), dof="yaw")
     n2 = (0.8 * 8.0) ** 2
@@ -99,7 +101,7 @@ def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_on
     assert result.fit.model.beta == pytest.approx(fit.model.beta, rel=0.01)
 
 
-def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[Harbour, Any]) -> None:
+def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[SitlHarness, Any]) -> None:
     harbour, result = charlie
     said = " ".join(harbour.said)
     for words in ("m of free water", "Go ahead?", "draw on the battery", "take about", "write no parameter"):
@@ -116,7 +118,7 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
 
 
 def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Path) -> None:
-    harbour = Harbour(tmp_path, "bluerov2")
+    harbour = SitlHarness(tmp_path, "bluerov2")
     result = flown(harbour, SHARE, side=-1)
     first = next(m for m in result.trial.marks if m.kind == "execute")
     assert first.detail["N"] == -0.6
@@ -127,7 +129,7 @@ def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Pat
 
 @pytest.mark.parametrize("phase", ["pulse", "approach", "execute 1", "execute 3"])
 def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(phase: str, tmp_path: Path) -> None:
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     watcher = Stops(harbour.said, phase)
     with pytest.raises(OperatorStopped):
         flown(harbour, watcher=watcher, operator=watcher)
@@ -139,7 +141,7 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
 
 
 def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path) -> None:
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match="deg are wanted: give a smaller --heading"):
         flown(harbour, {"heading": 90.0 * DEG, "steering": 0.02})
     harbour.assert_neutral()
@@ -147,20 +149,20 @@ def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path
 
 
 def test_a_preview_by_a_model_that_leaves_the_envelope_refuses_before_anything_is_armed(
-    charlie: tuple[Harbour, Any], tmp_path: Path
+    charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
     model: ModelFile = load_model(charlie[0].directory / "model.json")
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(PreconditionFailed, match="distance from start"):
         flown(harbour, model=model, envelope=Envelope(distance=15.0))
     assert harbour.found == ""
     assert not harbour.vehicle.autopilot.armed
 
 
-def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[Harbour, Any], tmp_path: Path) -> None:
+def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
     flown_once, result = charlie
     model = load_model(flown_once.directory / "model.json")
-    seen = flown(Harbour(tmp_path), model=model, only_preview=True)
+    seen = flown(SitlHarness(tmp_path), model=model, only_preview=True)
     assert seen.preview.trouble == ""
     assert seen.preview.seconds == pytest.approx(result.trial.duration, rel=0.15)  # it had way on already
     assert seen.preview.turned == pytest.approx(float(np.ptp(result.trial["psi"].values)), rel=0.1)
@@ -168,7 +170,7 @@ def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[Harbour, A
 
 
 def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) -> None:
-    harbour = Harbour(tmp_path)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(OperatorStopped, match="nothing was armed"):
         flown(harbour, simulated=False, operator=Answers(False))
     assert not harbour.vehicle.autopilot.armed
@@ -180,7 +182,7 @@ def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) ->
         FlySettings("zig-zag", harbour.settings(), {"rudder": 0.3})
     (tmp_path / "twin").mkdir()
     with pytest.raises(UsageError, match="has no rudder"):
-        flown(Harbour(tmp_path / "twin", "blueboat"), PAIR)
+        flown(SitlHarness(tmp_path / "twin", "blueboat"), PAIR)
     (tmp_path / "boat").mkdir()
     with pytest.raises(WrongVehicle, match="which takes Z"):
-        flown(Harbour(tmp_path / "boat"), {}, "heave-steps")
+        flown(SitlHarness(tmp_path / "boat"), {}, "heave-steps")
