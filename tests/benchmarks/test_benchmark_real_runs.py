@@ -17,6 +17,8 @@ from benchmarks.real_runs.score import fit_percents
 from gcs_autotune.models.coupled import FORMS
 from gcs_autotune.trial import Channel, Trial
 
+pytestmark = pytest.mark.slow
+
 A = np.diag([0.98, 0.95, 0.9])
 B = np.array([[0.02, 0.0], [0.0, 0.01], [0.03, -0.03]])
 

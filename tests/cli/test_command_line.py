@@ -289,6 +289,7 @@ def test_sitl_lists_its_vehicles():
         assert name in done.stdout
 
 
+@pytest.mark.slow
 def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path):
     out = tmp_path / "run"
     code, text, err = run(capsys, "experiment", "surge", "--out", out, "--json")

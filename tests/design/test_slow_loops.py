@@ -33,6 +33,7 @@ def propose() -> Proposal:
     return design(HULL, SPREAD, SUB_HEADING, SLOW, STEP, Reduction(HULL, "N", SPREAD, THRUSTERS))
 
 
+@pytest.mark.slow
 def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() -> None:
     found = propose()
     low, old, new = found.worst_margins, found.before.metrics, found.after.metrics

@@ -69,6 +69,7 @@ def test_a_force_nobody_knows_is_no_confident_finding():
     assert diagnose(runs).verdict in ("unexplained", "partly-explained")
 
 
+@pytest.mark.slow
 def test_a_given_model_is_judged_as_it_is_and_its_wrong_number_is_told():
     plain = diagnose(towed()).extended_model
     wrong = ExtendedModel(plain.base.with_values({"N_r": 1.3 * plain.base["N_r"]}))

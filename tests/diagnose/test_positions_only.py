@@ -15,6 +15,8 @@ from gcs_autotune.trial import Channel, Trial
 from sitl.effects.table import make_effect
 from sitl.open_loop import open_loop
 
+pytestmark = pytest.mark.slow
+
 COUPLED = make_effect("coriolis-coupling", "surge+sway+yaw", {"X_vr": 7.0, "Y_ur": -5.0, "N_uv": -2.0})
 
 

@@ -17,6 +17,8 @@ from gcs_autotune.identify.preparation import prepare_as_recorded
 from sitl.effects import Effect, Parameter, Setting
 from sitl.hull import Loads
 
+pytestmark = pytest.mark.slow
+
 
 class CubicDrag(Effect):
     """Drag with the cube of the yaw rate."""

@@ -27,6 +27,8 @@ from gcs_autotune.report.terminal import render_text
 from gcs_autotune.workflow.diagnosis import write_diagnosis
 from sitl.open_loop import Hull
 
+pytestmark = pytest.mark.slow
+
 FEW = ["dead-zone", "input-bias", "input-delay"]
 TRUE = {"N_rdot": -2.0, "N_r": -1.0}
 FORM = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)

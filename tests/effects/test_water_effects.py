@@ -183,6 +183,7 @@ def test_sensitivities_are_difference_quotients(case: Case) -> None:
             assert by[:, j] == pytest.approx(quotient, abs=2e-2 * np.abs(quotient).max() + 1e-6), (name, signal)
 
 
+@pytest.mark.slow
 def test_the_size_is_found_again_from_the_most_promising_starts(case: Case) -> None:
     """Base parameters, initial states and the effect fitted together to a run with a little noise."""
     truth, entry, craft = sailed(case), EFFECTS[case.slug], case.craft

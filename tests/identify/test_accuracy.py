@@ -14,6 +14,8 @@ from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
+pytestmark = pytest.mark.slow
+
 SEEDS = 30
 NOISE = 0.01
 QUADRATIC = (0.031, 0.0, 0.069, 0.003)

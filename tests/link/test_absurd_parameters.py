@@ -78,6 +78,7 @@ class Aboard:
         return ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_no_value_of_any_parameter_ends_in_a_foreign_exception(name: str) -> None:
     aboard = Aboard(name)

@@ -12,6 +12,8 @@ from gcs_autotune.logs import load_runs
 from gcs_autotune.workflow import Unattended, experiment
 from tests.workflow.sitl_harness import Ear, SitlHarness
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("name", "axis", "dof"), [("videoray", "heading", "yaw"), ("falcon", "depth", "heave")])
 def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: str, dof: str) -> None:

@@ -9,6 +9,8 @@ from sitl.effects import parse_effect
 
 from .sitl_harness import SitlHarness
 
+pytestmark = pytest.mark.slow
+
 REVERSED_HEAVE = {"MOT_5_DIRECTION": -1.0, "MOT_6_DIRECTION": -1.0, "MOT_3_DIRECTION": -1.0}
 
 WRONG = {

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from towed_boats import yaw_run
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.trial import Trial
+
+pytestmark = pytest.mark.slow
 
 STEP = 0.1
 """Between two messages [s]; a change stamped midway is half of it too early here, by construction."""

@@ -64,6 +64,7 @@ def test_a_sweep_without_noise_shows_the_plant_to_one_percent(rate: bool, delay:
     assert response.coherence.min() > 0.99
 
 
+@pytest.mark.slow
 def test_the_confidence_circles_hold_the_truth_as_often_as_they_say() -> None:
     inside = []
     for seed in range(12):

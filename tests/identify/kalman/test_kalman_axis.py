@@ -47,6 +47,7 @@ def estimates(method: str, seeds: range) -> tuple[np.ndarray, np.ndarray]:
     return np.array(errors), np.array(stds)
 
 
+@pytest.mark.slow
 def test_with_gusts_prediction_error_is_nearer_and_more_honest_than_output_error():
     seeds = range(8)
     pem, pem_std = estimates("prediction-error", seeds)

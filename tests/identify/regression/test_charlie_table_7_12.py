@@ -12,6 +12,8 @@ from regression_plants import yaw_run
 
 from gcs_autotune.identify import fit
 
+pytestmark = pytest.mark.slow
+
 DEG = np.pi / 180.0
 
 

@@ -13,6 +13,8 @@ from gcs_autotune.identify.regression import check_physics
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.research import correlations, structure_by_correlation
 
+pytestmark = pytest.mark.slow
+
 
 @cache
 def camera_runs() -> tuple:
