@@ -53,7 +53,7 @@ AREAS: dict[str, tuple[str, ...]] = {
         "gcs_autotune/design/step_metrics.py",
         "gcs_autotune/design/verdict.py",
         "gcs_autotune/diagnose/heldout.py",
-        "gcs_autotune/diagnose/judging.py",
+        "gcs_autotune/diagnose/score.py",
         "gcs_autotune/identify/axis/likelihood.py",
         "gcs_autotune/identify/axis/objective.py",
         "gcs_autotune/identify/axis/residuals.py",

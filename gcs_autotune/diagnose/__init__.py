@@ -1,32 +1,55 @@
 """What a simulation gets wrong, and why: :func:`diagnose`.
 
-===========  =======================================================================
-door         from runs to a verdict
-intake       runs made fit, or refused with the reason (implausible, worth, follows)
-simulated    somebody else's simulator, modelled
-numbers      which numbers of a given model are wrong
-pieces       a second look where free runs are lost
-workers      work shared among processes
-result       what comes out
-screen       which effects are worth a fit
-attempts     one candidate fitted: roughly, to the end
-bases        other bases to begin at
-rewiring     wiring tried the other way round, the base found anew
-footholds    causes of short pieces, where whole runs are lost
-heldout      errors on data left out (unspoilt)
-whiteness    is anything left?
-judging      evidence, gain, who wins
-search       cause after cause, with second thoughts (ahead, usual)
-telling      from a finished search to a :class:`Diagnosis` (lateness)
-signature    what is left, in words and pictures
-===========  =======================================================================
+================  =======================================================================
+api               from runs to a verdict
+intake            runs made fit, or refused with the reason
+excitation_check  whether runs can tell causes apart at all
+state             what was asked, the model so far, one step
+strategies        what makes the next state of one: the search, and second looks
+candidates        which effects are worth a fit; fitted roughly, to the end
+starting_points   where fits may begin where the base is lost
+score             evidence, gain, who wins
+heldout           errors on data left out
+adequacy          is anything left? would a law without a name do better?
+resonance_check   a wave, or the craft's own ringing
+numbers           which numbers of a given model are wrong
+simulation        somebody else's simulator, modelled
+result            what comes out
+report_builder    from a finished search to a :class:`Diagnosis`
+workers           work shared among processes
+================  =======================================================================
 
 Runs made ready and fits with effects come from :mod:`gcs_autotune.identify.extended`.
 """
 
 from __future__ import annotations
 
-from gcs_autotune.diagnose.door import diagnose
-from gcs_autotune.diagnose.result import Diagnosis
+from gcs_autotune.diagnose.api import diagnose
+from gcs_autotune.diagnose.heldout import METRIC
+from gcs_autotune.diagnose.result import (
+    Cause,
+    Diagnosis,
+    Gain,
+    Number,
+    Numbers,
+    Portrait,
+    Ranked,
+    Signature,
+    Value,
+    Verdict,
+)
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = [
+    "METRIC",
+    "Cause",
+    "Diagnosis",
+    "Gain",
+    "Number",
+    "Numbers",
+    "Portrait",
+    "Ranked",
+    "Signature",
+    "Value",
+    "Verdict",
+    "diagnose",
+]

@@ -12,14 +12,27 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from gcs_autotune.diagnose.result import Gain
-from gcs_autotune.diagnose.unspoilt import unspoilt
+from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.sname import SIGNALS
 
-__all__ = ["METRIC", "Fold", "HeldOut", "Parts", "gains_of", "held_out", "p_value", "parts_of", "rms_of"]
+__all__ = [
+    "METRIC",
+    "Fold",
+    "HeldOut",
+    "Parts",
+    "blocks",
+    "gains_of",
+    "held_out",
+    "p_value",
+    "parts_of",
+    "ratio_interval",
+    "rms_of",
+]
 
 Array = NDArray[np.float64]
+
 
 METRIC = "held-out simulation RMSE"
 
@@ -65,7 +78,7 @@ class Parts:
     def set_right(self, problem: Problem, fitted: Fitted) -> Parts:
         """Return them with every segment beginning where its signals say that *fitted* takes for spoilt, set right."""
         segments = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
-        right = {at: unspoilt(fitted.effects, s) for at, s in segments.items()}
+        right = {at: undo_data_errors(fitted.effects, s) for at, s in segments.items()}
         if all(right[at] is s for at, s in segments.items()):
             return self
         states = dict(zip(right, problem.first_states(list(right.values())), strict=True))

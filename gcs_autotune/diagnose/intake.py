@@ -1,25 +1,173 @@
 """Runs as they are handed in, made fit for a diagnosis, or refused with the reason.
 
 Nothing is mended that an effect in the book could be: wrong units, signs and clocks that are merely fast or late pass.
+
+One run that no cause could be read from: a clock of the wrong unit, a torn heading, columns that changed places.
+
+What is merely wrong by a factor, a sign or an offset is for the book of effects; here is what leaves nothing to fit.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.implausible import check_clock, check_heading, check_roles
-from gcs_autotune.diagnose.worth import MOTIONS
+from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
 from gcs_autotune.identify.intake import parts_of
+from gcs_autotune.identify.preparation import INPUTS
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES
-from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["taken_in", "without_repeats"]
+
+Array = NDArray[np.float64]
+
+
+SLOW, FAST = 5.0, 5e-4
+"""Chosen [s]: samples farther apart, or closer, are no telemetry of a marine craft unless another column says so."""
+
+CONFIRMED = 3.0
+"""Factor within which a position's change must agree with its rate to confirm the clock."""
+
+TORN, ISOLATED, NEIGHBOURS = 0.5, 8.0, 5
+"""A jump of the heading: larger than so many rad and so many times any of so many steps either side."""
+
+TURNS = (2.0 * math.pi, 360.0)
+"""A full turn; in degrees too, for a heading whose unit is wrong is an effect in the book."""
+
+SAME = 0.1
+"""Relative difference up to which a jump is a full turn."""
+
+LEADS, ALONE, HELD = 0.9, 0.25, 0.5
+"""The "input" coherence the "output" at least so well, and leaves less than this share of what the output leaves when
+it is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
+
+
+def check_clock(run: Trial) -> None:
+    """Refuse a clock that runs in milliseconds under a head of seconds, or the reverse.
+
+    Raises
+    ------
+    BadFile
+        Samples are absurdly far apart, or close, and no position with its rate confirms it.
+    """
+    steps = [float(np.median(np.diff(c.t))) for c in run.channels.values() if len(c) > 2]
+    steps = [s for s in steps if s > 0.0]
+    if not steps or FAST <= min(steps) < SLOW or _confirmed(run):
+        return
+    step = min(steps)
+    if step >= SLOW:
+        told = f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h: the time looks like milliseconds"
+        head = "t[ms]"
+        if step >= 1e4:
+            told, head = told.replace("milliseconds", "microseconds"), "t[us]"
+    else:
+        told = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s: the time looks like seconds already"
+        head = "t[s]"
+    raise BadFile(f"samples of run '{run.name}' are {told}; write {head} in the head of that column")
+
+
+def _confirmed(run: Trial) -> bool:
+    """Whether some position changes about as its rate says, on this clock."""
+    for dof in DOFS.values():
+        if dof.name in ("surge", "sway") or dof.position not in run or dof.velocity not in run:
+            continue
+        position, rate = run[dof.position], run[dof.velocity]
+        if len(position) < 4 or len(rate) < 4:
+            continue
+        grid = np.linspace(max(position.t[0], rate.t[0]), min(position.t[-1], rate.t[-1]), 4 * len(rate))
+        speed = np.interp(grid, rate.t, rate.values)
+        angle = np.unwrap(position.values) if dof.angular else position.values
+        moved = np.diff(np.interp(grid, position.t, angle)) / np.diff(grid)
+        size, told = float(np.std(moved)), float(np.std(speed))
+        if told > 0.0 and 1.0 / CONFIRMED < size / told < CONFIRMED:
+            return True
+    return False
+
+
+def check_heading(run: Trial) -> None:
+    """Refuse a heading that jumps by what is no full turn.
+
+    Raises
+    ------
+    BadFile
+        It was wrapped at something else, or averaged across the wrap.
+    """
+    if "psi" not in run or len(run["psi"]) < 4 * NEIGHBOURS:
+        return
+    torn = _tears(run["psi"].values)
+    if torn:
+        raise BadFile(
+            f"the heading of run '{run.name}' jumps {len(torn)} time(s), by {math.degrees(float(np.median(torn))):.0f} "
+            "deg, which is no full turn at once: it was wrapped wrongly, or averaged across north; log psi as the "
+            "vehicle sends it, from 0 to 360 deg or from -180 to 180 deg"
+        )
+
+
+def _tears(x: Array) -> list[float]:
+    """Return the heights of jumps, one or more steps that stand out from those before and after, that are no wraps.
+
+    One step must be a full turn. Several must not make one, or not all one way: spikes come back and are no tears.
+    """
+    d = np.diff(x)
+    large = np.flatnonzero(np.abs(d) > TORN)
+    found = []
+    for group in np.split(large, np.flatnonzero(np.diff(large) > 1) + 1):
+        if not 0 < len(group) <= NEIGHBOURS:
+            continue
+        first, last = int(group[0]), int(group[-1])
+        around = np.abs(np.r_[d[max(0, first - NEIGHBOURS) : first], d[last + 1 : last + 1 + NEIGHBOURS]])
+        steps = np.abs(d[group])
+        if len(around) < NEIGHBOURS or float(steps.min()) < ISOLATED * float(around.max()):
+            continue
+        turn = any(abs(float(steps.sum()) / whole - 1.0) < SAME for whole in TURNS)
+        if len(group) == 1 and not turn:
+            found.append(float(steps[0]))
+        elif len(group) > 1 and turn and abs(float(np.sign(d[group]).sum())) == len(group):
+            found.append(float(steps.max()))
+    return found
+
+
+def check_roles(run: Trial) -> None:
+    """Refuse an input and an output that have changed places: the "input" coherence the "output", which is held.
+
+    Raises
+    ------
+    BadFile
+        Saying which two.
+    """
+    for dof in DOFS.values():
+        for name in INPUTS[dof.name]:
+            for output in (dof.velocity, dof.position):
+                if name in run and output in run:
+                    _check_pair(run, dof, name, output)
+
+
+def _check_pair(run: Trial, dof: Dof, name: str, output: str) -> None:
+    grid = on_grid(run[name], run[output])
+    if grid is None:
+        return
+    u, y = grid[1]
+    if held_share(y) < HELD or held_share(u) > HELD:
+        return
+    if dof.angular:
+        u = np.unwrap(u)
+    integrated = output == dof.position
+    backward = max(coherence(u, y), coherence(u, y, integrated=True) if integrated else 0.0)
+    forward = max(coherence(y, u), coherence(y, u, integrated=True) if integrated else 0.0)
+    if backward > LEADS and 1.0 - backward < ALONE * (1.0 - forward):
+        raise BadFile(
+            f"{name} and {output} of run '{run.name}' look exchanged: {name} is smooth and coherence {output} "
+            f"({100 * backward:.0f} % of it), while {output} jumps like a command; exchange the heads of the columns"
+        )
+
 
 CHECKS: tuple[Callable[[Trial], None], ...] = (check_clock, check_roles, check_heading)
 

@@ -17,17 +17,19 @@ and its gain, time constant, delay and trim are compared.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.heldout import HeldOut, gains_of, p_value
-from gcs_autotune.diagnose.judging import LUCK, MATERIAL, error_ratio, is_needed
 from gcs_autotune.diagnose.result import Number, Numbers
-from gcs_autotune.diagnose.whiteness import correlation_of
+from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
+from gcs_autotune.diagnose.simulation import PLAIN, plain_numbers
+from gcs_autotune.diagnose.state import Given, Key, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names
 from gcs_autotune.identify.extended.fitting import Fitted, Problem
@@ -36,9 +38,6 @@ from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL
 from gcs_autotune.sname import DOFS
-
-if TYPE_CHECKING:
-    from gcs_autotune.diagnose.search import Search
 
 __all__ = ["Given", "given_of", "judge_numbers"]
 
@@ -49,24 +48,6 @@ SURE, BORNE = 3.0, 2.0
 
 OFF = 0.02
 """Share by which a wrong number differs at least."""
-
-Key = tuple[str, str, str]
-"""A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Given:
-    """The model in question, and how its owner knows it.
-
-    ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
-    number, by the name in the file, where the file states one. ``theirs``: how the plain model fits the simulator that
-    this model stands for; None for a model that was given itself.
-    """
-
-    model: ExtendedModel
-    names: Mapping[Key, tuple[str, float]] = field(default_factory=dict)
-    std: Mapping[str, float] = field(default_factory=dict)
-    theirs: tuple[Problem, Fitted] | None = None
 
 
 def given_of(model: ExtendedModel | ModelFile) -> Given:
@@ -100,11 +81,11 @@ def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
     return replace(model, base=CoupledModel(form.freeing(*free), {**form.known, **model.base.values}))
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Weighing:
     """Numbers under judgement: what the model says (``old``), beside the causes of a search that has ended."""
 
-    search: Search
+    state: SearchState
     given: Given
     old: Mapping[Key, float]
     raised: float
@@ -119,7 +100,7 @@ class _Weighing:
 
     def fitted(self, free: Sequence[Key], begin: Fitted) -> tuple[Problem, Fitted | None]:
         """Fit with all numbers but *free* as the model has them; the causes found are always free."""
-        problem = self.search.problem
+        problem = self.state.problem
         held = [key for key in self.old if key not in free]
         names = [n for n in problem.free if ("", "", n) not in held]
         alone = problem.holding(names, [key for key in held if key[0]])
@@ -137,7 +118,7 @@ class _Weighing:
         And by how much minus twice the log-likelihood rises when one of these is given back, the others fitted to it:
         where a number is told by curvature alone Wald's statistic may be anything.
         """
-        problem, fit = self.search.problem, self.search.fitted
+        problem, fit = self.state.problem, self.state.fitted
         free = list(self.values(fit))
         while True:
             z = {key: abs(v - self.old[key]) / max(s, 1e-300) for key, (v, s) in self.values(fit).items()}
@@ -154,7 +135,7 @@ class _Weighing:
 
     def row(self, key: Key, value: float, std: float, rise: float) -> Number:
         """Return how a number compares; *rise* of minus twice the log-likelihood when the model's own is kept."""
-        scene, fit = self.search.problem.scene, self.search.fitted
+        scene, fit = self.state.problem.scene, self.state.fitted
         name, sign = self.given.names.get(key, (_label(key), 1.0))
         stated, old = self.given.std.get(name, 0.0), self.old[key]
         clear = rise / self.raised > SURE**2 and abs(value - old) > max(SURE * stated, OFF * abs(old))
@@ -163,13 +144,16 @@ class _Weighing:
         return _number(name, unit, meaning, (sign * old, stated), (sign * value, std), clear and matters)
 
 
-def judge_numbers(search: Search, given: Given) -> Numbers:
-    """Return how the numbers of *given* compare with the runs of *search*, which has ended.
+def judge_numbers(state: SearchState) -> SearchState | None:
+    """Compare the numbers of the model in question with the runs; None when no model was given.
 
-    Where some are wrong the search's model becomes the one with these set right, and its other numbers as they were.
+    Where some are wrong the present model becomes the one with these set right, and its other numbers as they were.
     """
+    given = state.question.given
+    if given is None:
+        return None
     base = given.model.base
-    old: dict[Key, float] = {("", "", n): base[n] for n in search.problem.free}
+    old: dict[Key, float] = {("", "", n): base[n] for n in state.problem.free}
     old |= {
         (e.slug, e.place, n): v
         for e in given.model.effects
@@ -177,38 +161,42 @@ def judge_numbers(search: Search, given: Given) -> Numbers:
         for n, v in e.values.items()
         if n not in EFFECTS[e.slug].fixed
     }
-    weighing = _Weighing(search, given, old, correlation_of(search.fitted))
-    full = weighing.values(search.fitted)
+    weighing = _Weighing(state, given, old, correlation_of(state.fitted))
+    full = weighing.values(state.fitted)
     of: Literal["model", "simulation"] = "model" if given.theirs is None else "simulation"
-    problem, fit, rises = search.problem, search.fitted, dict.fromkeys(full, math.inf)
+    problem, fit, rises = state.problem, state.fitted, dict.fromkeys(full, math.inf)
     if of == "model":
         problem, fit, rises = weighing.contradicted()
-    off = _told_off(weighing, problem, fit)
+    off = _with_own_numbers(weighing, problem, fit)
     freed = weighing.values(fit)
     if given.theirs is None:
         rises = rises if off is not None else {}
         rows = [weighing.row(k, *(freed.get(k) or full[k]), rises.get(k, 0.0)) for k in full]
     else:
-        rows = _as_plain(search, given, judged=off is not None)
-    causes, given_unseen = len(fit.effects) > len(search.base.effects), search.given_unseen
+        rows = _as_plain(weighing, judged=off is not None)
+    causes = len(fit.effects) > len(state.base.effects)
     if off is None or not any(r.wrong for r in rows):
-        over = _counted_over(search, search.base_unseen) if causes else "fitted"
-        return Numbers(of, tuple(replace(r, wrong=False) for r in rows), over=over)
-    right = _better(search.base_unseen, _set_right(search, problem)) if causes else off
-    search.problem, search.fitted, search.present_unseen = problem, fit, off
-    gains = () if given_unseen is None else gains_of(given_unseen, right, search.parts.words)
-    over = _counted_over(search, right) if causes else "fitted"
-    return Numbers(of, tuple(sorted(rows, key=lambda r: not r.wrong)), gains, over)
+        now, over = _counted_over(state, state.base_unseen) if causes else (state, _FITTED)
+        return replace(now, numbers=Numbers(of, tuple(replace(r, wrong=False) for r in rows), over=over))
+    right = _better(state.base_unseen, _set_right(state, problem)) if causes else off
+    gains = () if state.given_unseen is None else gains_of(state.given_unseen, right, state.parts.words)
+    now, over = _counted_over(state, right) if causes else (state, _FITTED)
+    numbers = Numbers(of, tuple(sorted(rows, key=lambda r: not r.wrong)), gains, over)
+    return replace(now, problem=problem, fitted=fit, present_unseen=off, numbers=numbers)
 
 
-def _set_right(search: Search, problem: Problem) -> HeldOut | None:
+_Over = Literal["given", "fitted"]
+_FITTED: _Over = "fitted"
+
+
+def _set_right(state: SearchState, problem: Problem) -> HeldOut | None:
     """Return what the model without any cause leaves of data left out, with no other numbers fitted than *problem* has.
 
     All of them fitted to runs that something else bends may foretell worse than the few that are wrong.
     """
-    base = search.base
+    base = state.base
     alone = problem.fit(base.theta, base.effects, base.initial, shift=base.shift)
-    return None if alone is None else search.unseen(alone, problem=problem)
+    return None if alone is None else state.unseen(alone, problem=problem)
 
 
 def _better(one: HeldOut, other: HeldOut | None) -> HeldOut:
@@ -217,28 +205,28 @@ def _better(one: HeldOut, other: HeldOut | None) -> HeldOut:
     return other if not one.complete or error_ratio(one, other) < 1.0 else one
 
 
-def _counted_over(search: Search, right: HeldOut) -> Literal["given", "fitted"]:
+def _counted_over(state: SearchState, right: HeldOut) -> tuple[SearchState, _Over]:
     """Let causes be credited with no more than they gain over the better of the model as given and with its numbers set
-    *right*; return which that is.
+    *right*; return the state, and which that is.
     """
-    given = search.given_unseen
-    search.base_unseen = right if given is None else _better(right, given)
-    return "fitted" if search.base_unseen is right else "given"
+    given = state.given_unseen
+    unseen = right if given is None else _better(right, given)
+    return replace(state, base_unseen=unseen), "fitted" if unseen is right else "given"
 
 
-def _told_off(weighing: _Weighing, problem: Problem, fit: Fitted) -> HeldOut | None:
+def _with_own_numbers(weighing: _Weighing, problem: Problem, fit: Fitted) -> HeldOut | None:
     """Return what *fit* leaves of data left out, where the model's own numbers do worse beyond chance; else None."""
-    search = weighing.search
+    state = weighing.state
     free = weighing.values(fit)
     if not free:
         return None
     alone, kept = weighing.fitted([], fit)
-    after = search.unseen(fit, problem=problem)
+    after = state.unseen(fit, problem=problem)
     if kept is None:
         return after
     if not is_needed((kept.cost - fit.cost) / weighing.raised, fit, kept, 1) or not after.complete:
         return None
-    before = search.unseen(kept, problem=alone)
+    before = state.unseen(kept, problem=alone)
     if not before.complete:
         return after
     gain = 1.0 - error_ratio(before, after)
@@ -279,16 +267,16 @@ def _number(
 # -- somebody else's simulator, as the plain model
 
 
-def _as_plain(search: Search, given: Given, *, judged: bool) -> list[Number]:
+def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
     """Return gain, time constant, delay and trim of the simulator and of the runs; then what both have of effects."""
+    state, given = weighing.state, weighing.given
     if given.theirs is None:
         return []
-    effects = {(e.slug, e.place) for e in search.base.effects}
-    causes = {e.slug for e in search.fitted.effects if (e.slug, e.place) not in effects}
-    theirs = _plain(*given.theirs)
-    ours = _plain(search.problem, search.fitted)
-    scene = search.problem.scene
-    least = {"gain": 0.0, "time constant": 0.0, "delay": OFF * scene.pace, "trim": 0.0}
+    causes = {e.slug for e in state.causes}
+    theirs = plain_numbers(*given.theirs)
+    ours = plain_numbers(state.problem, state.fitted)
+    data = state.problem.scene
+    least = {"gain": 0.0, "time constant": 0.0, "delay": OFF * data.pace, "trim": 0.0}
     rows = []
     for (kind, where), (unit, new) in ours.items():
         if (kind, where) not in theirs:
@@ -296,116 +284,21 @@ def _as_plain(search: Search, given: Given, *, judged: bool) -> list[Number]:
         old = theirs[kind, where][1]
         limit = max(SURE * math.hypot(old[1], new[1]), OFF * abs(old[0]), least[kind])
         if kind == "trim":
-            limit = max(limit, OFF * scene.amplitude.get(where, 0.0))
+            limit = max(limit, OFF * data.amplitude.get(where, 0.0))
         told = {"delay": _LATE, "trim": _CONSTANT}.get(kind, frozenset()) & causes
         wrong = judged and not told and bool(abs(new[0] - old[0]) > limit)
-        rows.append(_number(f"{kind} of {where}", unit, _PLAIN[kind], old, new, wrong))
+        rows.append(_number(f"{kind} of {where}", unit, PLAIN[kind], old, new, wrong))
     keys = [(e.slug, e.place) for e in given.model.effects]
-    weighing = _Weighing(search, given, {}, 1.0)
-    for own in search.fitted.effects:
-        if (own.slug, own.place) not in keys or own.slug in ("input-delay", "input-bias"):
+    for effect in state.fitted.effects:
+        if (effect.slug, effect.place) not in keys or effect.slug in ("input-delay", "input-bias"):
             continue
-        former = given.model.effects[keys.index((own.slug, own.place))]
-        weighing.old = {(own.slug, own.place, n): v for n, v in former.values.items()}
-        weighing.raised = correlation_of(search.fitted)
-        for key, (value, s) in weighing.values(search.fitted).items():
-            z = (value - weighing.old[key]) / max(s, 1e-300)
-            rows.append(weighing.row(key, value, s, weighing.raised * z**2 if judged else 0.0))
+        former = given.model.effects[keys.index((effect.slug, effect.place))]
+        alone = replace(weighing, old={(effect.slug, effect.place, n): v for n, v in former.values.items()})
+        for key, (value, s) in alone.values(state.fitted).items():
+            z = (value - alone.old[key]) / max(s, 1e-300)
+            rows.append(alone.row(key, value, s, alone.raised * z**2 if judged else 0.0))
     return rows
 
 
 _LATE = frozenset({"input-delay", "actuator-lag", "measurement-delay", "time-offset"})
 _CONSTANT = frozenset({"input-bias", "net-buoyancy", "tether-pull", "gyro-bias"})
-
-_PLAIN: Mapping[str, str] = {
-    "gain": "speed held per unit of command",
-    "time constant": "time to 63 % of it after a step",
-    "delay": "from command to action",
-    "trim": "command that holds it still",
-}
-"""Numbers of the plain model, and what they mean."""
-
-_START = 0.3
-"""Delay to begin from, in shares of the craft's time constant."""
-
-
-def _plain(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
-    """Return (kind, where) -> unit, (value, standard error) of the plain model with delay and trim, beside effects."""
-    form = fitted.form
-    driven = {d: _drive(form, d) for d in form.dofs}
-    driven = {d: drive for d, drive in driven.items() if drive is not None and _damps(form, d) in form.parameters}
-    trims = [f"{DOFS[d].force}_0" for d in driven if f"{DOFS[d].force}_0" not in form.parameters]
-    wide = form.freeing(*trims)
-    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
-    theta = np.array([values.get(n, 0.0) for n in wide.parameters])
-    late = {e.place for e in fitted.effects if e.slug == "input-delay"}
-    lacking = [c for c in dict.fromkeys(drive[0] for drive in driven.values() if drive) if c not in late]
-    more = Problem(wide, problem.segments, problem.scene, problem.limits, (*problem.free, *trims))
-    best: Fitted | None = None
-    for share in (0.0, _START):
-        delays = [EffectInstance("input-delay", c, {"delay": share * problem.scene.pace}) for c in lacking]
-        fit = more.fit(theta, (*fitted.effects, *delays), fitted.initial, shift=fitted.shift)
-        best = fit if fit is not None and (best is None or fit.cost < best.cost) else best
-        if not lacking:
-            break
-    if best is None:
-        return {}
-    return _read(more.scene, best, {d: drive for d, drive in driven.items() if drive is not None})
-
-
-def _drive(form: Form, dof: str) -> tuple[str, float | str] | None:
-    force = DOFS[dof].force
-    return next(((c, g) for c, pairs in form.inputs.items() for f, g in pairs if f == force), None)
-
-
-def _damps(form: Form, dof: str) -> str:
-    return f"{DOFS[dof].force}_{DOFS[dof].velocity}"
-
-
-def _read(
-    scene: DataSummary, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
-) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
-    covariance = fit.covariance(correlation_of(fit))
-    names = fit.form.parameters
-    places = [names.index(n) for n in fit.free]
-
-    def uncertain(of: Callable[[Array], float]) -> tuple[float, float]:
-        value, slope = of(fit.theta), np.zeros(len(places))
-        for k, i in enumerate(places):
-            h = 1e-6 * max(abs(float(fit.theta[i])), 1e-6)
-            moved = fit.theta.copy()
-            moved[i] += h
-            slope[k] = (of(moved) - value) / h
-        variance = float(slope @ covariance[: len(places), : len(places)] @ slope)
-        return value, math.sqrt(max(variance, 0.0))
-
-    found: dict[tuple[str, str], tuple[str, tuple[float, float]]] = {}
-    for dof, (channel, gain) in driven.items():
-        axis, unit = DOFS[dof], scene.inputs.get(channel, "1")
-        force, damps = f"{axis.force}_0", f"{axis.force}_{axis.velocity}"
-        rate = "rad/s" if axis.angular else "m/s"
-
-        def at(theta: Array, name: str) -> float:
-            return float(theta[names.index(name)])
-
-        def share(theta: Array, gain: float | str = gain) -> float:
-            if isinstance(gain, str):
-                return math.copysign(at(theta, gain.lstrip("-")), -1.0 if gain.startswith("-") else 1.0)
-            return float(gain)
-
-        def mass(theta: Array, dof: str = dof) -> float:
-            model = CoupledModel(fit.form, dict(zip(names, theta.tolist(), strict=True)))
-            i = fit.form.dofs.index(dof)
-            return float(model.inertia[i, i])
-
-        per = rate if unit == "1" else f"{rate}/({unit})"
-        found["gain", dof] = per, uncertain(lambda t, d=damps, s=share: s(t) / -at(t, d))  # type: ignore[misc]
-        found["time constant", dof] = "s", uncertain(lambda t, d=damps, m=mass: m(t) / -at(t, d))  # type: ignore[misc]
-        found["trim", channel] = unit, uncertain(lambda t, f=force, s=share: -at(t, f) / s(t))  # type: ignore[misc]
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    for k, (i, name) in enumerate(fit.free_effects):
-        own = fit.effects[i]
-        if own.slug == "input-delay":
-            found["delay", own.place] = "s", (own.values[name], float(std[len(fit.free) + k]))
-    order = list(_PLAIN)
-    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.result import Gain, Portrait
+from gcs_autotune.diagnose import Gain, Portrait
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
 from gcs_autotune.report.craft_figures import draw_inputs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from gcs_autotune.diagnose.result import Cause, Value
+from gcs_autotune.diagnose import Cause, Value
 from gcs_autotune.report.numbers import NOT_TOLD, UNKNOWN, format_parameter, pretty_unit, rounded_to, to_people
 from gcs_autotune.sname import DOFS, SIGNALS
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Numbers, Portrait
+from gcs_autotune.diagnose import Cause, Diagnosis, Numbers, Portrait
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording

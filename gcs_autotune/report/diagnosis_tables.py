@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Numbers, Ranked
+from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Numbers, Ranked
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.diagnosis_names import effect_words, place_words, signal_words, value_words
 from gcs_autotune.report.diagnosis_wording import found_words, given_words, interval_words, standing

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.diagnose.result import Diagnosis
+from gcs_autotune.diagnose import Diagnosis
 from gcs_autotune.effects import CRAFT, INPUT, SIGNAL, Effect, Family, usual_bounds
 from gcs_autotune.report import diagnosis_tables, diagnosis_wording
 from gcs_autotune.report.diagnosis_names import effect_words

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.result import Portrait
+from gcs_autotune.diagnose import Portrait
 from gcs_autotune.effects import Effect
 from gcs_autotune.sname import DOFS
 

@@ -9,7 +9,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Number, Numbers, Signature
+from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Number, Numbers, Signature
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.diagnosis_names import effect_words, listed, named, signal_words, value_words
 from gcs_autotune.report.numbers import (

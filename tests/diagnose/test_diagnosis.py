@@ -10,8 +10,8 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.screen import Candidate
-from gcs_autotune.diagnose.search import _taken_for
+from gcs_autotune.diagnose.candidates import Candidate
+from gcs_autotune.diagnose.state import mistaken_for
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.trial import Channel
@@ -129,5 +129,5 @@ def test_what_a_promising_cause_is_easily_mistaken_for_is_fitted_too_however_lit
         return Candidate(EffectInstance(slug, place, {}), None, 0.0, np.zeros(0))
 
     passed_over = [candidate(*c) for c in (("rudder-stall", "N"), ("rudder-stall", "delta"), ("dead-zone", "N"))]
-    taken = _taken_for(EffectInstance("saturation", "N", {"limit": 1.0}), passed_over)
-    assert [(c.own.slug, c.own.place) for c in taken] == [("rudder-stall", "N")]
+    taken = mistaken_for(EffectInstance("saturation", "N", {"limit": 1.0}), passed_over)
+    assert [(c.effect.slug, c.effect.place) for c in taken] == [("rudder-stall", "N")]

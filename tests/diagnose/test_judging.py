@@ -13,7 +13,7 @@ from runs_in_the_tank import towed
 from scipy import stats
 
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, blocks, p_value, parts_of, ratio_interval, rms_of
-from gcs_autotune.diagnose.judging import (
+from gcs_autotune.diagnose.score import (
     ALIKE,
     LUCK,
     SIGNIFICANCE,

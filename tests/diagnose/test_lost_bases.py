@@ -12,9 +12,9 @@ from runs_in_the_tank import sailed, squares, towed
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.referee import play
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.by_blocks import judged_by_blocks
-from gcs_autotune.diagnose.search import begin_search
-from gcs_autotune.diagnose.unspoilt import unspoilt
+from gcs_autotune.diagnose.state import Question, begin_with
+from gcs_autotune.diagnose.strategies import blocked_cv
+from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
@@ -43,18 +43,20 @@ def test_a_rudder_stalled_so_deep_that_more_helm_turns_the_craft_back_is_found()
 def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out() -> None:
     runs = squares(0.3, 1.0, period=6.0, effects=[("saturation", "N", {"limit": 0.6})])
     form = plain_form(runs)
-    problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
-    search = begin_search(problem, base, [], ["saturation", "input-delay"])
-    assert search.parts.kind == "runs"
-    found = replace(search.step("cause 1"), accepted=None)
-    again = judged_by_blocks(search, found)
+    segments = prepare_as_recorded(runs, form)[0]
+    begun = begin_with(Question(form, segments, ["saturation", "input-delay"]), *fit_base(form, segments))
+    assert begun.parts.kind == "runs"
+    state, step = begun.step("cause 1")
+    again = blocked_cv(state, replace(step, accepted=None))
     assert again is not None
-    assert again.accepted is not None
-    assert again.accepted.own.slug == "saturation"
-    assert search.parts.kind == "blocks"
-    assert search.parts.words == "4 blocks of every run left out in turn"
-    assert all({s.run for s in fold.test} == {"run0", "run1"} for fold in search.parts.folds)
-    assert judged_by_blocks(search, found) is None
+    blocks, judged = again
+    assert judged.accepted is not None
+    assert judged.accepted.effect.slug == "saturation"
+    assert blocks.parts.kind == "blocks"
+    assert blocks.parts.words == "4 blocks of every run left out in turn"
+    assert all({s.run for s in fold.test} == {"run0", "run1"} for fold in blocks.parts.folds)
+    assert blocked_cv(blocks, replace(step, accepted=None)) is None
+    assert begun.parts.kind == "runs", "a state never changes"
 
 
 def test_a_limit_that_only_the_runs_kept_apart_tell_is_found_in_all_together_and_that_is_said() -> None:
@@ -75,10 +77,10 @@ def test_signals_are_read_as_they_were_before_a_wrong_sign_or_unit() -> None:
     form = plain_form([run])
     (segment,) = prepare_as_recorded([run], form)[0]
     wrong = [EffectInstance("sign-error", "psi", {}), EffectInstance("unit-error", "r", {"factor": 180.0 / math.pi})]
-    right = unspoilt(wrong, segment)
+    right = undo_data_errors(wrong, segment)
     np.testing.assert_allclose(right.signals["psi"].values, -segment.signals["psi"].values)
     np.testing.assert_allclose(right.signals["r"].values, segment.signals["r"].values * math.pi / 180.0)
-    assert unspoilt([EffectInstance("sign-error", "psi@another", {})], segment) is segment
+    assert undo_data_errors([EffectInstance("sign-error", "psi@another", {})], segment) is segment
 
 
 def test_a_heading_that_counts_the_other_way_is_found_on_a_boat_whose_way_over_ground_is_measured() -> None:

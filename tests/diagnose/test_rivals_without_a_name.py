@@ -9,8 +9,8 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.nameless import outdone_by
-from gcs_autotune.diagnose.ringing import rings
+from gcs_autotune.diagnose.adequacy import nonparametric_rivals
+from gcs_autotune.diagnose.resonance_check import resonance_checks
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
@@ -66,16 +66,20 @@ def fitted(runs, slug, values):
 
 def test_a_square_of_the_rate_holds_its_ground_against_a_cube_and_a_cube_is_seen_through():
     begin = {"coefficient": 1.0}
-    assert not outdone_by(*fitted(towed(("quadratic-drag", "yaw", {"coefficient": 1.5})), "quadratic-drag", begin))
-    assert outdone_by(*fitted(towed(CubicDrag(coefficient=2.0)), "quadratic-drag", begin))
+    assert not nonparametric_rivals(
+        *fitted(towed(("quadratic-drag", "yaw", {"coefficient": 1.5})), "quadratic-drag", begin)
+    )
+    assert nonparametric_rivals(*fitted(towed(CubicDrag(coefficient=2.0)), "quadratic-drag", begin))
 
 
 def test_a_wave_holds_its_ground_against_ringing_and_ringing_after_every_command_is_seen_through():
     begin = {"amplitude": 0.1, "frequency": 1.9, "bandwidth": 0.05}
     wave = ("wave-disturbance", "yaw", {"amplitude": 0.15, "frequency": 1.9, "bandwidth": 0.05})
-    (_, likely), *none = rings(*fitted(towed(wave), "wave-disturbance", begin))
+    (_, likely), *none = resonance_checks(*fitted(towed(wave), "wave-disturbance", begin))
     assert not none and likely > 0.05
-    (_, likely), *none = rings(*fitted(towed(Ringing(frequency=1.9, damping=0.04)), "wave-disturbance", begin))
+    (_, likely), *none = resonance_checks(
+        *fitted(towed(Ringing(frequency=1.9, damping=0.04)), "wave-disturbance", begin)
+    )
     assert not none and likely < 1e-6
 
 

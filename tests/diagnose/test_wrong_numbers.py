@@ -13,12 +13,12 @@ import runs_in_the_tank
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.search import begin_search
-from gcs_autotune.diagnose.second_thoughts import drop_swallowed
+from gcs_autotune.diagnose.state import Question, begin_with
+from gcs_autotune.diagnose.strategies import SEARCH, drop_insignificant, follow
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.base_model import fit_base, plain_form
-from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
 from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.report import diagnosis_summary
@@ -202,7 +202,7 @@ def the_search(runs, slugs):
     form = plain_form(runs)
     segments, _ = prepare_as_recorded(runs, form)
     problem, fitted = fit_base(form, segments)
-    return begin_search(problem, fitted, (), slugs)
+    return begin_with(Question(form, segments, slugs), problem, fitted)
 
 
 def test_a_cause_that_only_leads_the_fit_out_of_a_valley_is_not_credited_with_it():
@@ -211,8 +211,7 @@ def test_a_cause_that_only_leads_the_fit_out_of_a_valley_is_not_credited_with_it
     theta = np.array([-3.0, -1.0])
     poor = search.problem.fit(theta, (), base.initial, trials=0)
     assert poor is not None and poor.cost > base.cost + 100.0
-    stuck = begin_search(search.problem, poor, (), FEW)
-    stuck.run()
+    stuck = follow(begin_with(search.question, search.problem, poor), SEARCH)
     assert stuck.fitted.effects == ()
     assert stuck.base.cost == pytest.approx(base.cost, abs=1.0)
 
@@ -222,6 +221,6 @@ def test_a_cause_whose_interval_holds_no_effect_is_dropped():
     base = search.fitted
     late = search.problem.fit(base.theta, (EffectInstance("input-bias", "yaw", {"bias": 0.0}),), base.initial)
     assert late is not None and math.isfinite(late.cost)
-    search.fitted = late
-    drop_swallowed(search)
-    assert search.fitted.effects == ()
+    left = drop_insignificant(search.with_model(late))
+    assert left is not None
+    assert left.fitted.effects == ()

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Gain, Portrait, Ranked, Signature, Value
+from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Portrait, Ranked, Signature, Value
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify.result import Doubt, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form

@@ -14,7 +14,7 @@ from diagnosis_stories import STORIES, WHEN, dead_zone, deviation, portraits, un
 from page_reader import Page
 from rich.console import Console
 
-from gcs_autotune.diagnose.result import Value
+from gcs_autotune.diagnose import Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
 from gcs_autotune.report.diagnosis_names import named, place_words, value_words

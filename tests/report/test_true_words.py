@@ -11,7 +11,7 @@ import report_stories as stories
 from matplotlib.figure import Figure
 
 from gcs_autotune.design.result import Margins
-from gcs_autotune.diagnose.result import Signature
+from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, fit
 from gcs_autotune.identify.colour import remainder_of

@@ -1,31 +1,105 @@
 """Is what looks like a wave the craft's own ringing? Something aboard that swings on after every command.
 
 A predicting filter takes any swinging at one frequency for a wave, and leaves white noise; tests of what it leaves
-find nothing. So the two are held against each other as models of the same runs: the wave, whose phase nobody foretells,
-and a spring and mass rung by the command, whose phase the commands foretell. The craft with the latter is the model
-without the wave with two forces more: position and speed of the spring. First to first order in its parameters, which
-finds most; where that does not beat the wave, by a fit of the whole: a craft as slow as its spring is another craft
-altogether without it.
+find nothing. So the two are held against each other as models of the same runs: the wave, whose phase nobody
+foretells, and a spring and mass rung by the command, whose phase the commands foretell. The craft with the latter is
+the model without the wave with two forces more: position and speed of the spring. First to first order in its
+parameters, which finds most; where that does not beat the wave, by a fit of the whole: a craft as slow as its spring
+is another craft altogether without it.
+
+Both use bends of the command: what a small amount of one would do to the motion is a difference of two simulations.
+With them :func:`memories` asks whether the past of a command shows in what is left: the command of a while ago (a
+linear system of higher order than the model), and the command by the way it came (up or down).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from gcs_autotune.diagnose.history import Bend, bent_by, dense
-from gcs_autotune.diagnose.judging import ALIKE
-from gcs_autotune.effects import Passage, rung
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.diagnose.score import ALIKE
+from gcs_autotune.effects import ExtendedSimulator, Leftover, Passage, rung
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
-__all__ = ["rings"]
+__all__ = ["memories", "resonance_checks"]
 
 Array = NDArray[np.float64]
+
+
+Bend = Callable[[Array, Array], Array]
+
+LAGS = (1, 2, 4, 8, 16)
+"""How long ago, in samples of the run."""
+
+STEP = 1e-3
+"""Share of the command that is bent, for difference quotients."""
+
+
+def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
+    """Yield, in words, a way to remember, and what it would do to the residual: columns (n, k)."""
+    sample = float(np.median([np.median(np.diff(s.passage.stamps)) for s in problem.segments]))
+    for channel, pairs in fitted.form.inputs.items():
+        if not pairs:
+            continue
+        ways: list[Bend] = [*(_ago(lag * sample) for lag in LAGS), lambda t, told: told * _direction(told)]
+        columns = bent_by(problem, fitted, channel, ways)
+        if columns is not None:
+            yield f"the past of {channel}", columns[:, :-1]
+            yield f"which way {channel} came", columns[:, -1:]
+
+
+def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend]) -> Array | None:
+    """Return (n, k) what a trace of each bend of the command does to the residual, over the noise levels.
+
+    None when the motion runs away.
+    """
+    simulator = ExtendedSimulator(fitted.form, fitted.effects)
+    rows, at = [], 0
+    for i, segment in enumerate(problem.segments):
+        passage = dense(segment.passage_at(fitted.shift))
+        told = passage.commands[channel]
+        ways = [told, *(told + STEP * bend(passage.t_in, told) for bend in bends)]
+        flown = [replace(passage, commands={**passage.commands, channel: way}) for way in ways]
+        found = [simulator.run(fitted.theta, fitted.effects, fitted.initial[i], way) for way in flown]
+        moved = [f for f in found if f is not None]
+        if len(moved) < len(found):
+            return None
+        for name in segment.signals:
+            rest, level = fitted.rests[at], fitted.levels[name]
+            at += 1
+            left = Leftover(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
+            change = np.column_stack([f[name][0] - moved[0][name][0] for f in moved[1:]]) / STEP
+            _, columns, _ = judged_by(fitted.effects, left, change)
+            rows.append(columns[np.isfinite(rest.judged)] / level)
+    return np.vstack(rows)
+
+
+def dense(passage: Passage) -> Passage:
+    """Return the passage with its inputs told at every sample, not only where they change: a bend changes all along."""
+    t = np.union1d(passage.t_in, passage.stamps)
+    at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)
+    return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
+
+
+def _ago(seconds: float) -> Bend:
+    def bend(t: Array, told: Array) -> Array:
+        return told[np.maximum(np.searchsorted(t, t - seconds, side="right") - 1, 0)] if len(t) else told
+
+    return bend
+
+
+def _direction(told: Array) -> Array:
+    """Return (j,) +1 where the command last grew, -1 where it last shrank; +1 before any change."""
+    change = np.sign(np.diff(told, prepend=told[:1]))
+    last = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(told)), 0))
+    found = change[last]
+    return np.where(found == 0.0, 1.0, found)
+
 
 WAVE = "wave-disturbance"
 NEAR = np.linspace(-0.45, 0.45, 13)
@@ -38,17 +112,17 @@ NUMBERS = 4
 AT, SPEED = "spring's place", "spring's speed"
 """Names of the inputs a spring adds."""
 FEW_NEAR, FEW_DAMPING = (-0.35, 0.0, 0.35, 0.7), (0.04, 0.15)
-"""As NEAR and DAMPING, for fits of the whole: a filter that follows takes the wave for slower than the spring is."""
+"""As NEAR and DAMPING, for fits of the whole: a filter that coherence takes the wave for slower than the spring is."""
 TRIALS = 20
 ROUNDS = 4
 """Of weighing the signals by what is left of each."""
 
 
-def rings(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:
+def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:
     """Yield, for every input of a model with a wave, words and how much likelier the wave is than ringing, at most 1.
 
     (A likelihood ratio, less Schwarz's price for the numbers of the ringing: small where the commands foretell the
-    swinging better than any filter follows it.)
+    swinging better than any filter coherence it.)
     """
     waves = [e for e in fitted.effects if e.slug == WAVE]
     if not waves:
@@ -65,7 +139,7 @@ def rings(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:
                 more = 2 * len(problem.segments) * len(pairs) * math.log(max(fitted.samples, 2))
                 whole = max(_whole_gain(problem, plain, channel, e["frequency"]) for e in waves)
                 ahead = max(ahead, whole - wanted - more)
-            yield f"every change of {channel}, after which it rings", math.exp(-0.5 * max(ahead, 0.0))
+            yield f"every change of {channel}, after which it resonance_checks", math.exp(-0.5 * max(ahead, 0.0))
 
 
 def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:

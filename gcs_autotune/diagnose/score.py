@@ -1,4 +1,4 @@
-"""Judging candidates: evidence against the model before, gain on unseen data, and who wins."""
+"""Scoring candidates: evidence against the model before, gain on unseen data, and who wins."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ from gcs_autotune.identify.extended.fitting import Fitted
 __all__ = [
     "ALIKE",
     "LUCK",
+    "MATERIAL",
     "SIGNIFICANCE",
-    "Found",
     "Judged",
+    "Step",
+    "bic_penalty",
     "error_ratio",
+    "is_material",
     "is_needed",
     "ordered",
-    "price_of",
     "winner_of",
 ]
+
 
 SIGNIFICANCE = 0.005
 """Chance of any false finding on data the base model explains."""
@@ -44,7 +47,7 @@ odds of twenty to one."""
 class Judged:
     """A candidate fitted: evidence against the model before it, error on unseen data, and its chance to be luck."""
 
-    own: EffectInstance
+    effect: EffectInstance
     fitted: Fitted
     evidence: float
     likelihood: float
@@ -54,14 +57,14 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Step:
     """One step of the search: everything judged, best first; ``accepted`` the winner, None when none paid."""
 
     judged: tuple[Judged, ...]
     accepted: Judged | None
 
 
-def price_of(fitted: Fitted, present: Fitted) -> float:
+def bic_penalty(fitted: Fitted, present: Fitted) -> float:
     """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
     return (fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)) * math.log(fitted.samples)
 
@@ -78,15 +81,15 @@ def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged |
         return None
     paying = [j for j in paying if not _outdone(j, paying)]
     best = paying[0]
-    if EFFECTS[best.own.slug].is_disturbance:
-        foretold = [j for j in paying if not EFFECTS[j.own.slug].is_disturbance and j.gain > best.gain]
+    if EFFECTS[best.effect.slug].is_disturbance:
+        foretold = [j for j in paying if not EFFECTS[j.effect.slug].is_disturbance and j.gain > best.gain]
         best = foretold[0] if foretold else best
     return best
 
 
 def _outdone(one: Judged, paying: Sequence[Judged]) -> bool:
     """Whether *one* is a slip of the pen, and another cause leaves less: a slip that happened accounts for all."""
-    if EFFECTS[one.own.slug].family != "data errors":
+    if EFFECTS[one.effect.slug].family != "data errors":
         return False
     return any(other.gain > one.gain and other.fitted.cost < one.fitted.cost for other in paying)
 
@@ -106,8 +109,8 @@ def ordered(judged: Sequence[Judged]) -> list[Judged]:
     """Return candidates by evidence; of those that cannot be told from the best, the more usual cause first."""
     ranked = sorted(judged, key=lambda j: -j.evidence)
     alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
-    slugs = {j.own.slug for j in alike}
-    alike.sort(key=lambda j: len(slugs & set(EFFECTS[j.own.slug].yields_to)))
+    slugs = {j.effect.slug for j in alike}
+    alike.sort(key=lambda j: len(slugs & set(EFFECTS[j.effect.slug].yields_to)))
     return [*alike, *ranked[len(alike) :]]
 
 

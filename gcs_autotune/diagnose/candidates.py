@@ -1,7 +1,8 @@
-"""Which effects are worth a fit: each is let loose at a few sizes, the rest of the model adapted to first order.
+"""Candidates: which effects are worth a fit, and their fits, roughly and to the end.
 
-One simulation per effect, place and size. What the residual has in common with what an effect would do is read off
-after everything the model could adapt (its own parameters, initial states) has been taken out of both.
+Each effect is let loose at a few sizes, the rest of the model adapted to first order. One simulation per effect,
+place and size. What the residual has in common with what an effect would do is read off after everything the model
+could adapt (its own parameters, initial states) has been taken out of both.
 """
 
 from __future__ import annotations
@@ -12,14 +13,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.unspoilt import turned
+from gcs_autotune.diagnose.score import bic_penalty
+from gcs_autotune.diagnose.undo_data_errors import turned
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, ExtendedSimulator, Leftover, Observed, in_order
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
 
-__all__ = ["Candidate", "candidates", "screen"]
+__all__ = [
+    "ROUGH",
+    "RUNNERS",
+    "Attempt",
+    "Candidate",
+    "best_of_each",
+    "candidates",
+    "fitted_roughly",
+    "fitted_to_the_end",
+    "screen",
+]
 
 Array = NDArray[np.float64]
+
 
 ALSO = 2
 """Values kept beside the most promising ones."""
@@ -39,7 +52,7 @@ class Candidate:
     ``also``: values next in promise.
     """
 
-    own: EffectInstance
+    effect: EffectInstance
     begin: Fitted
     promised: float
     adapted: Array
@@ -80,7 +93,7 @@ def screen(
         found = []
         for k, ground in enumerate(grounds if entry.family == "data errors" else grounds[: len(fits)]):
             promises = (ground.promise(entry, own) for own in choices[i])
-            found += [(k, p.own, p.promised, p.adapted) for p in promises if p is not None]
+            found += [(k, p.effect, p.promised, p.adapted) for p in promises if p is not None]
         return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
 
     listed = []
@@ -243,3 +256,81 @@ def _two_sided(entry: Effect, own: EffectInstance, ground: _Ground) -> bool:
 def _of(fitted: Fitted, own: EffectInstance) -> EffectInstance:
     """Return the effect of *fitted* at the place of *own*."""
     return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
+
+
+Attempt = tuple[Candidate, Fitted]
+
+ROUGH = 8
+"""Trials of a rough fit."""
+
+RUNNERS = 5
+"""Candidates of a step fitted to the end."""
+
+MOMENTS, FEW = 6, 3
+"""Chosen: moments tried on either side of the one found, and trials of each."""
+
+
+def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
+    """Return the best fit of each effect and place, the best first."""
+    best: dict[tuple[str, str], Attempt] = {}
+    for candidate, fit in sorted(attempts, key=lambda f: f[1].cost + bic_penalty(f[1], present)):
+        best.setdefault((candidate.effect.slug, candidate.effect.place), (candidate, fit))
+    return list(best.values())
+
+
+def fitted_roughly(problem: Problem, candidate: Candidate) -> Fitted | None:
+    """Return a rough fit, begun at the model adapted to first order; at the model as it is when that leads nowhere,
+    and at other values of the effect when that is still no better than without it. None: the motion runs away.
+    """
+    begin, fit = candidate.begin, problem.fit
+    theta, effects, initial = problem.moved(begin, candidate.adapted)
+    found = fit(theta, (*effects, candidate.effect), initial, trials=ROUGH, shift=begin.shift)
+    if found is None or found.cost > begin.cost:
+        for own in (candidate.effect, *candidate.also):
+            again = fit(begin.theta, (*begin.effects, own), begin.initial, trials=ROUGH, shift=begin.shift)
+            found = again if found is None or (again is not None and again.cost < found.cost) else found
+            if found is not None and found.cost <= begin.cost:
+                break
+    return found
+
+
+def fitted_to_the_end(problem: Problem, candidate: Candidate, rough: Fitted) -> Fitted:
+    """Return the fit. Where the cost has many valleys, other values are tried too: of effects that act on commands,
+    and moments about the one found.
+    """
+    best = rough
+    if "commands" in EFFECTS[candidate.effect.slug].acts_on and candidate.effect.values:
+        for own in candidate.also:
+            effects = _replaced(rough.effects, own)
+            other = problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
+            best = other if other is not None and other.cost < best.cost else best
+    best = _settled(problem, best)
+    for name in EFFECTS[candidate.effect.slug].happens_at:
+        best = _at_another_moment(problem, candidate.effect, name, best)
+    if any(EFFECTS[e.slug].is_rounding for e in best.effects):
+        again = problem.fit(best.theta, best.effects, best.initial, trials=1, shift=best.shift)
+        best = again if again is not None and again.cost < best.cost else best
+    return best
+
+
+def _settled(problem: Problem, best: Fitted) -> Fitted:
+    fit = problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
+    return fit if fit is not None and fit.cost <= best.cost else best
+
+
+def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
+    """Return the best fit with the moment *name* of an effect some of the craft's time constants earlier or later."""
+    now = next(e for e in best.effects if (e.slug, e.place) == (own.slug, own.place))
+    others = []
+    for k in range(1, MOMENTS + 1):
+        for moment in (now[name] - k * problem.scene.pace, now[name] + k * problem.scene.pace):
+            effects = _replaced(best.effects, now.with_values({name: moment}))
+            fit = problem.fit(best.theta, effects, best.initial, trials=FEW, learn=False, shift=best.shift)
+            others += [] if fit is None else [fit]
+    other = min(others, key=lambda f: f.cost, default=best)
+    return _settled(problem, other) if other.cost < best.cost else best
+
+
+def _replaced(effects: Sequence[EffectInstance], own: EffectInstance) -> tuple[EffectInstance, ...]:
+    """Return *effects* with the one of the same slug and place replaced."""
+    return tuple(own if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)

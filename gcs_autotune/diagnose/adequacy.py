@@ -1,24 +1,29 @@
 """Is anything left? Tests of residuals that have no particular cause in mind.
 
-Pooled per signal: Ljung1978 over short and long lags; the variance of block means (slow drifts); the
-largest line of the periodogram (Fisher1929); a wave against ringing (:mod:`.ringing`); score tests for forces no base
-model has (cubes, moduli, sines of twice the heading, the past of a command ...), each read off the sensitivity of the
+Pooled per signal: Ljung1978 over short and long lags; the variance of block means (slow drifts); the largest line of
+the periodogram (Fisher1929); a wave against ringing (:mod:`.resonance_check`); score tests for forces no base model
+has (cubes, moduli, sines of twice the heading, the past of a command ...), each read off the sensitivity of the
 motion to it. Bonferroni over all.
+
+And would a law without a name do better in a cause's place? A cause may bend the model the right way by the wrong
+law: where speeds hardly vary, drag that goes with the cube of speed is nearly one that goes with its square. So a
+named law has to hold its ground against one of the same kind that has no name; where that is likelier by odds of
+twenty to one, the name is a hypothesis.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.diagnose.history import memories
-from gcs_autotune.diagnose.ringing import rings
-from gcs_autotune.effects import EFFECTS, ExtendedSimulator, Leftover, columns_of
+from gcs_autotune.diagnose.resonance_check import memories, resonance_checks
+from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, Step
+from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedSimulator, Leftover, columns_of
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.colour import autocorrelation
 from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
@@ -27,9 +32,19 @@ from gcs_autotune.models.coupled.derivatives import term_of
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
-__all__ = ["Test", "correlation_of", "tests_of", "whiteness_of"]
+__all__ = [
+    "WHITE",
+    "Test",
+    "correlation_of",
+    "explains_all",
+    "leaves_nothing",
+    "nonparametric_rivals",
+    "tests_of",
+    "whiteness_of",
+]
 
 Array = NDArray[np.float64]
+
 
 SHORT, LONG = 8, 40
 """Lags of the two portmanteau tests."""
@@ -37,6 +52,9 @@ SHORT, LONG = 8, 40
 LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
 """What makes a sensor late; how long the response of a low-pass (Butterworth, second order) lasts, in units of its
 delay; lags left out of tests on that account, at most. The others are judged by the variance of Bartlett1946."""
+
+WHITE = 0.005
+"""Chance of calling a complete model incomplete."""
 
 FEWEST_FOR_TAILS = 50
 
@@ -61,7 +79,7 @@ def whiteness_of(tests: list[Test]) -> float:
 
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
     """Return all tests of what a fit leaves over."""
-    ringing = [Test(words, "", p) for words, p in rings(problem, fitted)]
+    ringing = [Test(words, "", p) for words, p in resonance_checks(problem, fitted)]
     return [*_portmanteaus(fitted, problem.scene.lags), *_scores(problem, fitted), *ringing]
 
 
@@ -256,3 +274,51 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
             _, columns, _ = judged_by(fitted.effects, left, found[name][1])
             rows.append(columns[np.isfinite(rest.judged)] / level)
     return np.vstack(rows)
+
+
+def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
+    """Whether what a fit leaves of the runs it was fitted to may be noise."""
+    return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
+
+
+def explains_all(problem: Problem, found: Step) -> bool:
+    """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
+    return any(leaves_nothing(problem, j.fitted) for j in found.judged if j.evidence > 0.0)
+
+
+TRIALS = 30
+
+
+def _cubic_drag(own: EffectInstance, form: Form) -> Sequence[str]:
+    dof = DOFS[own.place]
+    return (dof.force + "_" + 3 * dof.velocity,)
+
+
+def _cubic_thrust(own: EffectInstance, form: Form) -> Sequence[str]:
+    return [force + "_" + 3 * own.place for force, _ in form.inputs[own.place]]
+
+
+LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] = {
+    "quadratic-drag": (_cubic_drag, "drag that grows with the cube of speed does better than with its square"),
+    "quadratic-actuator": (_cubic_thrust, "thrust that grows with the cube of the command does better than its square"),
+}
+"""Slug -> the derivatives that would stand in its place, and in words what it would mean if they did better."""
+
+
+def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
+    """Return, in words, the laws without a name that are likelier than a cause of *fitted* they stand in for."""
+    found = []
+    for own in fitted.effects:
+        if own.slug not in LAWS:
+            continue
+        law, words = LAWS[own.slug]
+        names = [n for n in law(own, fitted.form) if n not in fitted.form.parameters]
+        rest = tuple(e for e in fitted.effects if e is not own)
+        form = fitted.form.freeing(*names)
+        other = Problem(form, problem.segments, problem.scene, problem.limits, (*problem.free, *names))
+        values = dict(zip(fitted.form.parameters, fitted.theta.tolist(), strict=True))
+        start = np.array([values.get(n, 0.0) for n in form.parameters])
+        fit = other.fit(start, rest, fitted.initial, trials=TRIALS, shift=fitted.shift) if names else None
+        if fit is not None and fit.cost < fitted.cost - ALIKE:
+            found.append(words)
+    return tuple(found)

@@ -13,14 +13,15 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.program import states_of
 
-__all__ = ["turned", "unspoilt"]
+__all__ = ["turned", "undo_data_errors"]
 
 Array = NDArray[np.float64]
+
 
 TURN = 2.0 * np.pi
 
 
-def unspoilt(effects: Sequence[EffectInstance], segment: Segment) -> Segment:
+def undo_data_errors(effects: Sequence[EffectInstance], segment: Segment) -> Segment:
     """Return a segment with its signals as they were before *effects* gave some another sign or unit; itself where
     none did. Where the craft began is to be read off these.
     """
@@ -47,7 +48,7 @@ def turned(own: EffectInstance, form: Form, segments: Sequence[Segment], initial
     """
     found = []
     for segment, x_0 in zip(segments, initial, strict=True):
-        right = unspoilt([own], segment) if "psi" in columns_of(own.place) else segment
+        right = undo_data_errors([own], segment) if "psi" in columns_of(own.place) else segment
         if right is not segment:
             at = states_of(form).index("psi")
             x_0 = x_0.copy()

@@ -1,0 +1,104 @@
+"""The way in: :func:`diagnose`, from runs to a verdict."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
+from gcs_autotune.diagnose.intake import taken_in, without_repeats
+from gcs_autotune.diagnose.numbers import given_of, judge_numbers
+from gcs_autotune.diagnose.report_builder import build_report
+from gcs_autotune.diagnose.result import Diagnosis
+from gcs_autotune.diagnose.simulation import surrogate_of
+from gcs_autotune.diagnose.state import Given, Progress, Question, begin
+from gcs_autotune.diagnose.strategies import SEARCH, SECOND_LOOKS, follow, foretells
+from gcs_autotune.effects import EFFECTS, ExtendedModel
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify.base_model import overlooked, plain_form
+from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import within_horizon
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Trial
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    runs: Trial | Sequence[Trial],
+    *,
+    unseen: Sequence[Trial] = (),
+    dof: str | None = None,
+    use: Sequence[str] | None = None,
+    form: Form | None = None,
+    model: ExtendedModel | ModelFile | None = None,
+    simulations: Sequence[Trial] = (),
+    effects: Sequence[str] | None = None,
+    progress: Progress | None = None,
+    horizon: float | None = None,
+    jobs: int = 1,
+) -> Diagnosis:
+    """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
+
+    Parameters
+    ----------
+    unseen : runs to measure the gain on; without any, parts of *runs* are left out in turn.
+    dof : degrees of freedom to look at, joined by commas; all in the file when None.
+    use : signals to compare; all measured when None.
+    form : the base model's structure instead of the plain one. model : a base model with its numbers, as a file names
+        them where it comes from one: first it is told which of these are wrong, and what setting them right gains;
+        effects are looked for on top of the same model refitted, and their gains counted over it.
+    simulations : what somebody else's simulator made of the same commands, one per run. It is modelled itself first;
+        that model takes its place, and the plain model's numbers are compared.
+    effects : slugs to try; all there are when None.
+    progress : called with a stage, how much of it is done, and how much there is.
+    horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
+        whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
+        hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
+    jobs : processes to share the work among; the answer is the same.
+
+    Raises
+    ------
+    MissingChannel, BadFile, NotInformative
+        The runs cannot be used; the message says why and what to try.
+    UsageError
+        Contradictory arguments. UnknownName: there is no such effect.
+    """
+    begun = time.perf_counter()
+    together = [runs] if isinstance(runs, Trial) else list(runs)
+    if not together:
+        raise UsageError("no run was given to diagnose")
+    slugs = list(EFFECTS) if effects is None else [lookup(EFFECTS, e, "effect").slug for e in effects]
+    early: list[Doubt] = []
+    given = None if model is None else given_of(model)
+    if simulations:
+        if given is not None:
+            raise UsageError("give either a model or a simulation's output, not both")
+        given, early = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
+    together, doubts = taken_in(together)
+    others, more = taken_in(unseen) if unseen else ([], [])
+    together, repeats = without_repeats(together, others)
+    check_alive(together)
+    base = _form(together, dof, form, given)
+    check_excitation(together, base, use)
+    segments, notes = prepare_as_recorded(together, base, use)
+    held = prepare_as_recorded(others, base, use)[0] if others else []
+    doubts = [*early, *doubts, *more, *repeats, *notes, *overlooked(together, base, dof, use, segments)]
+    whole = held or segments
+    if horizon is not None:
+        segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
+    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
+    state = follow(begin(question), (*SEARCH, *SECOND_LOOKS, judge_numbers))
+    chosen = state.pieces is not None
+    sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
+    return build_report(state, doubts, together, others, time.perf_counter() - begun, sure=sure)
+
+
+def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: Given | None) -> Form:
+    if given is not None:
+        return given.model.base.form
+    return form if form is not None else plain_form(runs, dof)

@@ -1,0 +1,431 @@
+"""From a finished search to what is told of it: verdict, numbers with their errors, gains, ties, what to fly next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.adequacy import WHITE, Test, correlation_of, nonparametric_rivals, tests_of, whiteness_of
+from gcs_autotune.diagnose.heldout import gains_of, rms_of
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
+from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
+from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.effects import EFFECTS, EffectInstance, Leftover
+from gcs_autotune.identify.colour import autocorrelation
+from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.result import Doubt, Trace
+from gcs_autotune.slow_imports import scipy_signal
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = ["build_report", "signature_of"]
+
+Array = NDArray[np.float64]
+
+
+VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
+    (False, True, True): "effect-found",
+    (False, True, False): "partly-explained",
+    (False, False, False): "unexplained",
+    (False, False, True): "no-effect",
+    (True, True, True): "wrong-numbers-and-effect",
+    (True, True, False): "partly-explained",
+    (True, False, False): "partly-explained",
+    (True, False, True): "wrong-numbers",
+}
+"""(Numbers of the given model are wrong, some cause was accepted, what is left is white and no law without a name does
+better) -> verdict."""
+
+
+def build_report(
+    state: SearchState,
+    doubts: Sequence[Doubt],
+    runs: Sequence[Trial],
+    unseen: Sequence[Trial],
+    seconds: float,
+    *,
+    sure: bool = True,
+) -> Diagnosis:
+    """Return what there is to tell of a search that has ended; *sure*: its causes hold over whole runs."""
+    problem, final, numbers = state.problem, state.fitted, state.numbers
+    base = state.base if state.given is None else state.given
+    gave_away, _ = signature_of(problem, base)
+    left, _ = signature_of(problem, final)
+    order = [effect for effect in _found_order(state) if effect in final.effects]
+    rivals = nonparametric_rivals(problem, final)
+    left = replace(left, findings=(*left.findings, *rivals))
+    white = left.whiteness_p > WHITE and not rivals
+    wrong = numbers is not None and bool(numbers.wrong)
+    verdict = VERDICTS[wrong, bool(order), white and sure]
+    values = _values(problem, final)
+    words = state.parts.words + ("" if state.pieces is None else f"; in pieces of {state.pieces:.3g} s")
+    gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
+    alike = _alike(state, order)
+    return Diagnosis(
+        verdict=verdict,
+        causes=tuple(
+            Cause(
+                effect,
+                values[effect.slug, effect.place],
+                EFFECTS[effect.slug].meaning,
+                _share(state, effect),
+                EFFECTS[effect.slug].curve(effect, problem.scene),
+            )
+            for effect in order
+        ),
+        ranking=_ranking(state),
+        indistinguishable=alike,
+        gain=min(gains, key=lambda g: g.ratio, default=None),
+        gains=gains,
+        base_model=replace(base.model, amplitude=problem.scene.full, units=problem.scene.inputs),
+        extended_model=replace(final.model, amplitude=problem.scene.full, units=problem.scene.inputs),
+        next_manoeuvre=_next(order, alike, verdict),
+        left=left,
+        gave_away=gave_away,
+        before=portraits_of(problem, base),
+        after=portraits_of(problem, final) if order or wrong else (),
+        used=tuple(r.name for r in runs),
+        held_out=tuple(r.name for r in unseen),
+        noise=dict(final.levels),
+        tried=state.tried,
+        seconds=seconds,
+        doubts=(*doubts, *state.doubts, *_other_places(state, order)),
+        numbers=numbers,
+    )
+
+
+def _found_order(state: SearchState) -> list[EffectInstance]:
+    """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
+    order: list[tuple[str, str]] = []
+    for step in state.steps:
+        if step.accepted is not None:
+            key = (step.accepted.effect.slug, step.accepted.effect.place)
+            order = [*(k for k in order if k != key), key]
+    now = {(e.slug, e.place): e for e in state.fitted.effects}
+    kept = [now[key] for key in order if key in now]
+    given = {(e.slug, e.place) for e in state.base.effects}
+    late = [e for key, e in now.items() if key not in order and key not in given]
+    missing = [i for i, key in enumerate(order) if key not in now]
+    for e in late:
+        kept.insert(missing[0] if missing else len(kept), e)
+    return kept
+
+
+def _values(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
+    covariance = fitted.covariance(correlation_of(fitted))
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    first = len(fitted.free)
+    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
+    found = {}
+    left = [
+        Leftover(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
+        for r in fitted.rests
+        for own_level in (fitted.levels[r.signal],)
+    ]
+    for i, own in enumerate(fitted.effects):
+        entry = EFFECTS[own.slug]
+        learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
+        found[own.slug, own.place] = {
+            n: Value(
+                v,
+                entry.unit_of(n, own.place, problem.scene),
+                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
+            )
+            for n, v in own.values.items()
+        }
+    return found
+
+
+def _ranking(state: SearchState) -> tuple[Ranked, ...]:
+    found = []
+    for k, step in enumerate(state.steps):
+        for judged in step.judged:
+            numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
+            found.append(
+                Ranked(judged.effect.slug, judged.effect.place, judged.gain, judged.p, judged.evidence, numbers, k + 1)
+            )
+    return tuple(found)
+
+
+def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
+    groups = []
+    for step in state.steps:
+        if step.accepted is None or step.accepted.effect.slug not in {e.slug for e in order}:
+            continue
+        best = step.accepted
+        same = [best.effect.slug, *(j.effect.slug for j in step.judged if _is_alike(state, j, best))]
+        names = tuple(dict.fromkeys(same))
+        if len(names) > 1:
+            groups.append(names)
+    for usual, other in state.renamed:
+        known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
+        if known is None:
+            groups.append((usual, other))
+        else:
+            groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
+    return tuple(groups)
+
+
+def _is_alike(state: SearchState, other: Judged, best: Judged) -> bool:
+    """Whether these runs cannot tell *other* from *best*.
+
+    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
+    it is as likely and only pays for numbers that the runs say nothing about.
+    """
+    if other is best or other.gain <= 0.0 or other.p >= LUCK:
+        return False
+    if best.evidence - other.evidence < ALIKE or delay_equivalence(best, other, state.problem.scene.pace):
+        return True
+    return best.likelihood - other.likelihood < ALIKE and _is_vague(state, other)
+
+
+def _is_vague(state: SearchState, judged: Judged) -> bool:
+    """Whether some number of a candidate is less certain than its whole range."""
+    entry, scene = EFFECTS[judged.effect.slug], state.problem.scene
+    bounds = entry.bounds(judged.effect.place, scene)
+    numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
+    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
+    return any(numbers[n].std > span for n, span in spans.items())
+
+
+def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[Doubt]:
+    """Return a doubt for every cause of *order* that would explain the runs as well at another place.
+
+    A heading in degrees or a turn rate divided by 57.3: between two columns, runs tell only that they disagree.
+    """
+    found = []
+    for step in state.steps:
+        won = step.accepted
+        if won is None or not any((e.slug, e.place) == (won.effect.slug, won.effect.place) for e in order):
+            continue
+        same = [j for j in step.judged if j.effect.slug == won.effect.slug and j.effect.place != won.effect.place]
+        alike = [j.effect for j in same if abs(j.fitted.cost - won.fitted.cost) < ALIKE]
+        if alike:
+            found.append(_elsewhere(won.effect, alike))
+    return found
+
+
+def _elsewhere(effect: EffectInstance, alike: Sequence[EffectInstance]) -> Doubt:
+    here, others = f"{effect.place}{_digits(effect)}", " or ".join(f"{e.place}{_digits(e)}" for e in alike)
+    return Doubt(
+        "another-place",
+        f"{effect.slug} of {here} explains these runs no better than {effect.slug} of {others}",
+        f"look at the columns: {EFFECTS[effect.slug].separated_by}",
+    )
+
+
+def _digits(effect: EffectInstance) -> str:
+    return "".join(f", {name} {value:.4g}" for name, value in effect.values.items())
+
+
+def _share(state: SearchState, own: EffectInstance) -> float:
+    """Return the share of the mean square error above the noise, over all signals, that this step removed."""
+    for k, step in enumerate(state.steps):
+        if step.accepted is None or (step.accepted.effect.slug, step.accepted.effect.place) != (own.slug, own.place):
+            continue
+        earlier = [s.accepted for s in state.steps[:k] if s.accepted is not None and s.accepted.unseen is not None]
+        before = earlier[-1].unseen if earlier and earlier[-1].unseen is not None else state.base_unseen
+        after = step.accepted.unseen
+        if after is None:
+            return math.nan
+        base, old, new = (rms_of(h.rests) for h in (state.base_unseen, before, after))
+        shares = []
+        for n, level in state.fitted.levels.items():
+            above = base.get(n, 0.0) ** 2 - level**2
+            if above > 0.05 * level**2 and n in old and n in new:
+                shares.append((old[n] ** 2 - new[n] ** 2) / above)
+        return float(np.clip(max(shares, default=math.nan), 0.0, 1.0)) if shares else math.nan
+    return math.nan
+
+
+def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
+    """Return the manoeuvre worth flying next."""
+    if alike:
+        return EFFECTS[alike[0][0]].separated_by
+    if verdict in ("unexplained", "partly-explained"):
+        return (
+            "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "
+            "is the craft, what turns with the heading is wind, current or compass, what does neither is disturbance"
+        )
+    if order:
+        return EFFECTS[order[0].slug].separated_by
+    return "nothing more is needed for this model; a run with larger commands would try it harder"
+
+
+LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
+"""Slug -> by how much things are late [s]."""
+
+
+def delay_equivalence(one: Judged, other: Judged, pace: float) -> bool:
+    """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
+    *pace* [s] of the craft, in which it forgets where it began.
+    """
+    if one.effect.slug not in LATE or other.effect.slug not in LATE:
+        return False
+    late = pace + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
+    left = [_left_after(j.fitted, late, one.fitted.levels) for j in (one, other)]
+    return abs(left[0] - left[1]) < ALIKE
+
+
+def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
+    """Return the sum of squares, over *levels*, of what is left from *late* [s] after the start of each run on."""
+    total = 0.0
+    for rest in fitted.rests:
+        known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)
+        total += float(np.sum(rest.judged[known] ** 2)) / levels[rest.signal] ** 2
+    return total
+
+
+CLEAR = 0.005
+"""Chance below which a finding is told (over all tests together)."""
+
+MOST = 5
+"""Findings told."""
+
+LAGS = 60
+
+
+def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
+    """Return what is left over in words, and the tests it rests on."""
+    tests = tests_of(problem, fitted)
+    told = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
+    lines: dict[str, None] = {}
+    for test in told:
+        lines.setdefault(_words(test), None)
+    return Signature(tuple(list(lines)[:MOST]), whiteness_of(tests)), tests
+
+
+def _words(test: Test) -> str:
+    if not test.signal and math.isnan(test.size):
+        return f"what swings goes with {test.what}: it is something aboard, or in the hull, and no wave"
+    if not test.signal:
+        return f"what is left over goes with {test.what} (correlation {test.size:+.2f})"
+    if test.what == "one frequency":
+        return f"{test.signal}: {100 * test.size:.0f} % of the power of what is left over is one frequency"
+    if test.what == "heavy tails":
+        return f"{test.signal}: single samples are far off, more than noise has (kurtosis {test.size:+.1f})"
+    if test.what == "slow drift":
+        return f"{test.signal}: what is left wanders slowly, {math.sqrt(test.size):.1f} times as far as noise would"
+    return f"{test.signal}: what is left over is no noise: each sample takes after the ones before it"
+
+
+def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
+    """Return a portrait of every signal's residual."""
+    found = []
+    for name in fitted.levels:
+        unit = SIGNALS[name][0]
+        rests = [r for r in fitted.rests if r.signal == name]
+        traces = tuple(
+            Trace(
+                problem.segments[r.segment].run,
+                r.t,
+                r.measured,
+                r.predicted,
+                np.full(len(r.t), 1.96 * fitted.levels[name]),
+                name,
+                unit,
+            )
+            for r in rests
+        )
+        lag, rho = _autocorrelation(rests)
+        n = max(len(r.t) for r in rests)
+        found.append(
+            Portrait(
+                signal=name,
+                unit=unit,
+                traces=traces,
+                against=_against(problem, fitted, name),
+                one_step=_one_step(rests),
+                spectrum=_spectrum(rests),
+                correlation=(lag, rho),
+                cross=_cross(problem, rests),
+                limit=1.96 / math.sqrt(n),
+            )
+        )
+    return tuple(found)
+
+
+def _left(rest: Rest) -> Array:
+    left: Array = rest.measured - rest.predicted
+    return left
+
+
+def _autocorrelation(rests: Sequence[Rest]) -> tuple[Array, Array]:
+    longest = max(rests, key=lambda r: len(r.t))
+    e, t = _left(longest), longest.t
+    lags = min(LAGS, len(e) // 3)
+    step = float(np.median(np.diff(t)))
+    lag = np.asarray(np.arange(1, lags + 1) * step, dtype=np.float64)
+    return lag, autocorrelation(e, lags)
+
+
+def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[Array, Array, str]]:
+    xs: dict[str, list[tuple[Array, Array]]] = {}
+    units: dict[str, str] = {"time": "s"}
+    for rest in fitted.rests:
+        if rest.signal != name:
+            continue
+        segment = problem.segments[rest.segment]
+        left = _left(rest)
+        xs.setdefault("time", []).append((rest.t - rest.t[0], left))
+        for channel, values in segment.passage.commands.items():
+            at = np.maximum(np.searchsorted(segment.passage.t_in, rest.t, side="right") - 1, 0)
+            xs.setdefault(channel, []).append((values[at], left))
+            units[channel] = problem.scene.inputs[channel]
+        for signal, own in segment.signals.items():
+            value = np.interp(rest.t, own.t, own.values)
+            if signal == "psi":
+                value = np.mod(value, 2.0 * np.pi)
+            xs.setdefault(signal, []).append((value, left))
+            units[signal] = SIGNALS[signal][0]
+    return {n: (np.concatenate([a for a, _ in p]), np.concatenate([b for _, b in p]), units[n]) for n, p in xs.items()}
+
+
+def _one_step(rests: Sequence[Rest]) -> tuple[Array, Array]:
+    """Return the one-step residual: how far each sample is from where the one before it was heading."""
+    longest = max(rests, key=lambda r: len(r.t))
+    steps: Array = np.diff(_left(longest))
+    return longest.t[1:], steps
+
+
+def _spectrum(rests: Sequence[Rest]) -> tuple[Array, Array] | None:
+    longest = max(rests, key=lambda r: len(r.t))
+    t, e = longest.t, _left(longest)
+    if len(t) < 32:
+        return None
+    step = float(np.median(np.diff(t)))
+    grid = np.arange(t[0], t[-1], step)
+    f, power = scipy_signal().welch(np.interp(grid, t, e), fs=1.0 / step, nperseg=min(256, len(grid)))
+    return f[1:], power[1:]
+
+
+def _cross(problem: Problem, rests: Sequence[Rest]) -> Mapping[str, tuple[Array, Array]]:
+    longest = max(rests, key=lambda r: len(r.t))
+    t, e = longest.t, _left(longest)
+    e = e - e.mean()
+    segment = problem.segments[longest.segment]
+    lags = min(LAGS, len(e) // 4)
+    step = float(np.median(np.diff(t)))
+    found: dict[str, tuple[Array, Array]] = {}
+    signals: dict[str, Array] = {}
+    for channel, values in segment.passage.commands.items():
+        at = np.maximum(np.searchsorted(segment.passage.t_in, t, side="right") - 1, 0)
+        signals[channel] = values[at]
+    for name, own in segment.signals.items():
+        signals[name] = np.interp(t, own.t, own.values)
+    for name, x in signals.items():
+        x = x - x.mean()
+        power = math.sqrt(float(x @ x) * float(e @ e))
+        if power <= 0.0:
+            continue
+        rho = [
+            float(e[max(k, 0) : len(e) + min(k, 0)] @ x[max(-k, 0) : len(x) - max(k, 0)]) / power
+            for k in range(-lags, lags + 1)
+        ]
+        lag = np.asarray(np.arange(-lags, lags + 1) * step, dtype=np.float64)
+        found[name] = (lag, np.array(rho))
+    return found

@@ -1,0 +1,304 @@
+"""The state of a search for causes: what was asked, the model so far, and what was judged on the way to it.
+
+A state never changes. Strategies (:mod:`.strategies`) make the next one from it, so that going back is keeping the old
+one. Here is what they all do with one: predict what is left out, judge a fit, and take one step: candidates are
+screened, the promising ones fitted, and the fits compared by likelihood less what their parameters cost; the winner
+must pay on data left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.candidates import (
+    RUNNERS,
+    Attempt,
+    Candidate,
+    best_of_each,
+    candidates,
+    fitted_roughly,
+    fitted_to_the_end,
+    screen,
+)
+from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
+from gcs_autotune.diagnose.result import Numbers
+from gcs_autotune.diagnose.score import Judged, Step, bic_penalty, error_ratio, ordered, winner_of
+from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
+from gcs_autotune.diagnose.workers import in_parallel
+from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
+from gcs_autotune.identify.base_model import fit_base, given_base
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models.coupled import Form
+
+__all__ = ["Given", "Key", "LostBase", "Progress", "Question", "SearchState", "begin", "begin_with", "mistaken_for"]
+
+Progress = Callable[[str, int, int], None]
+
+Key = tuple[str, str, str]
+"""A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
+
+SHORT_LIST = 18
+"""Candidates fitted roughly."""
+
+ASTRAY = 0.05
+"""Whiteness below which errors of the data are also looked for from fits that leave out one signal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """The model in question, and how its owner knows it.
+
+    ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
+    number, by the name in the file, where the file states one. ``theirs``: how the plain model fits the simulator that
+    this model stands for; None for a model that was given itself.
+    """
+
+    model: ExtendedModel
+    names: Mapping[Key, tuple[str, float]] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
+    theirs: tuple[Problem, Fitted] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """What is asked: runs to explain, runs kept apart, the model in question, effects to try.
+
+    ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
+    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is.
+    """
+
+    form: Form
+    segments: Sequence[Segment]
+    slugs: Sequence[str]
+    unseen: Sequence[Segment] = ()
+    whole: Sequence[Segment] = ()
+    given: Given | None = None
+    horizon: float | None = None
+    progress: Progress | None = None
+    jobs: int = 1
+
+    def say(self, stage: str, done: int, total: int) -> None:
+        """Report progress."""
+        if self.progress is not None:
+            self.progress(stage, done, total)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LostBase:
+    """A base that misses some signal altogether, and the fits begun there, of so many candidates tried."""
+
+    base: Fitted
+    ends: Sequence[Attempt]
+    tried: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchState:
+    """Where a search stands.
+
+    ``fitted``: the present model. ``base``: what causes are added to and their gains counted over; of a ``given`` model
+    the same with its numbers fitted, for what these gain is no cause's merit. ``parts``: what is left out in turn, and
+    ``..._unseen`` what each model leaves of it. ``former``: the base that a better one took the place of: the better
+    may be none of the craft's, so causes begin at both. ``alone``: the base fitted to all signals but one, once asked
+    for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
+    pieces were in which causes were found, where the search chose them itself.
+    """
+
+    question: Question
+    problem: Problem
+    fitted: Fitted
+    base: Fitted
+    parts: Parts
+    base_unseen: HeldOut
+    present_unseen: HeldOut
+    given: Fitted | None = None
+    given_unseen: HeldOut | None = None
+    steps: tuple[Step, ...] = ()
+    renamed: tuple[tuple[str, str], ...] = ()
+    tried: int = 0
+    restarts: int = 0
+    lost: LostBase | None = None
+    alone: tuple[Fitted, ...] | None = None
+    former: Fitted | None = None
+    doubts: tuple[Doubt, ...] = ()
+    pieces: float | None = None
+    numbers: Numbers | None = None
+
+    @property
+    def causes(self) -> tuple[EffectInstance, ...]:
+        """The effects found: those the base does not have."""
+        had = {(e.slug, e.place) for e in self.base.effects}
+        return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
+
+    # -- models
+
+    def unseen(self, fitted: Fitted, *, refit: bool = True, problem: Problem | None = None) -> HeldOut:
+        """Predict what is left out; *problem*: with other numbers free."""
+        return held_out(self.problem if problem is None else problem, self.parts, fitted, refit=refit)
+
+    def with_model(self, fitted: Fitted, unseen: HeldOut | None = None) -> SearchState:
+        """Return the state with another present model; *unseen*: what it leaves of data left out, if known."""
+        return replace(self, fitted=fitted, present_unseen=unseen or self.unseen(fitted))
+
+    def with_better(self, better: Fitted) -> SearchState:
+        """Return the state with a better fit of the present model; of the base, where that is the present model."""
+        unseen = self.unseen(better)
+        if self.fitted is self.base:
+            return replace(self, base=better, base_unseen=unseen, former=self.base).with_model(better, unseen)
+        return self.with_model(better, unseen)
+
+    def with_parts(self, parts: Parts) -> SearchState:
+        """Return the state with other data left out."""
+        now = replace(self, parts=parts)
+        base = now.unseen(self.base)
+        given = None if self.given is None else now.unseen(self.given, refit=False)
+        return replace(now, base_unseen=base, given_unseen=given).with_model(
+            self.fitted, base if self.fitted is self.base else None
+        )
+
+    # -- one step
+
+    def step(
+        self,
+        stage: str,
+        against: Fitted | None = None,
+        *,
+        slugs: Sequence[str] | None = None,
+        quick: bool = False,
+        most: int = SHORT_LIST,
+    ) -> tuple[SearchState, Step]:
+        """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone.
+
+        The state returned has the same model, or a better base found on the way. slugs : of candidates, all of the
+        question's when None. most : fitted roughly.
+        """
+        question, present = self.question, self.fitted if against is None else against
+        astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
+        now = self._with_others() if astray else self
+        present = now.fitted if against is None else against
+        begun = [present] if now.former is None or present.effects else [present, now.former]
+        choices = candidates(now.problem, present.effects, question.slugs if slugs is None else slugs)
+        choices = [c for c in choices if not _contradicts(present.effects, c[0])]
+        now = replace(now, tried=max(now.tried, len(choices)))
+
+        def screened(done: int, total: int) -> None:
+            question.say(stage + ": screening", done, total)
+
+        screened(0, len(choices))
+        others = (now.alone or ()) if astray else ()
+        listed = screen(now.problem, begun, others, choices, screened, question.jobs)
+        is_lost = astray and lost(present, now.problem.scene.spread)
+        if is_lost and now.given is None:
+            listed = merged(listed, permuted_channels(now.problem, present, choices))
+        rough: list[Attempt] = []
+        fresh, passed_over = listed[:most], listed[most:]
+        while fresh:
+            rough = best_of_each([*rough, *now._rough(fresh, stage)], present)
+            better = bool(rough) and rough[0][1].cost < present.cost
+            fresh = mistaken_for(rough[0][0].effect, passed_over) if better else []
+            passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
+        ends = now.ends_of(rough[:RUNNERS])
+        if is_lost and not quick and now.lost is None:
+            now = replace(now, lost=LostBase(present, tuple(ends), len(choices)))
+        return now, now.judged_all(ends, present, len(choices), quick)
+
+    def judged_all(self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False) -> Step:
+        """Judge fits made on top of *present*, of so many *tried*."""
+        best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
+        raised = correlation_of(best)
+
+        def judged_one(i: int) -> Judged:
+            return self.judged(ends[i][0].effect, ends[i][1], present, tried, raised, quick=quick)
+
+        judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.question.jobs))
+        return Step(tuple(judged), None if quick else winner_of(judged, tried, present))
+
+    def judged(
+        self,
+        effect: EffectInstance,
+        fitted: Fitted,
+        present: Fitted,
+        tried: int,
+        common: float | None = None,
+        *,
+        quick: bool = False,
+    ) -> Judged:
+        """Judge a fit: against its rivals with the *common* number of samples that make one independent one."""
+        raised = correlation_of(fitted)
+        likelihood = (present.cost - fitted.cost) / raised
+        evidence = (present.cost - fitted.cost) / (common or raised) - bic_penalty(fitted, present)
+        now = next(e for e in fitted.effects if (e.slug, e.place) == (effect.slug, effect.place))
+        if evidence <= 0.0 or quick:
+            return Judged(now, fitted, evidence, likelihood, 0.0, 1.0, None)
+        unseen, before = self.unseen(fitted), self.present_unseen
+        gain, p = 0.0, 1.0
+        if unseen.complete and before.rests:
+            gain = 1.0 - error_ratio(before, unseen)
+            p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
+        return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
+
+    def ends_of(self, rough: Sequence[Attempt]) -> list[Attempt]:
+        """Fit to the end what was fitted roughly."""
+        fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.question.jobs)
+        return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
+
+    def _rough(self, listed: Sequence[Candidate], stage: str) -> list[Attempt]:
+        def told(done: int, total: int) -> None:
+            self.question.say(stage + ": fitting", done, total)
+
+        told(0, len(listed))
+        fits = in_parallel(lambda i: fitted_roughly(self.problem, listed[i]), len(listed), self.question.jobs, told)
+        return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
+
+    def _with_others(self) -> SearchState:
+        """Return the state with other places for errors of the data to begin; a better base on the way is the base."""
+        if self.alone is not None:
+            return self
+        if self.given is not None:
+            return replace(self, alone=())
+        bases = without_one_signal(self.problem, self.base)
+        now = replace(self, alone=bases.alone)
+        if bases.best is self.base:
+            return now
+        unseen = self.unseen(bases.best)
+        return replace(
+            now,
+            former=self.base,
+            base=bases.best,
+            fitted=bases.best,
+            base_unseen=unseen,
+            present_unseen=unseen,
+        )
+
+
+def begin(question: Question) -> SearchState:
+    """Return the state of a search that has only fitted its base."""
+    if question.given is None:
+        problem, fitted = fit_base(question.form, question.segments)
+        return begin_with(question, problem, fitted)
+    model = question.given.model
+    problem, as_it_is, fitted = given_base(model.base, model.effects, question.segments)
+    return begin_with(question, problem, fitted, given=as_it_is)
+
+
+def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: Fitted | None = None) -> SearchState:
+    """Return the state of a search that begins at *fitted*; *given*: the model in question as it is."""
+    parts = parts_of(problem, question.unseen)
+    unseen = held_out(problem, parts, fitted, refit=True)
+    given_unseen = None if given is None else held_out(problem, parts, given, refit=False)
+    return SearchState(question, problem, fitted, fitted, parts, unseen, unseen, given, given_unseen)
+
+
+def mistaken_for(effect: EffectInstance, passed_over: Sequence[Candidate]) -> list[Candidate]:
+    """Return those of *passed_over* that *effect* is easily mistaken for, there: a screening may misjudge them."""
+    rivals = EFFECTS[effect.slug].mistaken_for
+    return [c for c in passed_over if c.effect.slug in rivals and c.effect.place == effect.place]
+
+
+def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:
+    """Whether an effect is already there in other words: the same slug at a place that overlaps."""
+    return any(e.slug == effect.slug and set(e.place.split("+")) & set(effect.place.split("+")) for e in present)

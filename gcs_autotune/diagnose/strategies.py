@@ -1,0 +1,445 @@
+"""The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
+
+:data:`SEARCH` looks for causes over the runs as they are, :data:`SECOND_LOOKS` over pieces, or over all runs together,
+where that found nothing. :func:`follow` goes through them in order.
+
+===========================  ==========================================================================================
+``add_causes``               one cause after the other; each earlier one defends its place when the next is known
+``start_at_segments``        where the base was lost: once more, with causes fitted in short pieces of the runs
+``tie_break``                of causes that explain the runs equally well the one met more often is named
+``drop_insignificant``       causes that may as well not be there
+``look_in_pieces``           where free runs are lost and nothing pays over whole runs
+``look_at_all_runs``         where the runs kept apart show what the others do not
+===========================  ==========================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs_autotune.diagnose.adequacy import (
+    WHITE,
+    correlation_of,
+    explains_all,
+    leaves_nothing,
+    tests_of,
+    whiteness_of,
+)
+from gcs_autotune.diagnose.candidates import RUNNERS, best_of_each
+from gcs_autotune.diagnose.heldout import parts_of, rms_of
+from gcs_autotune.diagnose.score import (
+    ALIKE,
+    SIGNIFICANCE,
+    Judged,
+    Step,
+    bic_penalty,
+    is_needed,
+    ordered,
+    winner_of,
+)
+from gcs_autotune.diagnose.starting_points import segment_starts
+from gcs_autotune.diagnose.state import SearchState, begin
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
+from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import Segment, within_horizon
+
+__all__ = ["SEARCH", "SECOND_LOOKS", "Strategy", "blocked_cv", "drop_insignificant", "follow", "foretells"]
+
+Strategy = Callable[[SearchState], SearchState | None]
+
+MOST_CAUSES = 6
+"""Causes looked for, at most: a craft over telemetry has three or four of its own."""
+
+DONE = 0.5
+"""Whiteness at which the search is over."""
+
+RESTARTS = 3
+"""Better fits of the same model that a winner may lead to, at most."""
+
+FOLLOWED, FARTHEST = 3, 3
+"""Candidates that are followed where nothing pays alone, and causes of such a path, at most."""
+
+RIVALS = 9
+"""Candidates fitted roughly, where only those count that may beat a cause already found."""
+
+HALF_WIDTH = 1.96
+"""Standard errors to either end of a 95 % interval."""
+
+PACES = 30.0
+"""Chosen: a piece lasts so many of the base model's slowest time constants; all it can show settles many times over."""
+
+FAR = 1.5
+"""Error of runs a model was not fitted to, over the noise of those it was, beyond which it does not hold for them."""
+
+FEWEST_PIECES = 2
+"""Fewest pieces of the longest run worth a second look."""
+
+
+def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
+    """Return the state after all *strategies*, in order."""
+    for strategy in strategies:
+        state = strategy(state) or state
+    return state
+
+
+# -- cause after cause
+
+
+def add_causes(state: SearchState, first: Step | None = None) -> SearchState:
+    """Take one step after the other until none pays; *first*: the next one, judged already."""
+    found = True
+    while found and len(state.steps) < MOST_CAUSES:
+        state, found = _one_more(state, first)
+        first = None
+        if found and len(state.steps) > 1:
+            state = backward_elimination(state)
+    return state
+
+
+def _one_more(state: SearchState, judged: Step | None) -> tuple[SearchState, bool]:
+    """Take one more step (or several, where only causes together pay); whether anything was found."""
+    stage = f"cause {len(state.steps) + 1}"
+    white = whiteness_of(tests_of(state.problem, state.fitted))
+    if judged is None:
+        some = [s for s in state.question.slugs if EFFECTS[s].is_disturbance] if state.steps and white > DONE else None
+        state, step = state.step(stage, slugs=some)
+    else:
+        step = judged
+    if step.accepted is None:
+        state, step = blocked_cv(state, step) or (state, step)
+    taken: tuple[Step, ...] = (step,)
+    if step.accepted is None and white < SIGNIFICANCE:
+        state, ahead = _look_ahead(state, step, stage)
+        taken = ahead or taken
+    accepted = taken[-1].accepted
+    if accepted is None:
+        return replace(state, steps=(*state.steps, *taken)), False
+    better = _without(state, accepted.fitted)
+    if better is not None:
+        state = state.with_better(better)
+        again = state.judged(accepted.effect, accepted.fitted, better, state.tried)
+        if winner_of([again], state.tried, better) is not None:
+            accepted = again
+            taken = (*taken[:-1], replace(taken[-1], accepted=again))
+        elif state.restarts < RESTARTS:
+            return _one_more(replace(state, restarts=state.restarts + 1), None)
+    state = replace(state, steps=(*state.steps, *taken))
+    return state.with_model(accepted.fitted, accepted.unseen), True
+
+
+def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
+    """Return the present model fitted from where a winner ended, if that is better: the gain was not the winner's.
+
+    A cause that gives a fit the way out of a valley must not be credited with what it found outside.
+    """
+    present = state.fitted
+    again = state.problem.fit(fitted.theta, present.effects, fitted.initial, shift=fitted.shift)
+    return again if again is not None and again.cost < present.cost - ALIKE else None
+
+
+def blocked_cv(state: SearchState, step: Step) -> tuple[SearchState, Step] | None:
+    """Judge a step again with blocks of every run left out instead of runs; None where that names nothing either.
+
+    Where each run shows one size of command only, none tells of the next although one cause explains all of them.
+    """
+    present = state.fitted
+    if state.parts.kind != "runs" or leaves_nothing(state.problem, present):
+        return None
+    if not explains_all(state.problem, step):
+        return None
+    now = state.with_parts(parts_of(state.problem, in_blocks=True))
+    paying = [j for j in step.judged if j.evidence > 0.0]
+    again = ordered([now.judged(j.effect, j.fitted, present, now.tried) for j in paying])
+    winner = winner_of(again, now.tried, present)
+    return None if winner is None else (now, Step(tuple(again), winner))
+
+
+# -- causes that only pay together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Path:
+    """Causes in order, and what was judged beside each."""
+
+    taken: tuple[Judged, ...]
+    steps: tuple[Step, ...]
+
+    def price(self, present: Fitted) -> float:
+        """Return the cost of its end, parameters paid for."""
+        end = self.taken[-1].fitted
+        return end.cost + bic_penalty(end, present)
+
+
+def _look_ahead(state: SearchState, step: Step, stage: str) -> tuple[SearchState, tuple[Step, ...] | None]:
+    """Return steps, all accepted, that pay together; None when no path does. *step*: the one where nothing paid.
+
+    Where two things are wrong, mending one may foretell no better (a position drifts all the same), so that no step
+    pays by itself. The likeliest causes are each followed by the best next one, by likelihood alone; the best of these
+    pairs, if it does not pay either, by a third.
+    """
+    paths: list[_Path] = []
+    for one in [j for j in step.judged if j.evidence > 0.0][:FOLLOWED]:
+        state, path = _followed(state, _Path((one,), (step,)), stage)
+        paths += [] if path is None else [path]
+    path = min(paths, key=lambda p: p.price(state.fitted), default=None)
+    while path is not None:
+        length, end = len(path.taken), path.taken[-1]
+        tried = math.comb(max(state.tried, length), length)
+        whole = state.judged(end.effect, end.fitted, state.fitted, tried)
+        if winner_of([whole], tried, state.fitted) is not None:
+            return state, _accepted(path, whole)
+        state, path = _followed(state, path, stage) if length < FARTHEST else (state, None)
+    return state, None
+
+
+def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState, _Path | None]:
+    """Return the path with the likeliest next cause; None when nothing adds to it.
+
+    No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
+    """
+    slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
+    state, step = state.step(f"{stage} and another", path.taken[-1].fitted, slugs=slugs, quick=True)
+    if not step.judged or step.judged[0].evidence <= 0.0:
+        return state, None
+    return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
+
+
+def _accepted(path: _Path, whole: Judged) -> tuple[Step, ...]:
+    """Return the steps of a path with its causes accepted, their numbers those of its end."""
+    now = {(e.slug, e.place): e for e in whole.fitted.effects}
+    steps = []
+    for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
+        ended = replace(taken, effect=now[taken.effect.slug, taken.effect.place])
+        steps.append(Step(tuple(ended if j is taken else j for j in step.judged), ended))
+    last = path.steps[-1]
+    others = tuple(j for j in last.judged if j is not path.taken[-1])
+    return (*steps, Step((whole, *others), whole))
+
+
+# -- earlier causes reconsidered
+
+
+def backward_elimination(state: SearchState) -> SearchState:
+    """Let every earlier cause defend its place against its rivals, the others given.
+
+    A cause accepted early may have been a stand-in for two. The newest has just won its place, and defends it only
+    where an earlier one has changed since.
+    """
+    newest, won = state.steps[-1].accepted, state.fitted
+    last = None if newest is None else (newest.effect.slug, newest.effect.place)
+    for key in sorted(((e.slug, e.place) for e in state.causes), key=lambda k: k == last):
+        if key != last or state.fitted is not won:
+            state = _asked_again(state, *key)
+    return state
+
+
+def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
+    """Leave out a cause that is not needed any more; let a likelier one take its place."""
+    kept = state.fitted
+    rest = tuple(e for e in kept.effects if (e.slug, e.place) != (slug, place))
+    if len(rest) == len(kept.effects):
+        return state
+    without = state.problem.fit(kept.theta, rest, kept.initial, trials=12, shift=kept.shift)
+    if without is None:
+        return state
+    likelihood = (without.cost - kept.cost) / correlation_of(kept)
+    if not is_needed(likelihood, kept, without, state.tried):
+        return state.with_model(without)
+    slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
+    state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
+    rival = next((j for j in again.judged if j.effect.slug != slug), None)
+    if rival is not None and kept.cost - rival.fitted.cost - bic_penalty(rival.fitted, kept) > ALIKE:
+        return state.with_model(rival.fitted, rival.unseen)
+    return state
+
+
+def drop_insignificant(state: SearchState) -> SearchState | None:
+    """Leave out causes whose numbers, by their 95 % intervals, may all be such that nothing happens."""
+    fit = state.fitted
+    idle = next((e for e in state.causes if _may_be_none(fit, e)), None)
+    rest = tuple(e for e in fit.effects if e is not idle)
+    without = None if idle is None else state.problem.fit(fit.theta, rest, fit.initial, shift=fit.shift)
+    if without is None:
+        return None
+    fewer = state.with_model(without)
+    return drop_insignificant(fewer) or fewer
+
+
+def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
+    entry, i = EFFECTS[effect.slug], fitted.effects.index(effect)
+    at = {n: len(fitted.free) + k for k, (j, n) in enumerate(fitted.free_effects) if j == i and n in entry.grows_with}
+    if not at or set(at) != set(entry.grows_with) & set(effect.values):
+        return False
+    std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 0.0))
+    return all(abs(effect[n] - entry.neutral.get(n, 0.0)) <= HALF_WIDTH * std[k] for n, k in at.items())
+
+
+# -- causes found in pieces where whole runs are lost
+
+
+def start_at_segments(state: SearchState) -> SearchState | None:
+    """Begin once more with causes found in pieces, where the base was lost and the search left much behind.
+
+    Causes fitted in short pieces are expensive, and most lost bases are found again without them. What is then named
+    stands when it leaves less.
+    """
+    lost = state.lost
+    if lost is None or leaves_nothing(state.problem, state.fitted):
+        return None
+    state.question.say("in pieces", 0, 1)
+    held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
+    ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
+    if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
+        return None
+    unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
+    anew = replace(state, steps=()).with_model(lost.base, unseen)
+    other = add_causes(anew, anew.judged_all(ends, lost.base, lost.tried))
+    now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))
+    return other if now < before else None
+
+
+# -- equals
+
+
+def tie_break(state: SearchState) -> SearchState:
+    """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
+    for key in [(e.slug, e.place) for e in state.causes]:
+        # As it is now: the fit of the one before it may have changed its numbers.
+        effect = next(e for e in state.causes if (e.slug, e.place) == key)
+        usual = _as_likely(state.problem, state.fitted, effect, EFFECTS[effect.slug].yields_to)
+        if usual is not None:
+            renamed = (*state.renamed, (usual[0].slug, effect.slug))
+            state = replace(state, renamed=renamed).with_model(usual[1])
+    for effect in state.causes:
+        for slug, entry in EFFECTS.items():
+            rival = effect.slug in entry.yields_to
+            if rival and _as_likely(state.problem, state.fitted, effect, (slug,)) is not None:
+                state = replace(state, renamed=(*state.renamed, (effect.slug, slug)))
+    return state
+
+
+def _as_likely(
+    problem: Problem, now: Fitted, effect: EffectInstance, slugs: Sequence[str]
+) -> tuple[EffectInstance, Fitted] | None:
+    """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *effect*."""
+    for slug in slugs:
+        for other in _in_other_words(effect, slug, problem.scene):
+            if any((e.slug, e.place) == (other.slug, other.place) for e in now.effects):
+                continue
+            effects = tuple(other if e is effect else e for e in now.effects)
+            fit = problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
+            if fit is not None and fit.cost < now.cost + ALIKE:
+                return other, fit
+    return None
+
+
+def _in_other_words(effect: EffectInstance, slug: str, data: DataSummary) -> list[EffectInstance]:
+    """Return the effect called *slug* at every place, its one number that of *effect*; none when they have more."""
+    entry = EFFECTS[slug]
+    if len(effect.values) != 1 or len(entry.parameters) != 1:
+        return []
+    name, value = entry.parameters[0].name, next(iter(effect.values.values()))
+    found = []
+    for place in entry.places(data):
+        low, high = entry.bounds(place, data).get(name, (-math.inf, math.inf))
+        if low <= value <= high:
+            found.append(EffectInstance(slug, place, {name: value}, dict(entry.constants(place, data))))
+    return found
+
+
+SEARCH: tuple[Strategy, ...] = (add_causes, start_at_segments, tie_break, drop_insignificant)
+"""What looks for causes, in order."""
+
+
+# -- second looks, where the search found nothing although much is left
+
+
+def look_in_pieces(state: SearchState) -> SearchState | None:
+    """Search pieces that begin where the craft was measured to be; what they name must hold over whole runs.
+
+    On real water a free run drifts off within minutes, whatever the model: gusts and eddies add up in the heading.
+    Where the base is lost, every candidate is, and none seems to pay. Cut into pieces the same runs may speak. What
+    they name is a hypothesis, and dropped unless whole runs are then foretold better too.
+    """
+    question = state.question
+    seconds = PACES * state.problem.scene.pace
+    if question.horizon is not None or state.problem.scene.duration < FEWEST_PIECES * seconds or not _is_lost(state):
+        return None
+    segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
+    again = follow(begin(replace(question, segments=segments, unseen=unseen)), SEARCH)
+    if again.fitted.effects == again.base.effects or not _holds_over(again, question.whole):
+        return None
+    doubt = Doubt(
+        "short-horizon",
+        f"over whole runs no cause paid; the causes named were found in pieces of {seconds:.3g} s",
+        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+    )
+    return replace(again, pieces=seconds, doubts=(*state.doubts, doubt))
+
+
+def look_at_all_runs(state: SearchState) -> SearchState | None:
+    """Search all runs together, parts left out in turn, where those kept apart show what the others do not."""
+    question = state.question
+    if not question.unseen or question.given is not None or state.pieces is not None or not _contradicted(state):
+        return None
+    both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
+    if not both.fitted.effects:
+        return None
+    doubt = Doubt(
+        "validation-was-needed",
+        "what the runs to fit show, if anything, does not predict the runs kept apart; the causes were found in all "
+        "together",
+        "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
+    )
+    return replace(both, doubts=(*state.doubts, doubt))
+
+
+SECOND_LOOKS: tuple[Strategy, ...] = (look_in_pieces, look_at_all_runs)
+
+
+def _is_lost(state: SearchState) -> bool:
+    """Whether nothing was found although much is left."""
+    if state.fitted.effects != state.base.effects:
+        return False
+    return whiteness_of(tests_of(state.problem, state.fitted)) <= WHITE
+
+
+def _contradicted(state: SearchState) -> bool:
+    """Whether nothing was found in the runs to fit, and yet the runs kept apart are predicted far worse than those.
+
+    Nothing: they show nothing, or all they show is explained by a cause whose numbers they cannot tell.
+    """
+    if state.fitted.effects or not state.base_unseen.complete:
+        return False
+    if _is_lost(state):
+        return any(explains_all(state.problem, step) for step in state.steps)
+    errors = rms_of(state.base_unseen.rests)
+    return any(errors[n] > FAR * level for n, level in state.fitted.levels.items() if n in errors)
+
+
+def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
+    """Whether what was found lowers the error over *whole* runs too, all signals together."""
+    before, after = (_error(state, fitted, whole) for fitted in (state.base, state.fitted))
+    if after is None:
+        return False
+    if before is None:
+        return True
+    logs = [math.log(max(after[n], 1e-300) / before[n]) for n in before if before[n] > 0.0]
+    return bool(logs) and float(np.mean(logs)) < 0.0
+
+
+def foretells(state: SearchState, whole: Sequence[Segment]) -> bool:
+    """Whether the model found in pieces leaves no more than :data:`FAR` times their noise over *whole* runs as well."""
+    errors = _error(state, state.fitted, whole)
+    return errors is not None and all(errors[n] <= FAR * level for n, level in state.fitted.levels.items())
+
+
+def _error(state: SearchState, fitted: Fitted, whole: Sequence[Segment]) -> dict[str, float] | None:
+    problem = state.problem.on(whole)
+    found = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
+    return None if found is None else rms_of(found.rests)
