@@ -151,7 +151,7 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
     from rich.console import Console
 
     from gcs_autotune.identify.plan import load_plan, run_plan
-    from gcs_autotune.report.plan import plan_summary
+    from gcs_autotune.report import plan_summary
 
     result = run_plan(load_plan(args.plan).knowing(known), runs)
     if args.json:
@@ -201,7 +201,7 @@ def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
 def _list(methods: Any) -> None:
     from rich.console import Console
 
-    from gcs_autotune.report.study_terminal import method_list
+    from gcs_autotune.report import method_list
 
     Console().print(method_list(methods.values()))
 

@@ -30,7 +30,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from gcs_autotune.report.thrusters import propeller_summary, thruster_summary
+    from gcs_autotune.report import propeller_summary, thruster_summary
     from gcs_autotune.thrusters import (
         fit_bilinear,
         fit_open_water,

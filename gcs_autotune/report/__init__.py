@@ -1,30 +1,42 @@
-"""The only room that formats for people: the report, the terminal tables, the live line, the wording.
+"""The only room that formats for people: pages, terminal tables, live lines, wording.
 
-``story`` is what there is to tell; ``tables``, ``figures`` and ``wording`` turn it into rows, pictures and
-sentences; ``html`` and ``terminal`` put those on a page or a screen; ``study`` and what begins with it tell of an
-identification by itself, what begins with ``diagnosis`` of what a simulation gets wrong; ``live`` shows a running
-manoeuvre, ``stages`` a long calculation; ``run_directory`` writes everything down.
+=========  ======================================================================
+toolkit    what all are made of
+tune       the report of a tune, and its run directory
+study      the report of an identification or experiment
+flight     the report of a manoeuvre, and of its preview
+diagnosis  the report of what a simulation gets wrong
+summaries  what commands without a page print
+=========  ======================================================================
 """
 
 from __future__ import annotations
 
-from gcs_autotune.report.diagnosis_page import render_diagnosis
-from gcs_autotune.report.diagnosis_terminal import diagnosis_summary, effects_list, effects_to_dict
-from gcs_autotune.report.flight_page import render_flight, render_preview
-from gcs_autotune.report.live import TerminalWatcher
-from gcs_autotune.report.log_survey import log_summary
-from gcs_autotune.report.run_directory import summarise, write_story
-from gcs_autotune.report.ship_sheet import sheets_summary
-from gcs_autotune.report.stages import StageBar
-from gcs_autotune.report.story import TuneStory
-from gcs_autotune.report.study import Outcome, RunRow, Study, study_to_dict
-from gcs_autotune.report.study_page import render_study
-from gcs_autotune.report.study_terminal import study_summary
-from gcs_autotune.report.terminal import fit_summary, show_tune
-from gcs_autotune.report.wording import proof_command
+from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
+from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
+from gcs_autotune.report.flight.page import render_flight, render_preview
+from gcs_autotune.report.study.page import render_study
+from gcs_autotune.report.study.study import Outcome, RunRow, Study, study_to_dict
+from gcs_autotune.report.study.tables import method_list, study_summary
+from gcs_autotune.report.summaries import (
+    log_summary,
+    plan_summary,
+    propeller_summary,
+    sheets_summary,
+    thruster_summary,
+)
+from gcs_autotune.report.toolkit.axis_fit import fit_summary
+from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
+from gcs_autotune.report.toolkit.wording import format_factor
+from gcs_autotune.report.tune.run_directory import summarise, write_story
+from gcs_autotune.report.tune.story import STEPPED, TuneStory
+from gcs_autotune.report.tune.tables import show_tune
+from gcs_autotune.report.tune.wording import proof_command
 from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
+    "MODEL_FILE",
+    "STEPPED",
     "Outcome",
     "RunRow",
     "SilentWatcher",
@@ -36,8 +48,12 @@ __all__ = [
     "effects_list",
     "effects_to_dict",
     "fit_summary",
+    "format_factor",
     "log_summary",
+    "method_list",
+    "plan_summary",
     "proof_command",
+    "propeller_summary",
     "render_diagnosis",
     "render_flight",
     "render_preview",
@@ -47,5 +63,6 @@ __all__ = [
     "study_summary",
     "study_to_dict",
     "summarise",
+    "thruster_summary",
     "write_story",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterTransaction
-from gcs_autotune.report.numbers import format_factor
+from gcs_autotune.report import format_factor
 from gcs_autotune.workflow.designing import Ruler
 from gcs_autotune.workflow.experiments import measure
 from gcs_autotune.workflow.voyage import Voyage

@@ -12,7 +12,7 @@ from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.model_file import load_model
 from gcs_autotune.registry import lookup
-from gcs_autotune.report.diagnosis_page import MODEL_FILE, render_diagnosis
+from gcs_autotune.report import MODEL_FILE, render_diagnosis
 from gcs_autotune.trial import Trial
 
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]

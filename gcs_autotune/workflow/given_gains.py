@@ -14,7 +14,7 @@ from gcs_autotune.link import same_float32
 from gcs_autotune.logs import TRIALS_FOLDER
 from gcs_autotune.manoeuvres import StepSettings
 from gcs_autotune.mavlink import load_params
-from gcs_autotune.report.story import STEPPED
+from gcs_autotune.report import STEPPED
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.record import PROPOSED
 from gcs_autotune.workflow.voyage import Voyage

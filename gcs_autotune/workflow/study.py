@@ -19,7 +19,7 @@ from gcs_autotune.identify.result import Structure
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.identify.validate import Validation, join, validate
 from gcs_autotune.models.coupled import Form
-from gcs_autotune.report.study import Outcome, RunRow, Study
+from gcs_autotune.report import Outcome, RunRow, Study
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.findings import (
     Intervals,

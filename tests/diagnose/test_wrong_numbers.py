@@ -17,13 +17,13 @@ from gcs_autotune.diagnose.state import Question, begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, drop_insignificant, follow
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.base_model import fit_base, plain_form
-from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
+from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.report import diagnosis_summary
-from gcs_autotune.report.diagnosis_wording import scale_words
-from gcs_autotune.report.terminal import render_text
+from gcs_autotune.report.diagnosis.wording import scale_words
+from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.workflow.diagnosis import write_diagnosis
 from sitl.open_loop import Hull
 

@@ -12,16 +12,9 @@ from gcs_autotune.design.open_loop import OpenLoop, Rational
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify.result import Parameter
 from gcs_autotune.models import SingleDof
-from gcs_autotune.report.bode import draw_bode, loop_margins
-from gcs_autotune.report.canvas import new_axes, pens
-from gcs_autotune.report.craft_figures import (
-    draw_inputs,
-    draw_intervals,
-    draw_thrust,
-    draw_track,
-    inputs_of,
-    is_bent,
-)
+from gcs_autotune.report.toolkit.canvas import new_axes, pens
+from gcs_autotune.report.toolkit.figures import draw_inputs, draw_intervals, draw_thrust, draw_track, inputs_of, is_bent
+from gcs_autotune.report.tune.bode import draw_bode, loop_margins
 from gcs_autotune.trial import Channel, Trial
 
 CRAFT = {

@@ -9,9 +9,9 @@ import report_stories as stories
 from rich.console import Console
 
 from gcs_autotune.design.result import Change
-from gcs_autotune.report.html import render_report
-from gcs_autotune.report.tables import gains_table
-from gcs_autotune.report.terminal import grid, render_text, show_tune
+from gcs_autotune.report.toolkit.terminal import grid, render_text
+from gcs_autotune.report.tune.page import render_report
+from gcs_autotune.report.tune.tables import gains_table, show_tune
 
 CHOSEN = "chosen for the least predicted error over time of the step"
 

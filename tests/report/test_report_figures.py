@@ -10,9 +10,9 @@ import report_stories as stories
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs_autotune.report.figures import draw_pictures
-from gcs_autotune.report.series import Curve, relay_series, step_series, thin
-from gcs_autotune.report.story import WATCHED
+from gcs_autotune.report.toolkit.figures import Curve, thin
+from gcs_autotune.report.tune.figures import draw_pictures, relay_series, step_series
+from gcs_autotune.report.tune.story import WATCHED
 
 
 @given(st.integers(2, 5000), st.integers(0, 2**32 - 1))

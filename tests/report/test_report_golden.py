@@ -9,7 +9,9 @@ import report_stories as stories
 from rich.console import Group
 
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.report.terminal import fit_summary, gains_summary, render_text, tune_summary
+from gcs_autotune.report.toolkit.axis_fit import fit_summary
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.tune.tables import gains_summary, tune_summary
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gcs_autotune.report.numbers import (
+from gcs_autotune.report.toolkit.wording import (
     format_change,
     format_moment,
     format_number,

@@ -11,8 +11,8 @@ import pytest
 import report_stories as stories
 from page_reader import Page
 
-from gcs_autotune.report import canvas
-from gcs_autotune.report.html import render_report
+from gcs_autotune.report.toolkit import canvas
+from gcs_autotune.report.tune.page import render_report
 from gcs_autotune.trial import Channel, Mark, Trial
 
 HOSTILE = "<script>alert('$x^2$')</script>\"&"

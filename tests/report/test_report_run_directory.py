@@ -13,9 +13,9 @@ import report_stories as stories
 from rich.console import Console
 
 from gcs_autotune.models import SingleDof
-from gcs_autotune.report import run_directory as room
 from gcs_autotune.report import write_story
-from gcs_autotune.report.terminal import show_tune
+from gcs_autotune.report.tune import run_directory as room
+from gcs_autotune.report.tune.tables import show_tune
 
 
 def _read(path):

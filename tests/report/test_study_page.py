@@ -11,8 +11,8 @@ import pytest
 
 from gcs_autotune.identify import fit
 from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
-from gcs_autotune.report.study_tables import meaning_of
-from gcs_autotune.report.terminal import render_text
+from gcs_autotune.report.study.tables import meaning_of
+from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial
 
 

@@ -18,12 +18,19 @@ from gcs_autotune.identify.colour import remainder_of
 from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
-from gcs_autotune.report.diagnosis_wording import verdict_headline as diagnosis_headline
-from gcs_autotune.report.numbers import format_error, format_factor
-from gcs_autotune.report.study_wording import verdict_headline
-from gcs_autotune.report.tables import estimate_table, margins_table, model_table
-from gcs_autotune.report.terminal import render_text
-from gcs_autotune.report.wording import model_sentences, model_words, remainder_sentence, safety
+from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
+from gcs_autotune.report.study.study import verdict_headline
+from gcs_autotune.report.toolkit.axis_fit import (
+    estimate_table,
+    model_sentences,
+    model_table,
+    model_words,
+    remainder_sentence,
+)
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.toolkit.wording import format_error, format_factor
+from gcs_autotune.report.tune.tables import margins_table
+from gcs_autotune.report.tune.wording import safety
 from gcs_autotune.trial import Channel, Trial
 
 

@@ -10,8 +10,8 @@ import pytest
 from tug_plants import TUG, sea_trials
 
 from gcs_autotune.identify.plan import PLANS, PlanResult, run_plan
-from gcs_autotune.report.plan import plan_summary
-from gcs_autotune.report.terminal import render_text
+from gcs_autotune.report.summaries import plan_summary
+from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Trial
 
 pytestmark = pytest.mark.slow

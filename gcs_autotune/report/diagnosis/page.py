@@ -1,0 +1,296 @@
+"""The page of a diagnosis: one self-contained HTML file that opens without a network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gcs_autotune.diagnose import Cause, Diagnosis, Numbers, Portrait
+from gcs_autotune.effects import EFFECTS
+from gcs_autotune.identify.result import Trace
+from gcs_autotune.report.diagnosis.figures import (
+    View,
+    draw_curve,
+    draw_flight,
+    draw_gains,
+    draw_left,
+    draw_view,
+    telling_view,
+    views_of,
+)
+from gcs_autotune.report.diagnosis.tables import cause_table, gains_table, numbers_table, ranking_table, steps_of
+from gcs_autotune.report.diagnosis.wording import (
+    base_error,
+    cannot_tell,
+    cause_remarks,
+    cause_title,
+    commands,
+    effect_words,
+    first_gain,
+    interval_words,
+    left_sentence,
+    numbers_title,
+    rests_on,
+    signal_words,
+    verdict_headline,
+)
+from gcs_autotune.report.toolkit.canvas import pens, to_svg
+from gcs_autotune.report.toolkit.figures import draw_track, inputs_of
+from gcs_autotune.report.toolkit.page import Picture, Table, render_page
+from gcs_autotune.report.toolkit.wording import doubt_sentence, format_error, format_moment, format_share
+from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.figure import Figure
+
+__all__ = ["render_diagnosis"]
+
+
+MOST_RUNS = 2
+"""Runs drawn of the signal the verdict is about; of every other signal one."""
+
+MOST_SIGNALS = 6
+"""Signals drawn; chosen so that the page stays small."""
+
+MOST_RANKED = 8
+"""Candidates shown of each step; the others are folded away."""
+
+MODEL_FILE = "model.json"
+
+_SURE = 0.05
+"""Share of a residual, beyond what luck gives, below which a view of it carries no point and is not drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class CauseStory:
+    """One cause, told."""
+
+    title: str
+    remarks: tuple[tuple[str, str], ...]
+    parameters: Table | None
+    curve: Picture | None
+
+
+@dataclass(frozen=True, slots=True)
+class StepStory:
+    """The candidates of one step: the best, and the rest."""
+
+    title: str
+    best: Table
+    rest: Table | None
+
+
+def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = "", runs: Sequence[Trial] = ()) -> str:
+    """Return the whole page; the same diagnosis gives the same bytes.
+
+    *when* is an ISO 8601 moment; *directory* is where the files of the diagnosis are, for commands to copy; *runs* are
+    those it looked at: their inputs are drawn below what they moved, and where the craft went.
+    """
+    flown = {run.name: run for run in runs}
+    headline = verdict_headline(told)
+    model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
+    return render_page(
+        "diagnosis/page.html",
+        {
+            "title": title,
+            "when": format_moment(when),
+            "headline": headline,
+            "verdict": told.verdict,
+            "tiles": _tiles(told),
+            "doubts": tuple(doubt_sentence(d) for d in told.doubts),
+            "base": told.base_model.base.form.title,
+            "before": tuple(_before(told, flown)),
+            "track": next(_picture("track", "Track over ground, north up.", lambda: draw_track(flown)), None),
+            "numbers_title": "" if told.numbers is None else numbers_title(told.numbers),
+            "numbers": _numbers(told.numbers),
+            "numbers_gains": _numbers_gains(told.numbers),
+            "signs": told.gave_away.findings if told.verdict != "no-effect" else (),
+            "views": tuple(_views(told)),
+            "causes": tuple(_causes(told)),
+            "after": tuple(_after(told, flown)),
+            "gains": gains_table(told.gains) if told.gains and told.causes else None,
+            "held_out": gain.held_out if (gain := first_gain(told)) is not None else "",
+            "left": told.left.findings,
+            "left_sentence": left_sentence(told.left),
+            "remains": tuple(_left(told)),
+            "steps": tuple(_steps(told)),
+            "cannot_tell": cannot_tell(told),
+            "next": told.next_manoeuvre,
+            "rests_on": rests_on(told),
+            "commands": commands(told, model_file) if told.causes or told.wrong_numbers else (),
+        },
+    )
+
+
+def _numbers(numbers: Numbers | None) -> Table | None:
+    return numbers_table(numbers) if numbers is not None and numbers.rows else None
+
+
+def _numbers_gains(numbers: Numbers | None) -> Table | None:
+    return gains_table(numbers.gains) if numbers is not None and numbers.gains else None
+
+
+def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
+    """Return the few numbers everybody looks for first: (number, label, remark)."""
+    tiles = []
+    right = None if told.numbers is None else told.numbers.gain
+    if right is not None:
+        name = signal_words(right.signal)
+        tiles.append((format_error(right.before, right.unit, 3), "error as it stands", f"{name}, unseen data"))
+        tiles.append((format_error(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
+    gain = told.gain
+    if gain is not None and right is not None:
+        gain = next((g for g in told.gains if g.signal == right.signal), gain)
+        if told.causes:
+            words = f"{signal_words(gain.signal)}, unseen data"
+            tiles.append((format_error(gain.after, gain.unit, 3), "with the causes too", words))
+    elif right is not None:
+        interval = interval_words(right)
+        tiles.append((format_share(right.ratio), "of the error is left", interval and f"95 %: {interval}"))
+    elif gain is not None:
+        name = signal_words(gain.signal)
+        tiles.append((format_error(gain.before, gain.unit, 3), "error before", f"{name}, unseen data"))
+        if told.causes:
+            tiles.append((format_error(gain.after, gain.unit, 3), "error after", f"{name}, unseen data"))
+            interval = interval_words(gain)
+            tiles.append((format_share(gain.ratio), "of the error is left", interval and f"95 %: {interval}"))
+    else:
+        error, unit, signal = base_error(told)
+        tiles.append((format_error(error, unit, 3), "error of the simulation", signal_words(signal)))
+        noise = told.noise.get(signal, math.nan)
+        tiles.append((format_error(noise, unit, 3), "left over", f"of {signal_words(signal)}, rms"))
+    tiles.append((str(told.tried), "candidates tried", f"in {told.seconds:.1f} s"))
+    return tuple(t for t in tiles if t[0] != "?")
+
+
+def _picture(name: str, caption: str, draw: Callable[[], Figure | None]) -> Iterator[Picture]:
+    with pens(name):
+        figure = draw()
+        if figure is not None:
+            yield Picture(name.split("-")[0], caption, to_svg(figure, name, caption))
+
+
+def _misfit(trace: Trace) -> float:
+    error = trace.measured - trace.fitted
+    error = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(error**2))) if len(error) else 0.0
+
+
+def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
+    """Yield the traces worth a picture: the worst few of the first signal, the worst one of each other."""
+    for k, portrait in enumerate(portraits[:MOST_SIGNALS]):
+        worst = sorted((t for t in portrait.traces if len(t.t) > 1), key=_misfit, reverse=True)
+        yield from worst[: MOST_RUNS if k == 0 else 1]
+
+
+def _ordered(told: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
+    """Return the signal the verdict is about first."""
+    first = first_gain(told)
+    return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
+
+
+def _drawn(told: Diagnosis, flown: Mapping[str, Trial], before: Trace, after: Trace | None = None) -> Figure:
+    run = flown.get(before.run)
+    return draw_flight(before, after, run, inputs_of(told.base_model, run))
+
+
+def _before(told: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
+    for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
+        caption = (
+            f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
+            f"commands. Below, what it gets wrong: {format_error(_misfit(trace), trace.unit, 3)} RMS."
+        )
+        if told.after and i > 1:
+            return
+        yield from _picture(f"before-{i}", caption, lambda trace=trace: _drawn(told, flown, trace))  # type: ignore[misc]
+
+
+def _after(told: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
+    if not told.after:
+        return
+    gains = told.gains if told.causes or told.numbers is None else told.numbers.gains
+    yield from _picture(
+        "gains-1",
+        "The gain per signal, with its 95 % interval: left of the line is better.",
+        lambda: draw_gains(gains),
+    )
+    extended = {(t.run, t.signal): t for p in told.after for t in p.traces}
+    for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
+        other = extended.get((trace.run, trace.signal))
+        if other is None:
+            continue
+        old, new = (format_error(_misfit(t), t.unit, 3) for t in (trace, other))
+        caption = f"'{trace.run}', {signal_words(trace.signal)}: {old} RMS before, {new} RMS after."
+        yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: _drawn(told, flown, a, b))  # type: ignore[misc]
+
+
+def _views(told: Diagnosis) -> Iterator[Picture]:
+    """Yield per cause the view of the simulation's residual that shows it, if any; without causes the strongest."""
+    if told.verdict == "no-effect":
+        return
+    views: list[tuple[View, str]] = []
+    for cause in told.causes:
+        view = telling_view(told.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
+        if (
+            view is not None
+            and view.share > _SURE
+            and all(view.name != v.name or view.kind != v.kind for v, _ in views)
+        ):
+            views.append((view, effect_words(cause.effect.slug)))
+    if not told.causes:
+        every = sorted((v for p in told.before for v in views_of(p)), key=lambda v: v.share, reverse=True)
+        views = [(v, "") for v in every[:MOST_RUNS] if v.share > _SURE]
+    for i, (view, slug) in enumerate(views, start=1):
+        after = next((p for p in told.after if p.signal == view.portrait.signal), None) if slug else None
+        caption = _view_caption(view, slug)
+        yield from _picture(f"view-{i}", caption, lambda view=view, after=after: draw_view(view, after))  # type: ignore[misc]
+
+
+def _view_caption(view: View, cause: str) -> str:
+    what = f"What the simulation gets wrong of the {signal_words(view.portrait.signal)}, "
+    share = format_share(view.share)
+    if view.kind == "spectrum":
+        how = f"by frequency: {share} of it sits about one frequency, beyond what an even spread would give."
+    elif view.kind == "cross":
+        how = f"correlated with {signal_words(view.name)} some time before: up to {share} of it goes with that."
+    else:
+        channel = "time" if view.name == "time" else signal_words(view.name)
+        how = f"against {channel}: {share} of it goes with that; noise would scatter evenly about the line."
+    return what + how + (f" This speaks for: {cause}." if cause else "")
+
+
+def _causes(told: Diagnosis) -> Iterator[CauseStory]:
+    for i, cause in enumerate(told.causes, start=1):
+        table = cause_table(cause) if cause.parameters else None
+        yield CauseStory(cause_title(told, cause), cause_remarks(cause), table, _curve(cause, i))
+
+
+def _curve(cause: Cause, i: int) -> Picture | None:
+    curve = cause.curve
+    if curve is None or len(curve.x) < 2 or not np.isfinite(curve.y).any():
+        return None
+    caption = f"{curve.title}, as found."
+    if curve.polar:
+        caption += " On the rose the dark circle is zero; outside it is positive."
+    return next(_picture(f"curve-{i}", caption, lambda: draw_curve(curve)), None)
+
+
+def _left(told: Diagnosis) -> Iterator[Picture]:
+    for i, portrait in enumerate(_ordered(told, told.after or told.before)[:MOST_RUNS], start=1):
+        caption = (
+            f"What is left of the {signal_words(portrait.signal)}: how much neighbouring residuals agree "
+            "(noise: inside the grey band), and at which frequencies they sit (noise: evenly spread)."
+        )
+        yield from _picture(f"left-{i}", caption, lambda portrait=portrait: draw_left(portrait))  # type: ignore[misc]
+
+
+def _steps(told: Diagnosis) -> Iterator[StepStory]:
+    for heading, ranked in steps_of(told):
+        best, rest = (ranking_table(r) for r in (ranked[:MOST_RANKED], ranked[MOST_RANKED:]))
+        yield StepStory(heading, best, rest if rest.rows else None)

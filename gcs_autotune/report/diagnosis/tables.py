@@ -1,0 +1,234 @@
+"""The tables of a diagnosis, what ``diagnose`` prints, and the effects as a list."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+
+from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Numbers, Ranked
+from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
+from gcs_autotune.report.diagnosis.wording import (
+    cannot_tell,
+    cause_title,
+    effect_words,
+    found_words,
+    given_words,
+    interval_words,
+    numbers_title,
+    place_words,
+    rests_on,
+    signal_words,
+    standing,
+    value_words,
+    verdict_headline,
+)
+from gcs_autotune.report.toolkit.page import Table
+from gcs_autotune.report.toolkit.terminal import STYLES, bullet, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.wording import (
+    UNKNOWN,
+    doubt_sentence,
+    format_error,
+    format_number,
+    format_share,
+    pretty_unit,
+    sentence,
+)
+
+__all__ = [
+    "cause_table",
+    "diagnosis_summary",
+    "effects_list",
+    "effects_to_dict",
+    "format_p",
+    "gains_table",
+    "numbers_table",
+    "ranking_table",
+    "steps_of",
+]
+
+
+def cause_table(cause: Cause) -> Table:
+    """A cause's parameters with what they mean."""
+    entry = EFFECTS.get(cause.effect.slug)
+    meaning = {} if entry is None else {q.name: q.meaning for q in entry.parameters}
+    rows = tuple((name, value_words(v, name), meaning.get(name, "")) for name, v in cause.parameters.items())
+    return Table(("parameter", "value ± standard error", "meaning"), "lrl", rows)
+
+
+def gains_table(gains: Iterable[Gain]) -> Table:
+    """Per signal the error on held-out data before and after."""
+    rows = tuple(
+        (
+            f"{signal_words(g.signal)} ({g.signal})",
+            format_error(g.before, g.unit, 3),
+            format_error(g.after, g.unit, 3),
+            format_share(g.ratio) if math.isfinite(g.ratio) else UNKNOWN,
+            interval_words(g) or UNKNOWN,
+        )
+        for g in gains
+    )
+    return Table(("error of (RMS)", "before", "after", "after / before", "95 % interval"), "lrrrr", rows)
+
+
+def numbers_table(numbers: Numbers) -> Table:
+    """Each number of the given model, or of the plain model fitted to a simulation, against the runs."""
+    explained = numbers.of == "model"
+    rows = tuple(
+        (
+            n.name,
+            *((n.meaning,) if explained else ()),
+            given_words(n),
+            found_words(n),
+            standing(n),
+        )
+        for n in numbers.rows
+    )
+    head = ("number", *(("what it is",) if explained else ()), numbers.of, "these runs (95 %)", "")
+    return Table(head, "llrrl" if explained else "lrrl", rows)
+
+
+def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
+    """Candidates, best first; *brief* for 80 columns."""
+    rows = tuple(
+        (
+            r.cause,
+            r.place if brief else place_words(r.place),
+            format_share(r.gain) if math.isfinite(r.gain) else UNKNOWN,
+            format_p(r.p_value),
+            format_number(r.evidence, 3),
+            ", ".join(f"{n} {value_words(v, n)}" for n, v in r.parameters.items()),
+        )
+        for r in ranking
+    )
+    return Table(("effect", "where", "gain", "p", "evidence", "parameters"), "llrrrl", rows)
+
+
+def format_p(p: float) -> str:
+    """Return a p-value with two digits; below 1e-15 it is only said to be smaller."""
+    return "< 1e-15" if p < 1e-15 else format_number(p, 2)
+
+
+def steps_of(told: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
+    """Return (heading, candidates): tried against the base model, then beside the first cause, and so on."""
+    told_steps = []
+    for step in sorted({r.step for r in told.ranking}):
+        earlier = ", ".join(effect_words(c.effect.slug) for c in told.causes[: step - 1])
+        heading = f"Tried beside {earlier}" if earlier else "Tried against the simulation"
+        told_steps.append((heading, tuple(r for r in told.ranking if r.step == step)))
+    return tuple(told_steps)
+
+
+MOST_RANKED = 5
+"""Candidates shown of each step; the page and the JSON have them all."""
+
+FAMILIES: Mapping[Family, str] = {
+    "data errors": "Bookkeeping: the file, not the craft",
+    "actuator": "Actuators",
+    "hydrodynamics": "Water and inertia",
+    "environment": "Wind, waves, current, tether",
+    "sensor": "Sensors",
+}
+"""Family -> heading, in the order of looking."""
+
+
+def diagnosis_summary(told: Diagnosis) -> Group:
+    """Return verdict, causes, gains, ranking, what these runs cannot tell, what remains, what to fly next, doubts."""
+    headline = verdict_headline(told)
+    parts: list[RenderableType] = [title(headline.text, STYLES[headline.tone])]
+    parts.extend(paragraph(s) for s in headline.sentences)
+    if told.numbers is not None and told.numbers.rows:
+        parts.append(title(numbers_title(told.numbers)))
+        parts.append(grid(numbers_table(told.numbers)))
+        if told.numbers.gains:
+            parts.append(title("Numbers set right, on unseen data"))
+            parts.append(grid(gains_table(told.numbers.gains)))
+    for cause in told.causes:
+        parts.append(title(cause_title(told, cause)))
+        parts.append(paragraph(sentence(cause.meaning)))
+        if cause.parameters:
+            parts.append(grid(cause_table(cause)))
+    if told.causes and told.gains:
+        parts += [title("On data it has not seen"), grid(gains_table(told.gains))]
+    for heading, ranked in steps_of(told):
+        parts += [title(heading), grid(ranking_table(ranked[:MOST_RANKED], brief=True))]
+    if told.indistinguishable:
+        parts.append(title("What these runs cannot tell"))
+        parts.extend(bullet(s) for s in cannot_tell(told))
+    parts.append(title("What remains"))
+    parts.extend(bullet(s) for s in told.left.findings or ("Nothing that could be told from noise.",))
+    if told.next_manoeuvre:
+        parts += [title("What to fly next"), paragraph(sentence(told.next_manoeuvre))]
+    if told.doubts:
+        parts.extend(doubts_shown(doubt_sentence(d) for d in told.doubts))
+    parts.append(title("What this rests on"))
+    parts.extend(paragraph(s) for s in rests_on(told))
+    return Group(*parts)
+
+
+def effects_list(book: Mapping[str, Effect]) -> Group:
+    """Return every effect by family: slug, meaning, parameters with units, what it is mistaken for, what separates."""
+    parts: list[RenderableType] = []
+    for family, heading in FAMILIES.items():
+        rows: list[tuple[str, str]] = []
+        for effect in (e for e in book.values() if e.family == family):
+            rows.append((effect.slug, sentence(effect.meaning)))
+            bounds = usual_bounds(effect)
+            rows.extend(
+                ("", f"{q.name} [{_unit(q.unit)}]: {q.meaning}{_between(bounds[q.name])}") for q in effect.parameters
+            )
+            rows.append(("", f"shows in {effect.shown_by}"))
+            if effect.mistaken_for:
+                others = ", ".join(effect_words(s) for s in effect.mistaken_for)
+                rows.append(("", f"mistaken for {others}; told apart by {effect.separated_by}"))
+        if rows:
+            parts += [title(heading), grid(Table(("effect", "what; parameters"), "ll", tuple(rows)))]
+    return Group(*parts, paragraph(f"Bounds are those of a craft to scale from: {CRAFT}; a fit takes its runs' own."))
+
+
+def _between(bounds: tuple[float, float]) -> str:
+    low, high = bounds
+    if math.isfinite(low) and math.isfinite(high):
+        return f", {low:.3g} to {high:.3g}"
+    if math.isfinite(low):
+        return f", at least {low:.3g}"
+    return f", at most {high:.3g}" if math.isfinite(high) else ""
+
+
+def _unit(unit: str) -> str:
+    return pretty_unit(unit.replace(INPUT, "unit of the input").replace(SIGNAL, "unit of the signal")) or "1"
+
+
+def effects_to_dict(book: Mapping[str, Effect]) -> dict[str, Any]:
+    """Return the JSON form of the book, in its own order; units with the words the entries use."""
+    return {
+        "schema": 1,
+        "bounds_of": CRAFT,
+        "effects": [
+            {
+                "slug": e.slug,
+                "family": e.family,
+                "meaning": e.meaning,
+                "parameters": _parameters(e),
+                "shown_by": e.shown_by,
+                "mistaken_for": list(e.mistaken_for),
+                "separated_by": e.separated_by,
+            }
+            for e in book.values()
+        ],
+    }
+
+
+def _parameters(effect: Effect) -> list[dict[str, Any]]:
+    bounds = usual_bounds(effect)
+    return [
+        {
+            "name": q.name,
+            "unit": q.unit,
+            "meaning": q.meaning,
+            "bounds": [b if math.isfinite(b) else None for b in bounds[q.name]],
+        }
+        for q in effect.parameters
+    ]

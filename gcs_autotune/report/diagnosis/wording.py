@@ -1,0 +1,412 @@
+"""The sentences of a diagnosis, and what effects, channels and values are called in them."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from pathlib import PurePath
+
+import numpy as np
+
+from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Number, Numbers, Signature, Value
+from gcs_autotune.effects import EFFECTS
+from gcs_autotune.report.toolkit.wording import (
+    NOT_TOLD,
+    UNKNOWN,
+    Headline,
+    Tone,
+    format_error,
+    format_number,
+    format_parameter,
+    format_share,
+    format_value,
+    listed,
+    pretty_unit,
+    rounded_to,
+    sentence,
+    to_people,
+)
+from gcs_autotune.sname import DOFS, SIGNALS
+
+__all__ = [
+    "base_error",
+    "cannot_tell",
+    "cause_remarks",
+    "cause_title",
+    "commands",
+    "effect_words",
+    "first_gain",
+    "found_words",
+    "gain_sentence",
+    "given_words",
+    "interval_words",
+    "left_sentence",
+    "named",
+    "numbers_sentence",
+    "numbers_title",
+    "place_words",
+    "rests_on",
+    "signal_words",
+    "standing",
+    "value_words",
+    "verdict_headline",
+]
+
+
+MOST_PLACES = 3
+"""Columns named one by one in a sentence."""
+
+
+def effect_words(slug: str) -> str:
+    """Return a slug as people say it: ``dead-zone`` is ``dead zone``."""
+    return slug.replace("-", " ")
+
+
+def signal_words(signal: str) -> str:
+    """Return what a channel is called: ``psi`` is ``heading``; unknown ones keep their name."""
+    return SIGNALS[signal][1].split(",")[0] if signal in SIGNALS else signal
+
+
+def place_words(place: str) -> str:
+    """Return where an effect sits: ``N`` is ``yaw moment (N)``, ``yaw`` stays, ``t`` is the file's clock."""
+    parts = place.split("+")
+    if len(parts) > MOST_PLACES:
+        return f"{len(parts)} columns ({', '.join(parts)})"
+    return listed([_place(part) for part in parts])
+
+
+def _place(part: str) -> str:
+    if part == "t":
+        return "the file's clock"
+    return f"{signal_words(part)} ({part})" if part in SIGNALS else part
+
+
+def named(cause: Cause) -> str:
+    """Return an effect with its place: ``dead zone on yaw moment (N)``, ``input bias in yaw``."""
+    place, effect = cause.effect.place, effect_words(cause.effect.slug)
+    first = place.split("+")[0]
+    if first not in DOFS and first not in SIGNALS and first != "t":
+        return f"{effect} ({place})"
+    return f"{effect} {'in' if first in DOFS else 'on'} {place_words(place)}"
+
+
+def value_words(value: Value, name: str = "") -> str:
+    """Return a number with its standard error in the unit it is set in, angles in degrees besides.
+
+    name : of the parameter: an ``anchor`` or a ``direction`` in radians is a heading.
+    """
+    number = format_parameter(name, value.value, value.std, value.unit)
+    shown = pretty_unit(value.unit)
+    if not shown or number in (UNKNOWN, NOT_TOLD):
+        return number
+    unit, factor = to_people(value.unit)
+    angle = value.value % (2.0 * math.pi) if name in ("anchor", "direction") else value.value
+    degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") else ""
+    return f"{number} {shown}{degrees}"
+
+
+NOISE_P = 0.01
+"""Chance of noise looking at least this regular below which what is left is no noise."""
+
+_TONES: Mapping[str, Tone] = {
+    "wrong-numbers": "good",
+    "wrong-numbers-and-effect": "good",
+    "effect-found": "good",
+    "partly-explained": "neutral",
+    "unexplained": "bad",
+    "no-effect": "good",
+}
+"""Verdict -> tone: good is what can be relied on, whether it is pleasant or not."""
+
+
+def verdict_headline(told: Diagnosis) -> Headline:
+    """Return the verdict: one sentence with its number, its tone, and what follows from it."""
+    tone = _TONES[told.verdict]
+    if told.verdict == "no-effect":
+        follows = ["This is no proof that nothing is missing elsewhere: it holds for what these runs do."]
+        if told.numbers is not None and told.numbers.rows:
+            follows.insert(0, f"These runs contradict no number of the {told.numbers.of}.")
+        return Headline(_nothing(told), "neutral" if told.doubts else tone, tuple(follows))
+    if told.verdict == "unexplained":
+        return Headline(_unexplained(told), tone, _findings(told.left))
+    sentences = _beside_numbers(told)
+    if told.verdict == "partly-explained":
+        sentences.append(_hypotheses(told))
+    elif told.verdict == "wrong-numbers":
+        sentences.append("With these numbers nothing is missing that these runs could show.")
+    else:
+        followed = "With this the simulation follows the unseen data"
+        sentences.append(f"{followed}{_as_closely(told.left)}.")
+    if told.indistinguishable:
+        sentences.append("These runs leave other names possible: see below what they cannot tell.")
+    return Headline(
+        _wrong(told.numbers, told) if told.numbers and told.wrong_numbers else _found(told), tone, tuple(sentences)
+    )
+
+
+NEARLY = 0.02
+"""Share by which a number may differ that is not called wrong."""
+
+MOST_NUMBERS = 4
+"""Wrong numbers named in the headline."""
+
+
+def _wrong(numbers: Numbers, told: Diagnosis) -> str:
+    """Return which numbers are wrong: a headline of its own, whatever else was found."""
+    wrong = numbers.wrong
+    parts = [f"{n.name} is {given_words(n)}, these runs say {found_words(n)}" for n in wrong[:MOST_NUMBERS]]
+    if len(wrong) > MOST_NUMBERS:
+        parts.append(f"{len(wrong) - MOST_NUMBERS} more are wrong")
+    begin = f"Wrong number{'s' if len(wrong) > 1 else ''} in the {numbers.of}"
+    if told.verdict == "partly-explained":
+        begin = f"Partly explained: {begin[0].lower()}{begin[1:]}"
+    return f"{begin}: {'; '.join(parts)} (95 %)."
+
+
+def given_words(number: Number) -> str:
+    """Return what the model has, in its own unit, with its standard error where it states one."""
+    return format_value(number.given, number.given_std)
+
+
+def found_words(number: Number) -> str:
+    """Return what the runs say with half the 95 % interval, in the unit of the model."""
+    text = format_value(number.value, 0.5 * (number.ci95[1] - number.ci95[0]))
+    return text if number.unit in ("", "1") else f"{text} {pretty_unit(number.unit)}"
+
+
+def standing(number: Number) -> str:
+    """Return what the runs say of a number in a word or two."""
+    if number.wrong:
+        return "wrong"
+    off = abs(number.value - number.given)
+    if off <= 3.0 * math.hypot(number.std, number.given_std):
+        return "agrees"
+    return "nearly" if off <= NEARLY * abs(number.given) else "cannot tell"
+
+
+def _beside_numbers(told: Diagnosis) -> list[str]:
+    """Return what setting numbers right gains, then what causes gain on top of that."""
+    sentences = []
+    if told.numbers is not None and told.wrong_numbers:
+        sentences.append(numbers_sentence(told.numbers, causes=bool(told.causes)))
+        sentences += scale_words(told.numbers)
+        if told.causes:
+            sentences.append("On top of that " + _found(told))
+    if told.gain is not None:
+        sentences.append(gain_sentence(told.gain))
+        if told.numbers is not None:
+            owner = told.numbers.of
+            fitted, as_it_is = "with its numbers fitted to these runs", "as it stands, for fitted alone it errs more"
+            over = fitted if told.numbers.over == "fitted" else as_it_is
+            sentences.append(f"This gain is counted over the {owner} {over}.")
+    return sentences
+
+
+def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
+    """Return what setting the numbers right gains on unseen data, before any cause is added."""
+    gain = numbers.gain
+    if gain is None:
+        return f"As it stands the {numbers.of} runs away on these runs."
+    if gain.ratio >= 1.0:
+        return "They make up for what is missing: set right without it, they leave no smaller error on unseen data."
+    before, after = (format_error(e, gain.unit, 3) for e in (gain.before, gain.after))
+    interval = interval_words(gain)
+    these = "these" if len(numbers.wrong) > 1 else "this"
+    return (
+        f"With {these} set right{', before any cause is added' if causes else ''},"
+        f" the simulated {signal_words(gain.signal)} errs by {after} instead of {before} on data it has not seen"
+        + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
+    )
+
+
+def scale_words(numbers: Numbers) -> list[str]:
+    """Return what else it may be when every number that is not zero is wrong by one factor: none when they are not."""
+    rows = [n for n in numbers.rows if n.given != 0.0 and n.value != 0.0]
+    if numbers.of != "model" or len(numbers.wrong) < 2 or not all(n.wrong for n in rows):
+        return []
+    factors = np.array([n.value / n.given for n in rows])
+    errors = np.array([abs(f) * n.std / abs(n.value) for f, n in zip(factors, rows, strict=True)])
+    mean = float(np.average(factors, weights=1.0 / np.maximum(errors, 1e-300) ** 2))
+    if np.any(np.abs(factors - mean) > 3.0 * errors):
+        return []
+    return [f"All are off by one factor ({format_number(mean, 3)}): the scale of the commands is as likely the cause."]
+
+
+def numbers_title(numbers: Numbers) -> str:
+    """Return the heading over the table of numbers."""
+    if numbers.of == "model":
+        return "The model's numbers against these runs"
+    return "The plain model, fitted to the simulation and to these runs"
+
+
+def _hypotheses(told: Diagnosis) -> str:
+    if not told.causes:
+        return "Part of the error stays unexplained: no cause in the book pays on unseen data."
+    names = "The name is a hypothesis: it pays" if len(told.causes) == 1 else "The names are hypotheses: they pay"
+    return f"{names} on unseen data, but part of the error stays unexplained."
+
+
+def _found(told: Diagnosis) -> str:
+    begin = "Partly explained" if told.verdict == "partly-explained" else "Found"
+    if told.wrong_numbers:
+        begin = "found" if told.verdict == "wrong-numbers-and-effect" else "a hypothesis"
+    names = [named(c) for c in told.causes]
+    if len(told.causes) == 1 and told.causes[0].parameters:
+        names[0] += f", {_parameters(told.causes[0])}"
+    said = f"{begin}: {'; '.join(names)}."
+    gain = told.gain
+    if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
+        return said
+    it = "it" if len(names) == 1 else "them"
+    return (
+        f"{said} With {it}, the simulated {signal_words(gain.signal)} errs by "
+        f"{format_error(gain.after, gain.unit, 3)} instead of {format_error(gain.before, gain.unit, 3)} "
+        "on data it has not seen."
+    )
+
+
+def _parameters(cause: Cause) -> str:
+    return ", ".join(f"{name} {value_words(value, name)}" for name, value in cause.parameters.items())
+
+
+def _nothing(told: Diagnosis) -> str:
+    error, unit, signal = base_error(told)
+    said = "Nothing is missing that these runs could show"
+    if not math.isfinite(error):
+        return said + "."
+    return (
+        f"{said}: the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}, "
+        f"and {_remains(told.left)}."
+    )
+
+
+def _is_noise(left: Signature) -> bool:
+    """Whether nothing speaks against noise in what is left: correlated remainder is unexplained, no noise."""
+    return not left.whiteness_p < NOISE_P
+
+
+def _remains(left: Signature) -> str:
+    if _is_noise(left):
+        return "what remains cannot be told from measurement noise"
+    return "what remains is correlated, too small or too odd for any entry of the book: it stays unexplained"
+
+
+def _as_closely(left: Signature) -> str:
+    if _is_noise(left):
+        return " as closely as the measurement noise allows"
+    return "; what remains is small, but correlated, so it stays unexplained"
+
+
+def _unexplained(told: Diagnosis) -> str:
+    error, unit, signal = base_error(told)
+    said = "Something is missing, and it is not in the book"
+    if math.isfinite(error):
+        said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
+    return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
+
+
+def first_gain(told: Diagnosis) -> Gain | None:
+    """Return the gain that begins with the simulation as it stands: of numbers set right, else of the causes."""
+    numbers = None if told.numbers is None else told.numbers.gain
+    return told.gain if numbers is None else numbers
+
+
+def base_error(told: Diagnosis) -> tuple[float, str, str]:
+    """Return the base model's error, its unit and signal: held out where that was measured, else of the pictures."""
+    first = first_gain(told)
+    if first is not None:
+        return first.before, first.unit, first.signal
+    if not told.before or not told.before[0].traces:
+        return math.nan, "1", ""
+    portrait = told.before[0]
+    error = np.concatenate([t.measured - t.fitted for t in portrait.traces])
+    error = error[np.isfinite(error)]
+    return (float(np.sqrt(np.mean(error**2))) if len(error) else math.nan), portrait.unit, portrait.signal
+
+
+def gain_sentence(gain: Gain) -> str:
+    """Return one signal's gain with its interval."""
+    said = (
+        f"Error of the simulated {signal_words(gain.signal)} on held-out data: "
+        f"{format_error(gain.before, gain.unit, 3)} before, {format_error(gain.after, gain.unit, 3)} after (RMS)"
+    )
+    if math.isfinite(gain.ratio):
+        said += f", {format_share(gain.ratio)} of what it was"
+    interval = interval_words(gain)
+    return said + (f" (95 % interval {interval})." if interval else ".")
+
+
+def interval_words(gain: Gain) -> str:
+    """Return ``12 % to 19 %``; empty when it is not known."""
+    low, high = gain.ci95
+    return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
+
+
+def cause_title(told: Diagnosis, cause: Cause) -> str:
+    """Return the heading over a cause: a hypothesis is called one."""
+    text = named(cause)
+    return f"Hypothesis: {text}" if told.verdict == "partly-explained" else text[0].upper() + text[1:]
+
+
+def cause_remarks(cause: Cause) -> tuple[tuple[str, str], ...]:
+    """Return (label, sentence): what the effect is, how much it explains, what it is easily mistaken for."""
+    said = [("What it is", sentence(cause.meaning))]
+    if math.isfinite(cause.share):
+        text = f"It removes {format_share(cause.share)} of the squared error that noise does not account for."
+        said.append(("What it explains on held-out data", text))
+    entry = EFFECTS.get(cause.effect.slug)
+    if entry is not None:
+        said.append(("Where it shows", sentence(entry.shown_by)))
+        if entry.mistaken_for:
+            others = ", ".join(effect_words(s) for s in entry.mistaken_for)
+            said.append(("Easily mistaken for", sentence(others)))
+            said.append(("What tells them apart", sentence(entry.separated_by)))
+    return tuple(said)
+
+
+def cannot_tell(told: Diagnosis) -> tuple[str, ...]:
+    """Return one sentence per group of effects these runs cannot tell apart."""
+    groups = (listed([effect_words(s) for s in group]) for group in told.indistinguishable)
+    return tuple(sentence(f"{names}: each explains these runs about as well as the others") for names in groups)
+
+
+def left_sentence(left: Signature) -> str:
+    """Return how likely plain noise would look like what is left."""
+    if not math.isfinite(left.whiteness_p):
+        return ""
+    p = left.whiteness_p
+    chance = "less than 1 time in 10 000" if p < 1e-4 else f"with probability {format_number(p, 2)}"
+    verdict = "so this is not noise" if p < NOISE_P else "so nothing speaks against noise"
+    return f"Pure noise would look at least this regular {chance}, {verdict}."
+
+
+def _findings(signature: Signature) -> tuple[str, ...]:
+    return signature.findings[:2]
+
+
+def rests_on(told: Diagnosis) -> tuple[str, ...]:
+    """Return what was used, held out, tried, and the noise found."""
+    said = [f"Runs used: {', '.join(told.used)}."] if told.used else []
+    if told.held_out:
+        said.append(f"Held out: {', '.join(told.held_out)}.")
+    said.append(f"Candidates tried: {told.tried}; the p-values allow for that many. Time: {told.seconds:.1f} s.")
+    levels = [f"{signal_words(n)} {format_error(s, SIGNALS[n][0], 2)}" for n, s in told.noise.items() if n in SIGNALS]
+    if levels:
+        said.append(f"Left of each signal (rms): {', '.join(levels)}.")
+    return tuple(said)
+
+
+_AXES: Mapping[str, str] = {"yaw": "heading", "heave": "depth"}
+"""Degree of freedom -> axis of ``tune``."""
+
+
+def commands(told: Diagnosis, model_file: str) -> tuple[tuple[str, str], ...]:
+    """Return (what for, command) for the extended model in *model_file*."""
+    file = shlex.quote(str(PurePath(model_file)))
+    axis = next((_AXES[d] for d in told.extended_model.base.form.dofs if d in _AXES), "heading")
+    return (
+        ("Fly it: the simulated vehicle moves as this model does", f"gcs-autotune sitl VEHICLE --model {file}"),
+        ("Refine it with another run", f"gcs-autotune identify RUN --start {file}"),
+        ("Design gains with it", f"gcs-autotune tune {axis} --model {file}"),
+    )

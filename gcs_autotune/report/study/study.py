@@ -1,0 +1,168 @@
+"""What there is to tell of an identification: one or several fits of the same runs, and the sentences about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from gcs_autotune.identify import AxisFit, Fit
+from gcs_autotune.identify.validate import Validation
+from gcs_autotune.models.coupled import FORMS
+from gcs_autotune.report.toolkit.axis_fit import explains, model_sentences, model_words
+from gcs_autotune.report.toolkit.wording import Headline, Tone, format_error, format_percent
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+__all__ = [
+    "Outcome",
+    "RunRow",
+    "Study",
+    "answer_sentences",
+    "structure_title",
+    "study_to_dict",
+    "unseen_remarks",
+    "verdict_headline",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class RunRow:
+    """One run of the study: what it holds and what it was used for."""
+
+    name: str
+    source: str
+    duration: float
+    samples: int
+    signals: tuple[str, ...]
+    role: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What one method made of the runs: a fit and how it predicts what it has not seen, or why it refused."""
+
+    method: str
+    fit: Fit | None
+    seconds: float
+    unseen: Validation | None = None
+    refusal: str = ""
+    objections: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Study:
+    """An identification ready to be told.
+
+    ``outcomes``: one per method, the first fitted one is the answer. ``how_unseen`` says which data the check used.
+    ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
+    ``trials``: the runs themselves, for the pictures of inputs and track.
+    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra pictures as (caption,
+    matplotlib figure).
+    """
+
+    title: str
+    when: str
+    runs: tuple[RunRow, ...]
+    outcomes: tuple[Outcome, ...]
+    how_unseen: str = ""
+    choice: tuple[tuple[str, ...], ...] = ()
+    choice_verdict: str = ""
+    cannot_tell: tuple[str, ...] = ()
+    intervals: tuple[str, ...] = ()
+    proposals: tuple[tuple[str, ...], ...] = ()
+    proposal_verdict: str = ""
+    figures: tuple[tuple[str, Any], ...] = ()
+    trials: tuple[Trial, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def answer(self) -> Outcome:
+        """The outcome the page is about."""
+        return next(o for o in self.outcomes if o.fit is not None)
+
+    @property
+    def fit(self) -> Fit:
+        """The fit the page is about."""
+        fit = self.answer.fit
+        assert fit is not None
+        return fit
+
+
+def study_to_dict(study: Study) -> dict[str, Any]:
+    """Return the JSON form: the answer's fit, and under ``methods`` what the others made of it."""
+    answer = study.answer
+    data = study.fit.to_dict()
+    if answer.unseen is not None:
+        data["validation"] = {"how": study.how_unseen, **answer.unseen.to_dict()}
+    if study.choice:
+        data["structure_choice"] = {"verdict": study.choice_verdict, "rows": [list(row) for row in study.choice]}
+    if study.cannot_tell:
+        data["cannot_tell"] = list(study.cannot_tell)
+    if study.intervals:
+        data["intervals"] = list(study.intervals)
+    if study.proposals:
+        data["plan_next"] = {"verdict": study.proposal_verdict, "rows": [list(row) for row in study.proposals]}
+    if len(study.outcomes) > 1:
+        data["methods"] = {o.method: _outcome(o) for o in study.outcomes}
+    return data
+
+
+def _outcome(outcome: Outcome) -> dict[str, Any]:
+    if outcome.fit is None:
+        return {"refused": outcome.refusal}
+    data = outcome.fit.to_dict()
+    kept = {k: data[k] for k in ("structure", "parameters", "fit_percent", "doubts", "model")}
+    unseen = None if outcome.unseen is None else outcome.unseen.fit_percent
+    return {**kept, "seconds": outcome.seconds, "unseen_fit_percent": unseen}
+
+
+def structure_title(fit: Fit) -> str:
+    """Return the heading of the model's table."""
+    if isinstance(fit, AxisFit):
+        return f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"
+    known = FORMS.get(fit.structure)
+    return f"Model '{fit.structure}'" + (f": {known.title}" if known is not None else "")
+
+
+def answer_sentences(study: Study) -> tuple[str, ...]:
+    """Return what the fit means, how well it fits, and where it comes from."""
+    fit = study.fit
+    said = list(model_sentences(fit)) if isinstance(fit, AxisFit) else [_fits(fit)]
+    said.append(f"Method: {fit.method}, from {', '.join(fit.used)}.")
+    return tuple(said)
+
+
+def _fits(fit: Fit) -> str:
+    said = f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} the motion it was fitted to."
+    left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
+    if not left:
+        return said
+    rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
+    coloured = {n: r for n, r in left.items() if r.unexplained > 0.0}
+    if not coloured:
+        return f"{said} Left of it (rms): {rows}, which change from sample to sample, as measurement noise does."
+    rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
+    return f"{said} Left of it (rms): {rows}; of that correlated, so unexplained and no noise: {rest}."
+
+
+def unseen_remarks(answer: Outcome) -> tuple[str, ...]:
+    """Return what is to be said below the table of what was predicted."""
+    poor = answer.unseen is not None and any(s.fit_percent < 0.0 for s in answer.unseen.statistics)
+    return ("A fit below 0 %: the prediction errs by more than the signal varies.",) if poor else ()
+
+
+def verdict_headline(study: Study) -> Headline:
+    """Return the one sentence everybody reads first, its tone, and what follows from it."""
+    fit, unseen = study.fit, study.answer.unseen
+    percent = fit.fit_percent if unseen is None else unseen.fit_percent
+    where = "the motion it was fitted to" if unseen is None else "motion it has not seen"
+    said = f"The model {explains(percent)} {where}"
+    if unseen is not None:
+        said += f" ({format_percent(fit.fit_percent)} of what it was fitted to)" if fit.fit_percent > 0.0 else ""
+    said += "."
+    grave = [d for d in fit.doubts if d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart")]
+    if percent < 40.0 or grave:
+        return Headline(said + " Read what to doubt before you use it.", "bad", answer_sentences(study))
+    tone: Tone = "good" if percent >= 70.0 and not fit.doubts else "neutral"
+    return Headline(said, tone, answer_sentences(study))

@@ -1,0 +1,269 @@
+"""A fitted axis in words and tables: what a tune, an experiment and an identification say of it alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from rich.console import Group, RenderableType
+
+from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.identify.colour import Remainder
+from gcs_autotune.identify.extended.wish import label_of
+from gcs_autotune.identify.result import AxisFit, Candidate, Decision, IsoEstimate, Parameter
+from gcs_autotune.report.toolkit.page import Table
+from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.wording import (
+    doubt_sentence,
+    format_error,
+    format_number,
+    format_percent,
+    format_quantity,
+    format_seconds,
+    format_share,
+    format_value,
+    listed,
+    pretty_unit,
+)
+
+__all__ = [
+    "candidate_table",
+    "cycle_table",
+    "decision_sentence",
+    "estimate_table",
+    "explains",
+    "fit_summary",
+    "meanings",
+    "model_sentences",
+    "model_table",
+    "model_words",
+    "remainder_sentence",
+    "short_name",
+    "structure_words",
+]
+
+
+_STRUCTURES: Mapping[str, str] = {
+    "linear": "linear damping",
+    "nonlinear": "quadratic damping",
+    "affine": "linear and quadratic damping",
+}
+"""Structure -> what the field calls it (Miskovic2010: linear and nonlinear model)."""
+
+_DAMPING: Mapping[str, str] = {
+    "linear": "Linear damping: the water's resistance grows in proportion to the speed.",
+    "nonlinear": "Quadratic damping: the water's resistance grows with the square of the speed.",
+    "affine": "Linear and quadratic damping: one part of the water's resistance grows in proportion to the speed, "
+    "one with its square.",
+}
+"""Structure -> its words explained, once, where a model is first told."""
+
+
+def structure_words(structure: str) -> str:
+    """Return what a structure means, e.g. ``nonlinear`` -> ``quadratic damping``."""
+    return _STRUCTURES.get(structure, structure)
+
+
+def model_words(fit: AxisFit) -> str:
+    """Return what a model consists of: its damping, and what was found of its actuator."""
+    found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
+    return structure_words(fit.structure) + (f", with {found}" if found else "")
+
+
+def decision_sentence(decision: Decision) -> str:
+    """Return the two-experiment decision (7.1)-(7.2) in words."""
+    gap = decision.sigma_beta - decision.sigma_beta_quadratic
+    numbers = (
+        "Between the two experiments the linear damping differs by "
+        f"{format_percent(decision.sigma_beta)}, the quadratic one by "
+        f"{format_percent(decision.sigma_beta_quadratic)}, the inertia by {format_percent(decision.sigma_alpha)}."
+    )
+    if decision.verdict == "undecided":
+        return (
+            f"{numbers} The difference of {format_percent(abs(gap))} is within the margin of "
+            f"{format_percent(decision.margin)}, so this criterion cannot tell: a third experiment with a clearly "
+            "different relay output would."
+        )
+    return (
+        f"{numbers} The steadier of the two decides, by {format_percent(abs(gap))} against a margin of "
+        f"{format_percent(decision.margin)}: {structure_words(decision.verdict)}."
+    )
+
+
+def model_sentences(fit: AxisFit) -> tuple[str, ...]:
+    """Return what the model means for the craft: damping, lag, top speed at full output, actuator, and its fit."""
+    model, axis = fit.model, fit.model.axis
+    unit = "rad/s" if axis.angular else "m/s"
+    said = [_DAMPING[fit.structure]]
+    if model.beta != 0.0 and fit.structure != "nonlinear":
+        said.append(f"Slow motion dies out with a time constant of {format_seconds(model.alpha / model.beta)}.")
+    if model.input_unit == "1":
+        top = abs(model.steady_velocity(1.0 - model.delta))
+        if math.isfinite(top):
+            said.append(f"Full output sustains {format_quantity(top, unit)}.")
+    said.extend(_actuator_sentence(fit, own) for own in fit.effects)
+    trace = fit.traces[0] if fit.traces else None
+    left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
+    shown = trace.unit if trace is not None and trace.unit else axis.position_unit
+    said.append(
+        f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} "
+        f"the motion it was fitted to. {remainder_sentence(left, shown)}"
+    )
+    return tuple(said)
+
+
+def explains(percent: float) -> str:
+    """Return ``explains 74 % of``; a model that errs by more than there is to explain explains nothing of it."""
+    if percent > 0.0:
+        return f"explains {format_percent(percent)} of"
+    return "explains nothing of"
+
+
+def remainder_sentence(left: Remainder, unit: str) -> str:
+    """Return what a model leaves: what changes from sample to sample is noise, what is correlated is unexplained."""
+    rms = format_error(left.rms, unit, 2)
+    if not math.isfinite(left.rms):
+        return ""
+    if left.unexplained <= 0.0:
+        return f"{rms} rms remain, which change from sample to sample, as measurement noise does."
+    noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
+    return f"{rms} rms remain: {noise} change from sample to sample, as noise does; {rest} stay unexplained."
+
+
+def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
+    """Return what was found of the actuator, its number rounded to its error."""
+
+    def number(name: str) -> str:
+        found = fit.parameters.get(label_of(own, name))
+        return format_value(own[name], math.nan if found is None else found.std)
+
+    if own.slug == "quadratic-actuator":
+        return (
+            f"The force at output x goes as (1 - q) x + q x² with q = {number('share')}: 0 is proportional, 1 a plain "
+            "propeller."
+        )
+    if own.slug == "dead-zone":
+        return f"The actuator does nothing below {number('width')} of full output (dead zone)."
+    values = ", ".join(f"{name} {number(name)}" for name in own.values)
+    return f"Found of the actuator: {_effect_title(own)}, {values}."
+
+
+def _effect_title(own: EffectInstance) -> str:
+    return {"quadratic-actuator": "thrust curve"}.get(own.slug, own.slug.replace("-", " "))
+
+
+_STATUS: Mapping[str, str] = {
+    "fitted": "",
+    "absent": "not in this structure",
+    "fixed": "fixed, not fitted",
+    "at_bound": "AT ITS BOUND: do not trust it",
+}
+"""Parameter status -> remark."""
+
+
+def model_table(fit: AxisFit) -> Table:
+    """Identified parameters, rounded to their standard error."""
+    meaning = meanings(fit)
+    rows = tuple(
+        (
+            short_name(p.name),
+            _parameter_value(p),
+            pretty_unit(p.unit) or "1",
+            meaning.get(p.name, ""),
+            _STATUS[p.status],
+        )
+        for p in fit.parameters.values()
+    )
+    return Table(("parameter", "value ± std", "unit", "meaning", "remark"), "lrlll", rows)
+
+
+def _parameter_value(parameter: Parameter) -> str:
+    if parameter.status == "absent":
+        return "0"
+    return format_value(parameter.value, parameter.std)
+
+
+def meanings(fit: AxisFit) -> dict[str, str]:
+    """Return what each parameter of one axis is in words."""
+    words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
+    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input to force"}
+    for own in fit.effects:
+        found |= {label_of(own, q.name): q.meaning for q in EFFECTS[own.slug].parameters}
+    return found
+
+
+def short_name(name: str) -> str:
+    """Return what a table calls a parameter: ``dead-zone@N.width`` is ``width``; its meaning stands beside it."""
+    return name.rpartition(".")[2] if "@" in name else name
+
+
+def cycle_table(fit: AxisFit) -> Table:
+    """The limit cycles that IS-O read off the relay experiments."""
+    unit = fit.model.axis.position_unit
+    rows = tuple(_cycle_row(e, unit, fit.model.input_unit) for e in fit.iso)
+    heads = ("output C", "x_a set", "x_a* real", "amplitude", "bias", "period", "periods", "scatter", "valid")
+    return Table(heads, "rrrrrrrrl", rows)
+
+
+def _cycle_row(estimate: IsoEstimate, unit: str, input_unit: str) -> tuple[str, ...]:
+    cycle = estimate.cycle
+    period = 2.0 * math.pi / cycle.omega if cycle.omega > 0.0 else math.nan
+    return (
+        _output(cycle.C, input_unit),
+        format_quantity(cycle.x_a, unit),
+        format_quantity(cycle.x_a_star, unit),
+        format_quantity(cycle.X_m, unit),
+        format_quantity(cycle.x_0, unit, 2),
+        format_seconds(period),
+        str(cycle.periods),
+        format_share(cycle.scatter),
+        "yes" if cycle.valid else "NO (7.12)",
+    )
+
+
+def _output(value: float, input_unit: str) -> str:
+    return format_share(value) if input_unit == "1" else format_quantity(value, input_unit)
+
+
+def estimate_table(fit: AxisFit) -> Table:
+    """IS-O's own answer per experiment, beside the refined one: the approximation and what became of it."""
+    names = fit.model.axis.parameter_names()
+    rows = [
+        (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
+        for i, e in enumerate(fit.iso, start=1)
+    ]
+    rows.append(("refined", *(_parameter_value(fit.parameters[n]) for n in names)))
+    return Table(("", *names), "lrrrr", tuple(rows))
+
+
+def candidate_table(fit: AxisFit) -> Table:
+    """Drag structures side by side; the smallest BIC explains the record with the fewest numbers."""
+    best = min((c.bic for c in fit.candidates), default=math.nan)
+    unit = fit.traces[0].unit if fit.traces and fit.traces[0].unit else fit.model.axis.position_unit
+    rows = tuple(_candidate_row(c, best, unit, fit.structure) for c in fit.candidates)
+    return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
+
+
+def _candidate_row(candidate: Candidate, best: float, unit: str, chosen: str) -> tuple[str, ...]:
+    return (
+        candidate.structure,
+        structure_words(candidate.structure),
+        format_quantity(candidate.rms, unit, 4),
+        str(candidate.free_parameters),
+        f"{candidate.bic - best + 0.0:.1f}",
+        "chosen" if candidate.structure == chosen else "",
+    )
+
+
+def fit_summary(fit: AxisFit) -> Group:
+    """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
+    parts: list[RenderableType] = [title(f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})")]
+    parts.append(grid(model_table(fit)))
+    parts.extend(paragraph(s) for s in model_sentences(fit))
+    parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
+    if fit.decision is not None:
+        parts.extend((title("Which kind of damping"), paragraph(decision_sentence(fit.decision))))
+    if fit.candidates:
+        parts.append(grid(candidate_table(fit)))
+    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
+    return Group(*parts)

@@ -1,0 +1,180 @@
+"""Paper and pens: the look of every figure, and its way into the page as SVG with the same bytes each time."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup, escape
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "AFTER",
+    "BAND",
+    "BEFORE",
+    "FAINT",
+    "INK",
+    "PAPER",
+    "PENS",
+    "WANTED",
+    "legend",
+    "new_axes",
+    "new_row",
+    "pens",
+    "to_svg",
+]
+
+
+BEFORE = "#d55e00"
+
+AFTER = "#0072b2"
+
+WANTED = "#009e73"
+
+INK = "#222222"
+
+FAINT = "#8a8a8a"
+
+BAND = "#9ecae1"
+"""The colour-blind-safe set of Okabe2008."""
+
+GRID = "#e6e6e6"
+
+PAPER = "#ffffff"
+
+PENS: Mapping[str, str] = {
+    BEFORE: "before",
+    AFTER: "after",
+    WANTED: "wanted",
+    INK: "ink",
+    FAINT: "faint",
+    BAND: "band",
+    GRID: "grid",
+    PAPER: "paper",
+}
+"""Colour -> the page's variable ``--plot-*`` (``style.css``) that stands for it, so that a dark page has dark plots."""
+
+WIDTH = 5.6
+"""Figure width [in]; the page scales it to its column."""
+
+_STYLE: dict[Any, object] = {
+    "font.family": "sans-serif",
+    "font.size": 8.8,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": GRID,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "axes.unicode_minus": True,
+    "svg.fonttype": "none",
+    "path.simplify": True,
+}
+
+
+@contextmanager
+def pens(name: str) -> Iterator[None]:
+    """Hold the style, and the salt of the identifiers of figure *name*, while drawing and saving.
+
+    The user's own matplotlibrc is set aside meanwhile: the report looks the same everywhere.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update({**_STYLE, "svg.hashsalt": name})
+        yield
+
+
+def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure, list[Axes]]:
+    """Return a figure with one axes per height [in], stacked, sharing time unless told otherwise."""
+    from matplotlib.figure import Figure
+
+    top, bottom, gap = 0.28, 0.48, 0.14
+    total = sum(heights) + top + bottom + gap * (len(heights) - 1)
+    figure = Figure(figsize=(WIDTH, total))
+    stack: list[Axes] = []
+    y = total - top
+    for height in heights:
+        y -= height
+        box = (0.13, y / total, 0.85, height / total)
+        stack.append(figure.add_axes(box, sharex=stack[0] if stack and share else None))
+        y -= gap
+    if share:
+        for axes in stack[:-1]:
+            axes.tick_params(labelbottom=False)
+    return figure, stack
+
+
+def new_row(count: int, height: float, *, polar_first: bool = False) -> tuple[Figure, list[Axes]]:
+    """Return a figure with *count* axes of one *height* [in] side by side, the first a compass rose if asked."""
+    from matplotlib.figure import Figure
+
+    top, bottom, left, gap = 0.28, 0.48, 0.13, 0.16
+    total = height + top + bottom
+    figure = Figure(figsize=(WIDTH, total))
+    width = (0.98 - left - gap * (count - 1)) / count
+    row: list[Axes] = []
+    for k in range(count):
+        box = (left + k * (width + gap), bottom / total, width, height / total)
+        row.append(figure.add_axes(box, projection="polar" if polar_first and k == 0 else None))
+    return figure, row
+
+
+def legend(axes: Axes, columns: int = 5) -> None:
+    """Put the legend in one line above the axes, outside the data."""
+    handles, _ = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(-0.01, 1.0),
+            ncols=columns,
+            borderaxespad=0.1,
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+
+
+def to_svg(figure: Figure, name: str, description: str) -> Markup:
+    """Return the figure as an inline SVG element that scales with its column.
+
+    Identifiers begin with *name*, so that several figures live in one page; *description* is read out by
+    screen readers. The colours of :data:`PENS` follow the page's, dark or light.
+    """
+    stream = io.StringIO()
+    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    figure.savefig(stream, format="svg", metadata=nothing)
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r"\n\s*", "\n", text)
+    label = f'<svg role="img" aria-label="{escape(description)}" '
+    head = re.compile(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', re.DOTALL)
+    text = head.sub(lambda found: f'{label}viewBox="{found[1]}">', text, count=1)
+    text = _COLOUR.sub(lambda found: f"{found[1]}var(--plot-{PENS[found[2]]}, {found[2]})", text)
+    return Markup(text.replace("xlink:href", "href"))
+
+
+_COLOUR = re.compile(rf"((?:fill|stroke): ?)({'|'.join(PENS)})\b")

@@ -1,0 +1,216 @@
+"""The live lines: how a manoeuvre goes while the vehicle moves, and how far a long calculation is.
+
+In a terminal one line is rewritten in place; elsewhere a plain line comes every few seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from types import TracebackType
+
+from rich.console import Console
+from rich.control import Control
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as RichProgress
+from rich.segment import ControlType
+from rich.text import Text
+
+from gcs_autotune.clock import Clock, WallClock
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
+from gcs_autotune.watch import Progress
+
+__all__ = ["StageBar", "TerminalWatcher", "describe_progress"]
+
+
+_SIGNALS: Mapping[str, tuple[str, str]] = {
+    "psi": ("heading", "rad"),
+    "z": ("depth", "m"),
+    "x": ("speed", "m/s"),
+    "u": ("speed", "m/s"),
+    "r": ("turn rate", "rad/s"),
+}
+"""Progress.signal -> (name, SI unit of its value)."""
+
+REDRAW = 0.1
+"""Shortest time [s] between two redrawings of the line. Chosen: ten a second is as much as an eye follows."""
+
+PLAIN_EVERY = 5.0
+"""Vehicle time [s] between two plain lines. Chosen: a log one can still read afterwards."""
+
+BAR = 5
+"""Characters of the bar. Chosen: with it the line still has the signal at 80 columns."""
+
+STALE = 1.0
+"""Age [s] of the last message above which the link is mentioned first. Chosen: ten control periods."""
+
+
+def describe_progress(progress: Progress, width: int = 0) -> str:
+    """Return one line about *progress*; with a *width*, the least important pieces make room.
+
+    ``t`` is shown where the time since the start is not known. Order of importance: what, since when and how long
+    yet, a silent link and which step, the signal against its target, periods, the nearest
+    limit, the swing, the output, the scatter.
+    """
+    pieces = _pieces(progress)
+    while width and len(pieces) > 1 and len(_join(pieces)) > width:
+        pieces.remove(max(pieces, key=lambda piece: piece[0]))
+    line = _join(pieces)
+    return line if not width or len(line) <= width else line[: max(0, width - 1)] + "~"
+
+
+def _join(pieces: list[tuple[int, str]]) -> str:
+    return "  ".join(text for _, text in pieces)
+
+
+def _pieces(p: Progress) -> list[tuple[int, str]]:
+    """Return (rank, text) in the order of the line; a lower rank stays longer."""
+    since = p.elapsed if math.isfinite(p.elapsed) else p.t
+    pieces = [(0, f"{p.manoeuvre or p.stage} {format_seconds(since)}{_left(p)}")]
+    if p.steps:
+        pieces.insert(0, (1, f"step {p.step} of {p.steps} {_bar(p)}".rstrip()))
+    if p.signal:
+        pieces.append((2, _signal(p)))
+    if math.isfinite(p.output):
+        pieces.append((6, f"output {format_share(p.output)}"))
+    if math.isfinite(p.amplitude):
+        pieces.append((5, f"swing {format_quantity(p.amplitude, _unit_of_swing(p.signal))}"))
+    if p.periods_needed:
+        pieces.append((3, f"periods {p.periods}/{p.periods_needed}"))
+    if math.isfinite(p.scatter):
+        pieces.append((7, f"scatter {format_share(p.scatter)}"))
+    if p.guard:
+        pieces.append((4, f"{p.guard} limit {format_share(p.guard_share)} used"))
+    if p.age > STALE:
+        pieces.insert(1, (1, f"NOTHING HEARD FOR {format_seconds(p.age)}"))
+    return pieces
+
+
+def _bar(p: Progress) -> str:
+    """Return how much of all is done."""
+    whole = p.elapsed + p.left
+    if not (math.isfinite(whole) and whole > 0.0):
+        return ""
+    done = min(int(BAR * p.elapsed / whole), BAR)
+    return "#" * done + "." * (BAR - done)
+
+
+def _left(p: Progress) -> str:
+    if not math.isfinite(p.left):
+        return ""
+    return f", {math.ceil(p.left / 60.0)} min left" if p.left > 60.0 else ", <1 min left"
+
+
+def _signal(p: Progress) -> str:
+    name, unit = _SIGNALS.get(p.signal, (p.signal, ""))
+    text = f"{name} {_reading(p.value, p.signal, unit)}"
+    return text + (f" (wanted {_reading(p.target, p.signal, unit)})" if math.isfinite(p.target) else "")
+
+
+def _reading(value: float, signal: str, unit: str) -> str:
+    if not math.isfinite(value):
+        return "?"
+    if signal == "psi":
+        return f"{math.degrees(value) % 360.0:05.1f}°"
+    if signal == "r":
+        return f"{math.degrees(value):.1f}°/s"
+    return f"{value:.2f} {unit}".rstrip()
+
+
+def _unit_of_swing(signal: str) -> str:
+    return "rad" if signal == "psi" else "m"
+
+
+class TerminalWatcher:
+    """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes."""
+
+    def __init__(self, console: Console, clock: Clock | None = None) -> None:
+        self._console = console
+        self._clock = clock or WallClock()
+        self._drawn = -math.inf
+        self._told = -math.inf
+        self._leg = ("", "")
+        self._line_open = False
+        self._began = math.nan
+
+    def __enter__(self) -> TerminalWatcher:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def update(self, progress: Progress) -> None:
+        """Show one control tick, if it is time for it."""
+        if not progress.t >= self._began:
+            self._began = progress.t
+        if not math.isfinite(progress.elapsed):
+            progress = replace(progress, elapsed=progress.t - self._began)
+        if self._console.is_terminal:
+            self._redraw(progress)
+        else:
+            self._tell(progress)
+
+    def say(self, text: str) -> None:
+        """Show a sentence on a line of its own."""
+        self._erase()
+        self._console.print(Text(visible(text)))
+
+    def close(self) -> None:
+        """End the live line, so that other output begins on a fresh one; harmless when there is none."""
+        if self._line_open:
+            self._console.print()
+            self._line_open = False
+
+    def _redraw(self, progress: Progress) -> None:
+        now = self._clock.now()
+        if now - self._drawn < REDRAW:
+            return
+        self._drawn = now
+        self._erase()
+        line = describe_progress(progress, self._console.width - 1)
+        self._console.print(Text(visible(line)), end="", no_wrap=True, crop=True)
+        self._line_open = True
+
+    def _erase(self) -> None:
+        if self._line_open:
+            self._console.control(Control((ControlType.CARRIAGE_RETURN,), (ControlType.ERASE_IN_LINE, 2)))
+            self._line_open = False
+
+    def _tell(self, progress: Progress) -> None:
+        leg = (progress.stage, progress.manoeuvre)
+        since = progress.t - self._told
+        if leg == self._leg and 0.0 <= since < PLAIN_EVERY:
+            return
+        self._leg, self._told = leg, progress.t
+        self._console.print(Text(visible(describe_progress(progress))), soft_wrap=True)
+
+
+class StageBar:
+    """One line for the stage under way; gone when all is done. Silent where *console* is no terminal."""
+
+    def __init__(self, console: Console) -> None:
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
+        self._bar = RichProgress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> StageBar:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Take note that *done* of *total* pieces of *stage* are behind us."""
+        if self._task is None:
+            self._task = self._bar.add_task(visible(stage), total=total)
+        self._bar.update(self._task, description=visible(stage), completed=done, total=total)

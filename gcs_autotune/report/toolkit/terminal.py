@@ -1,0 +1,73 @@
+"""The pieces of what is printed: legible without colour, at 80 columns, and through a pipe.
+
+Each function returns something a ``rich`` console prints; nothing here prints by itself.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.report.toolkit.page import Table
+from gcs_autotune.report.toolkit.wording import Tone
+
+__all__ = ["STYLES", "bullet", "doubts_shown", "grid", "paragraph", "render_text", "title"]
+
+
+STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
+"""Tone of a verdict -> how a terminal shows it."""
+
+
+def render_text(thing: RenderableType, width: int = 80) -> str:
+    """Return *thing* as plain text, as it looks in a pipe: no colour, no trailing blanks."""
+    console = Console(file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False)
+    with console.capture() as capture:
+        console.print(thing)
+    return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
+
+
+def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
+    """Return the block of doubts, or the sentence that there are none."""
+    found = list(texts)
+    if not found:
+        return [paragraph("The fit raises no doubts.")]
+    return [title("What to doubt", "bold yellow"), *(bullet(text) for text in found)]
+
+
+def bullet(text: str) -> RichTable:
+    """Return one line of a list."""
+    line = RichTable.grid(padding=(0, 1))
+    line.add_row(Text(" -"), Text(visible(text)))
+    return line
+
+
+def title(text: str, style: str = "bold") -> RenderableType:
+    """Return a heading."""
+    return Padding(Text(visible(text), style=style), (1, 0, 0, 0))
+
+
+def paragraph(text: str, style: str = "") -> Text:
+    """Return a paragraph."""
+    return Text(visible(text), style=style)
+
+
+def grid(table: Table) -> Padding:
+    """Return a table, without the columns that hold nothing."""
+    lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
+    used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
+    used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
+    for i in used:
+        right = table.align[i] == "r"
+        lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=right or i == 0)
+    for row in table.rows:
+        lines.add_row(*(Text(visible(row[i])) for i in used))
+    if table.note:
+        return Padding(Group(lines, Text(visible(table.note))), (1, 0))
+    return Padding(lines, (1, 0))

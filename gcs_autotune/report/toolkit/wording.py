@@ -1,0 +1,232 @@
+"""Numbers and sentences as people read them: rounded to their uncertainty, in degrees, with unit signs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+from gcs_autotune.identify.result import Doubt
+
+__all__ = [
+    "MOST_FACTOR",
+    "NOT_TOLD",
+    "UNKNOWN",
+    "Headline",
+    "Tone",
+    "doubt_sentence",
+    "format_change",
+    "format_error",
+    "format_factor",
+    "format_moment",
+    "format_number",
+    "format_parameter",
+    "format_percent",
+    "format_quantity",
+    "format_seconds",
+    "format_share",
+    "format_value",
+    "listed",
+    "pretty_unit",
+    "rounded_to",
+    "sentence",
+    "to_people",
+]
+
+
+UNKNOWN = "?"
+"""Shown where a number is NaN: it is not known."""
+
+MOST_FACTOR = 100.0
+"""Chosen: a margin of gain beyond this is all the same to whoever relies on it."""
+
+NOT_TOLD = "not told by these runs"
+"""Shown where a number is there but means nothing."""
+
+_HEADINGS = ("anchor", "direction")
+"""Parameters that are headings where their unit is rad."""
+
+_PEOPLE: dict[str, tuple[str, float]] = {
+    "rad": ("°", 180.0 / math.pi),
+    "rad/s": ("°/s", 180.0 / math.pi),
+}
+"""SI unit -> (unit shown to people, factor); others are shown as they are."""
+
+
+def to_people(unit: str) -> tuple[str, float]:
+    """Return (unit shown, factor from SI): ``rad`` becomes degrees."""
+    return _PEOPLE.get(unit, (unit, 1.0))
+
+
+def format_value(value: float, std: float) -> str:
+    """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
+
+    The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
+    sixth). An error of 0 means the number was fixed: four digits and no ``±``. An error that is not known is
+    shown as ``± ?``.
+    """
+    if not math.isfinite(value):
+        return UNKNOWN
+    if 0.0 <= std < 1e-300:
+        return format_number(value)
+    if not math.isfinite(std) or std < 0.0:
+        return f"{format_number(value)} ± {UNKNOWN}"
+    last = _last_digit(std)
+    if last < -6 or last > 3 or max(abs(value), std) >= 1e7:
+        return _in_powers_of_ten(value, std)
+    return f"{_rounded(value, last)} ± {_rounded(std, last)}"
+
+
+def _last_digit(std: float) -> int:
+    exponent = math.floor(math.log10(std))
+    leading = std / 10.0**exponent
+    return exponent - 1 if leading < 1.95 else exponent
+
+
+def _in_powers_of_ten(value: float, std: float) -> str:
+    power = math.floor(math.log10(max(abs(value), std)))
+    scale = 10.0**power
+    last = _last_digit(std / scale)
+    return f"({_rounded(value / scale, last)} ± {_rounded(std / scale, last)})e{power}"
+
+
+def _rounded(value: float, last: int) -> str:
+    text = f"{round(value, -last):.{max(0, -last)}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def rounded_to(value: float, std: float) -> str:
+    """Return *value* alone, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
+    return format_value(value, std).partition(" ±")[0].lstrip("(")
+
+
+def format_parameter(name: str, value: float, std: float, unit: str) -> str:
+    """Return :func:`format_value`, with a heading (``anchor``, ``direction`` [rad]) as a turn of 0 to 2 pi.
+
+    A heading known to no better than a quarter turn says nothing, and is not given.
+    """
+    if unit != "rad" or name.rpartition(".")[2] not in _HEADINGS or not math.isfinite(value):
+        return format_value(value, std)
+    if std > 0.5 * math.pi:
+        return NOT_TOLD
+    return format_value(value % (2.0 * math.pi), std)
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """Return *value* with at most *digits* significant digits and no trailing zeros; NaN is ``?``."""
+    if math.isnan(value):
+        return UNKNOWN
+    if math.isinf(value):
+        return "unlimited" if value > 0 else "-unlimited"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def format_factor(factor: float, digits: int = 3) -> str:
+    """Return a margin's factor; above 100, infinity included, it is ``more than 100``: nobody needs to know better."""
+    return "more than 100" if factor > MOST_FACTOR else format_number(factor, digits)
+
+
+def format_quantity(value: float, unit: str, digits: int = 3) -> str:
+    """Return *value* [SI *unit*] for people, with its unit: ``format_quantity(0.5, "rad")`` is ``"28.6°"``."""
+    shown, factor = to_people(unit)
+    if not math.isfinite(value):
+        return format_number(value)
+    space = "" if shown.startswith("°") else " "
+    unit_text = "" if shown in ("", "1") else space + pretty_unit(shown)
+    return format_number(value * factor, digits) + unit_text
+
+
+def format_error(value: float, unit: str, digits: int = 3) -> str:
+    """Return :func:`format_quantity` of an error; of a heading one beyond half a turn means nothing but that."""
+    if unit == "rad" and math.isfinite(value) and abs(value) > math.pi:
+        return "over 180°"
+    return format_quantity(value, unit, digits)
+
+
+def format_seconds(t: float, missing: str = UNKNOWN) -> str:
+    """Return a time span: tenths below a minute, then ``2 min 05 s``; NaN gives *missing*."""
+    if math.isnan(t):
+        return missing
+    if math.isinf(t):
+        return "unlimited"
+    if abs(t) < 1.0:
+        return f"{_rounded(t, -2)} s"
+    if abs(t) < 59.95:
+        return f"{_rounded(t, -1)} s"
+    whole = round(abs(t))
+    return f"{'-' if t < 0 else ''}{whole // 60} min {whole % 60:02d} s"
+
+
+def format_percent(percent: float) -> str:
+    """Return a percentage that is one already, to a tenth below 10 and from 90 to 100, else whole.
+
+    ``format_percent(34.2)`` is ``"34 %"``, ``format_percent(98.63)`` is ``"98.6 %"``.
+    """
+    if not math.isfinite(percent):
+        return format_number(percent)
+    is_fine = abs(percent) < 9.95 or 90.0 <= percent < 100.0
+    return f"{round(percent, 1 if is_fine else 0) + 0.0:g} %"
+
+
+def format_share(share: float) -> str:
+    """Return a fraction as a percentage: ``format_share(0.245)`` is ``"24 %"``."""
+    return format_percent(100.0 * share)
+
+
+def format_change(before: float, after: float) -> str:
+    """Return the relative change from *before* to *after*, e.g. ``"-63 %"``; ``""`` when it has none."""
+    if not (math.isfinite(before) and math.isfinite(after)) or abs(before) < 1e-12:
+        return ""
+    change = round(100.0 * (after - before) / abs(before))
+    if change > 999:
+        return f"x {after / before:.0f}"
+    return "no change" if change == 0 else f"{change:+d} %"
+
+
+def format_moment(when: str) -> str:
+    """Return an ISO 8601 moment as ``2026-11-20 20:12 UTC``; anything else unchanged."""
+    try:
+        moment = datetime.fromisoformat(when)
+    except ValueError:
+        return when
+    zone = moment.tzname()
+    return f"{moment:%Y-%m-%d %H:%M}" + (f" {zone}" if zone else "")
+
+
+def pretty_unit(unit: str) -> str:
+    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``; the unit ``1`` becomes ``""``."""
+    return "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return ``a, b and c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+Tone = Literal["good", "neutral", "bad"]
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """The verdict: one sentence, its tone, and the sentences that follow from it."""
+
+    text: str
+    tone: Tone
+    sentences: tuple[str, ...]
+
+
+def doubt_sentence(doubt: Doubt) -> str:
+    """Return a doubt with its cure."""
+    return f"{sentence(doubt.cause)} Cure: {sentence(doubt.cure)}"
+
+
+def sentence(text: str) -> str:
+    """Return *text* with a capital at its beginning and a stop at its end."""
+    text = text.strip()
+    if not text:
+        return ""
+    first = text.split()[0].rstrip(",.:;")
+    start = text[0].upper() if first.isalpha() else text[0]
+    return start + text[1:] + ("" if text[-1] in ".!?" else ".")

@@ -1,0 +1,116 @@
+"""Bode's picture of a loop with the old gains and with the new, its margins read by python-control.
+
+The design reads margins off a grid of its own, thousands of times; here another library looks at the same loops.
+python-control is imported when the first one is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gcs_autotune.design.open_loop import OpenLoop
+from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, legend, new_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["LoopMargins", "draw_bode", "loop_margins"]
+
+
+OMEGA = np.logspace(-3.0, 3.0, 3000)
+"""Frequencies [rad/s] looked at."""
+
+DECADES = 1.3
+"""Shown on either side of the crossings."""
+
+HIGHEST, LOWEST, LEAST_PHASE = 40.0, -50.0, -360.0
+"""Drawn at most [dB] and [deg]: beyond there is nothing to see of a margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopMargins:
+    """The least margins of some loops: ``gain`` (ratio, counting both ways) at ``gain_at`` [rad/s], ``phase`` [rad] at
+    ``phase_at``; infinite and pi where no crossing limits them. ``narrowest``: index of the loop of the least phase
+    margin.
+    """
+
+    stable: bool
+    gain: float = math.inf
+    gain_at: float = math.nan
+    phase: float = math.pi
+    phase_at: float = math.nan
+    narrowest: int = 0
+
+
+def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
+    """Return the least margins of *loops*, opened at the actuator, delays exactly."""
+    import control
+
+    gain, gain_at, phase, phase_at, narrowest = math.inf, math.nan, math.pi, math.nan, 0
+    stable = True
+    for k, loop in enumerate(loops):
+        stable &= bool(np.all(control.feedback(loop.to_control()).poles().real < 0.0))
+        response = control.frd(loop.response(OMEGA), OMEGA, smooth=True)
+        gains, phases, _, at_180, at_unity, _ = control.stability_margins(response, returnall=True)
+        for g, w in zip(np.exp(np.abs(np.log(np.abs(gains)))), at_180, strict=True):
+            gain, gain_at = min((gain, gain_at), (float(g), float(w)), key=lambda pair: pair[0])
+        for p, w in zip(np.radians(phases), at_unity, strict=True):
+            size = abs(math.remainder(float(p), math.tau))
+            if size < phase:
+                phase, phase_at, narrowest = size, float(w), k
+    return LoopMargins(stable, gain, gain_at, phase, phase_at, narrowest)
+
+
+def draw_bode(before: Sequence[OpenLoop], after: Sequence[OpenLoop]) -> Figure:
+    """Draw magnitude and phase of the loops with old and new gains; strong: the one with the least phase margin."""
+    figure, (top, bottom) = new_axes((1.8, 1.5))
+    read = [(loops, colour, label, loop_margins(loops)) for loops, colour, label in _pairs(before, after)]
+    crossings = [w for *_, m in read for w in (m.gain_at, m.phase_at) if math.isfinite(w)] or [1.0]
+    low, high = min(crossings) / 10.0**DECADES, max(crossings) * 10.0**DECADES
+    for loops, colour, label, margins in read:
+        for k, loop in enumerate(loops):
+            strong = k == margins.narrowest
+            _draw(top, bottom, loop, (low, high), colour, label if strong else "", strong)
+        if margins.stable and math.isfinite(margins.phase_at):
+            bottom.plot([margins.phase_at] * 2, [-180.0, math.degrees(margins.phase) - 180.0], color=colour, lw=2.4)
+        if margins.stable and math.isfinite(margins.gain_at):
+            at_180 = -20.0 * math.log10(margins.gain) * (1.0 if margins.gain_at > margins.phase_at else -1.0)
+            top.plot([margins.gain_at] * 2, [0.0, at_180], color=colour, lw=2.4)
+    top.axhline(0.0, color=FAINT, lw=0.9)
+    bottom.axhline(-180.0, color=FAINT, lw=0.9)
+    top.set_xscale("log")
+    top.set_xlim(low, high)
+    top.set_ylim(max(top.get_ylim()[0], LOWEST), min(top.get_ylim()[1], HIGHEST))
+    bottom.set_yticks(range(-360, 91, 90))
+    bottom.set_ylim(max(bottom.get_ylim()[0], LEAST_PHASE), min(bottom.get_ylim()[1], 90.0))
+    top.set_ylabel("magnitude [dB]")
+    bottom.set_ylabel("phase [°]")
+    bottom.set_xlabel("frequency [rad/s]; thick: the margins")
+    bottom.xaxis.set_major_formatter("{x:g}")
+    bottom.xaxis.set_minor_formatter("")
+    legend(top)
+    return figure
+
+
+def _pairs(before: Sequence[OpenLoop], after: Sequence[OpenLoop]) -> tuple[tuple[Sequence[OpenLoop], str, str], ...]:
+    return (before, BEFORE, "present gains"), (after, AFTER, "new gains")
+
+
+def _draw(
+    top: Axes, bottom: Axes, loop: OpenLoop, limits: tuple[float, float], colour: str, label: str, strong: bool
+) -> None:
+    import control
+
+    omega = np.logspace(math.log10(limits[0]), math.log10(limits[1]), 240)
+    response = control.frd(loop.response(omega), omega)
+    magnitude, phase = np.abs(response.complex), np.unwrap(np.angle(response.complex))
+    phase -= math.tau * math.ceil((phase[0] - 0.5 * math.pi) / math.tau)
+    width, alpha = (1.6, 1.0) if strong else (0.7, 0.5)
+    top.plot(omega, 20.0 * np.log10(magnitude), label=label or None, color=colour, lw=width, alpha=alpha)
+    bottom.plot(omega, np.degrees(phase), color=colour, lw=width, alpha=alpha)

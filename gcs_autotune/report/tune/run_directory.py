@@ -1,0 +1,122 @@
+"""Writing a story down: JSON for programs, ``report.html`` for people; each file whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs_autotune.design.result import StepMetrics
+from gcs_autotune.identify.model_file import model_document, whole_model
+from gcs_autotune.report.tune.page import render_report
+from gcs_autotune.report.tune.story import TuneStory
+
+__all__ = ["SCHEMA", "summarise", "write_story"]
+
+
+SCHEMA = 1
+
+
+def write_story(story: TuneStory, directory: Path) -> Path:
+    """Write what the story holds into *directory* and return the path of ``report.html``.
+
+    ``summary.json`` always; ``model.json``, ``fit.json``, ``gains.json``, ``parameters_before.json`` and
+    ``parameters_after.json`` when the story got that far. The page comes last, so that the numbers are on
+    disk whatever happens to the pictures.
+
+    Raises
+    ------
+    OSError
+        When the directory cannot be written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, data in _documents(story).items():
+        _write(directory / name, json.dumps(_jsonable(data), indent=1, allow_nan=False) + "\n")
+    if not story.files:
+        story = replace(story, files=_list_files(directory))
+    if not story.directory:
+        story = replace(story, directory=str(directory))
+    return _write(directory / "report.html", render_report(story))
+
+
+def _documents(story: TuneStory) -> Mapping[str, Any]:
+    documents: dict[str, Any] = {}
+    if story.fit is not None:
+        documents["model.json"] = model_document(story.fit)
+        documents["fit.json"] = story.fit.to_dict()
+    if story.given is not None:
+        documents["model.json"] = story.given
+    if story.proposal is not None:
+        documents["gains.json"] = story.proposal.to_dict()
+    if story.parameters_before:
+        documents["parameters_before.json"] = dict(story.parameters_before)
+    if story.parameters_after:
+        documents["parameters_after.json"] = dict(story.parameters_after)
+    documents["summary.json"] = summarise(story)
+    return documents
+
+
+def summarise(story: TuneStory) -> dict[str, Any]:
+    """Return the story in a few plain numbers and words, for programs that read many runs."""
+    proposal, fit = story.proposal, story.fit
+    return {
+        "schema": SCHEMA,
+        "title": story.title,
+        "when": story.when,
+        "axis": story.axis,
+        "vehicle": dict(story.vehicle),
+        "ending": story.ending,
+        "reason": story.reason,
+        "kept": story.kept,
+        "verdict_reasons": list(story.verdict_reasons),
+        "metrics": {"before": _metrics(story.metrics_before), "after": _metrics(story.metrics_after)},
+        "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
+        "stable": None
+        if proposal is None
+        else {"model": proposal.margins.stable, "worst": proposal.worst_margins.stable},
+        "model": story.given if fit is None else whole_model(fit).to_dict(),
+        "std": None if fit is None else {name: p.std for name, p in fit.parameters.items()},
+        "doubts": [*story.doubts, *(d.slug for d in (fit.doubts if fit else ()))],
+        "differences": {name: list(pair) for name, pair in story.differences.items()},
+    }
+
+
+def _metrics(metrics: StepMetrics | None) -> dict[str, float] | None:
+    return None if metrics is None else {name: getattr(metrics, name) for name in StepMetrics.__slots__}
+
+
+def _list_files(directory: Path) -> tuple[str, ...]:
+    found = {p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"}
+    return tuple(sorted(found | {"report.html"}))
+
+
+def _jsonable(thing: Any) -> Any:
+    """Return *thing* in JSON's own types; a number that is not finite becomes null."""
+    if isinstance(thing, Mapping):
+        return {str(key): _jsonable(value) for key, value in thing.items()}
+    if isinstance(thing, np.ndarray):
+        return _jsonable(thing.tolist())
+    if isinstance(thing, np.generic):
+        return _jsonable(thing.item())
+    if isinstance(thing, Sequence) and not isinstance(thing, str):
+        return [_jsonable(value) for value in thing]
+    if isinstance(thing, float):
+        return thing if math.isfinite(thing) else None
+    return thing if isinstance(thing, str | int | bool | None) else str(thing)
+
+
+def _write(path: Path, text: str) -> Path:
+    """Write beside the target and rename: nobody ever sees half a file."""
+    draft = path.with_name(path.name + ".part")
+    with draft.open("w", encoding="utf-8", newline="\n") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    draft.replace(path)
+    return path

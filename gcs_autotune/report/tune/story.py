@@ -1,0 +1,141 @@
+"""What there is to tell about one tune, as far as it got."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from gcs_autotune.design.result import Change, Proposal, StepMetrics
+from gcs_autotune.identify.result import AxisFit
+from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.trial import Trial
+
+__all__ = ["AXIS_DOFS", "WATCHED", "TuneStory", "Watched"]
+
+
+AXIS_DOFS: Mapping[str, str] = {"heading": "yaw", "depth": "heave", "speed": "surge", "yaw": "yaw"}
+"""Axis as users call it -> degree of freedom."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What is drawn of a manoeuvre: the signal, its rate where that is one, the actuator that drives it.
+
+    ``unit`` SI; ``noun`` what people call it.
+    """
+
+    position: str
+    velocity: str
+    force: str
+    unit: str
+    noun: str
+
+
+WATCHED: Mapping[str, Watched] = {
+    "psi": Watched("psi", "r", "N", "rad", "heading"),
+    "z": Watched("z", "w", "Z", "m", "depth"),
+    "x": Watched("x", "u", "X", "m", "position ahead"),
+    "y": Watched("y", "v", "Y", "m", "position abeam"),
+    "u": Watched("u", "", "X", "m/s", "speed"),
+    "r": Watched("r", "", "N", "rad/s", "turn rate"),
+}
+"""Signal -> how it is drawn."""
+
+STEPPED: Mapping[str, str] = {"heading": "psi", "depth": "z", "speed": "u", "yaw": "r"}
+"""Axis -> the signal its proof steps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TuneStory:
+    """One tune from its announcement to its ending; whatever was not reached is None or empty.
+
+    Attributes
+    ----------
+    when : ISO 8601 moment, given by the caller (this room never reads a clock).
+    vehicle : what is known of it: ``name, firmware, version, system_id, link, simulated`` and more.
+    announced : what the tune said it would do, before anything moved.
+    rates : message name -> (asked, measured) [Hz].
+    kept : whether the new gains stayed; None when that was never decided; ``verdict_reasons`` say why.
+    parameters_before, parameters_after : as read from the vehicle; empty when not read.
+    events : (vehicle time [s] or NaN, what happened).
+    ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
+    given : data of the model the gains were designed from, when it came from a file and not from a fit.
+    given_changes : what gains given by file change, when none were designed.
+    proving : the command that proves the gains of a file by the same step, less the file.
+    doubts : sentences about the tune as a whole (the fit carries its own).
+    directory : the run directory as the user named it; ``files`` in it (found by looking when empty).
+    restore_file : the file in it that puts the old parameters back.
+    """
+
+    title: str
+    when: str
+    vehicle: Mapping[str, object]
+    axis: str
+    announced: tuple[str, ...] = ()
+    rates: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    step_before: Trial | None = None
+    relays: tuple[Trial, ...] = ()
+    step_after: Trial | None = None
+    fit: AxisFit | None = None
+    given: Mapping[str, Any] | None = None
+    proposal: Proposal | None = None
+    given_changes: tuple[Change, ...] = ()
+    proving: str = ""
+    metrics_before: StepMetrics | None = None
+    metrics_after: StepMetrics | None = None
+    kept: bool | None = None
+    verdict_reasons: tuple[str, ...] = ()
+    parameters_before: Mapping[str, float] = field(default_factory=dict)
+    parameters_after: Mapping[str, float] = field(default_factory=dict)
+    events: tuple[tuple[float, str], ...] = ()
+    ending: str = "aborted"
+    reason: str = ""
+    doubts: tuple[str, ...] = ()
+    directory: str = ""
+    files: tuple[str, ...] = ()
+    restore_file: str = "parameters_before.param"
+
+    @property
+    def dof(self) -> Dof:
+        """The degree of freedom this axis moves in."""
+        name = self.fit.dof if self.fit is not None else AXIS_DOFS.get(self.axis, "yaw")
+        return DOFS[name]
+
+    @property
+    def stepped(self) -> Watched:
+        """What the step before and after moves."""
+        signal = STEPPED.get(self.axis, self.dof.position)
+        return WATCHED.get(signal, _plain(self.dof))
+
+    @property
+    def swung(self) -> Watched:
+        """What the experiments move: a boat's speed under throttle steps, else the position."""
+        told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
+        signal = told if told == "u" else self.dof.position
+        return WATCHED.get(signal, _plain(self.dof))
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """The gains proposed, or given: old and new."""
+        return self.given_changes if self.proposal is None else self.proposal.changes
+
+    @property
+    def awaits_proof(self) -> bool:
+        """Whether gains were designed aboard, and neither proved nor refuted on the water."""
+        designed = self.proposal is not None and bool(self.proposal.changes)
+        return designed and self.kept is None and self.metrics_after is None and self.ending != "unchanged"
+
+    @property
+    def differences(self) -> Mapping[str, tuple[float, float]]:
+        """Parameter -> (before, after) where they differ; empty unless both were read."""
+        after = self.parameters_after
+        return {
+            name: (old, after[name])
+            for name, old in self.parameters_before.items()
+            if name in after and after[name] != old
+        }
+
+
+def _plain(dof: Dof) -> Watched:
+    return Watched(dof.position, dof.velocity, dof.force, dof.position_unit, dof.position)

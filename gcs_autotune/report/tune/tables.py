@@ -1,0 +1,239 @@
+"""The tables of a tune, and what it prints."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import PurePath
+
+from rich.console import Console, Group, RenderableType
+from rich.text import Text
+
+from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
+from gcs_autotune.report.toolkit.page import Table
+from gcs_autotune.report.toolkit.terminal import STYLES, bullet, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.wording import (
+    MOST_FACTOR,
+    UNKNOWN,
+    doubt_sentence,
+    format_change,
+    format_factor,
+    format_number,
+    format_quantity,
+    format_seconds,
+    format_share,
+)
+from gcs_autotune.report.tune.story import TuneStory
+from gcs_autotune.report.tune.wording import (
+    PROOF_SENTENCE,
+    bound_sentence,
+    headline,
+    improvement,
+    proof_command,
+    safety,
+    undo_command,
+)
+
+__all__ = [
+    "changed_parameters",
+    "gains_summary",
+    "gains_table",
+    "margins_table",
+    "metrics_table",
+    "rates_table",
+    "show_tune",
+    "tune_summary",
+    "vehicle_rows",
+]
+
+
+_METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("itae", "tracking error (ITAE per unit step)", lambda v: _with_unit(v, "s²")),
+    ("overshoot", "overshoot", format_share),
+    ("rise", "rise time, 10 to 90 %", lambda v: format_seconds(v, "never")),
+    ("settling", "settling time, to 5 %", lambda v: format_seconds(v, "never")),
+    ("steady_error", "remaining error", format_share),
+    ("travel", "actuator travel, of full per second", format_share),
+)
+"""Field of StepMetrics, what people call it, how it is shown."""
+
+_VEHICLE: Mapping[str, str] = {
+    "name": "vehicle",
+    "firmware": "firmware",
+    "version": "version",
+    "system_id": "system id",
+    "link": "link",
+    "simulated": "simulated",
+}
+"""Keys of ``TuneStory.vehicle`` -> label; other keys are shown as they are."""
+
+
+def gains_table(changes: Sequence[Change]) -> Table:
+    """Old and new gains, the documented range, and why; what several were chosen by is said once, under the table."""
+    common = _common_reason(changes)
+    rows = tuple(_gain_row(change, common) for change in changes)
+    if not common:
+        return Table(("parameter", "old", "new", "range", "why"), "lrrll", rows)
+    every = all(_split(change.reason)[1] == common for change in changes)
+    note = f"{'All are' if every else 'The others are'} {common}."
+    return Table(("parameter", "old", "new", "range", "what it does"), "lrrll", rows, note)
+
+
+def _common_reason(changes: Sequence[Change]) -> str:
+    """Return how most of the gains were chosen, where that is the same for two or more."""
+    told = Counter(_split(change.reason)[1] for change in changes)
+    reason, count = max(told.items(), key=lambda pair: pair[1], default=("", 0))
+    return reason if count > 1 and reason.startswith(("chosen", "matched", "measured")) else ""
+
+
+def _split(reason: str) -> tuple[str, str]:
+    """Return what a gain does and how it was chosen, without the remark that it is at its limit."""
+    meaning, _, how = reason.partition(": ")
+    return meaning, how.partition(", stopped at ")[0]
+
+
+def _gain_row(change: Change, common: str) -> tuple[str, ...]:
+    meaning, how = _split(change.reason)
+    limits = f"{format_number(change.low)} to {format_number(change.high)}"
+    remark = " (at limit)" if change.at_limit else ""
+    return (
+        change.parameter,
+        format_number(change.old),
+        format_number(change.new),
+        limits + remark,
+        meaning if common and how == common else change.reason,
+    )
+
+
+def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Table:
+    """Step measures before and after, or of the only step there was; lower is better throughout."""
+    if after is None or before is None:
+        return _metrics_of_one(before or after)
+    rows = []
+    for name, label, show in _METRICS:
+        old, new = float(getattr(before, name)), float(getattr(after, name))
+        rows.append(
+            (
+                label,
+                show(old),
+                show(new),
+                format_change(old, new),
+            )
+        )
+    return Table(("lower is better", "before", "after", "change"), "lrrr", tuple(rows))
+
+
+def _metrics_of_one(metrics: StepMetrics | None) -> Table:
+    found = () if metrics is None else _METRICS
+    rows = tuple((label, show(float(getattr(metrics, name)))) for name, label, show in found)
+    return Table(("lower is better", "present gains"), "lr", rows)
+
+
+def margins_table(proposal: Proposal) -> Table:
+    """Stability margins at the model and at the worst point of its 95 % region."""
+    shown = [_margin_cells(m) for m in (proposal.margins, proposal.worst_margins)]
+    labels = ("stable", "gain margin", "phase margin", "delay margin")
+    rows = tuple((label, *cells) for label, *cells in zip(labels, *shown, strict=True))
+    return Table(("", "at the model", "worst in 95 %"), "lrr", rows)
+
+
+def _margin_cells(margins: Margins) -> tuple[str, ...]:
+    gain = format_factor(margins.gain)
+    if 0.0 < margins.gain <= MOST_FACTOR:
+        gain += f" ({20.0 * math.log10(margins.gain):.1f} dB)"
+    phase = format_quantity(margins.phase, "rad")
+    return ("yes" if margins.stable else "NO", gain, phase, format_seconds(margins.delay))
+
+
+def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
+    """Message rates asked for and measured."""
+    rows = tuple(
+        (
+            name,
+            _with_unit(asked, "Hz"),
+            _with_unit(measured, "Hz"),
+            "slower than asked" if measured < 0.8 * asked else "",
+        )
+        for name, (asked, measured) in rates.items()
+    )
+    return Table(("message", "asked", "measured", ""), "lrrl", rows)
+
+
+def changed_parameters(story: TuneStory) -> Table:
+    """Every parameter that was read, the changed ones first."""
+    changed = story.differences
+    names = [*changed, *(n for n in story.parameters_before if n not in changed)]
+    rows = tuple(
+        (
+            name,
+            format_number(story.parameters_before[name], 6),
+            format_number(story.parameters_after[name], 6) if name in story.parameters_after else "not read",
+            "changed" if name in changed else "",
+        )
+        for name in names
+    )
+    return Table(("parameter", "before", "after", ""), "lrrl", rows)
+
+
+def vehicle_rows(vehicle: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+    """Label and text of what is known about the vehicle, the known keys first; tables of numbers are left out."""
+    plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
+    keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
+    return tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return UNKNOWN if value is None else str(value)
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return format_number(value, 3) + (f" {unit}" if math.isfinite(value) else "")
+
+
+def gains_summary(proposal: Proposal) -> Group:
+    """Return old and new gains side by side, what they promise, and how safe that is."""
+    parts: list[RenderableType] = [title(f"Gains for {proposal.axis}"), grid(gains_table(proposal.changes))]
+    parts.append(paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
+    parts.append(paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
+    parts.extend(paragraph(note) for note in proposal.notes)
+    parts.append(grid(margins_table(proposal)))
+    parts.append(paragraph(bound_sentence(proposal.bound)))
+    return Group(*parts)
+
+
+def tune_summary(story: TuneStory) -> Group:
+    """Return how a tune ended: the gains, the measured step, the doubts, and last, where the eye is, the verdict."""
+    return Group(*_details(story), *_verdict(story))
+
+
+def _verdict(story: TuneStory) -> list[RenderableType]:
+    verdict = headline(story)
+    return [title(verdict.text, STYLES[verdict.tone]), *(paragraph(s) for s in verdict.sentences)]
+
+
+def _details(story: TuneStory) -> list[RenderableType]:
+    parts: list[RenderableType] = []
+    if story.changes:
+        parts.append(grid(gains_table(story.changes)))
+    if story.metrics_before is not None:
+        parts.append(grid(metrics_table(story.metrics_before, story.metrics_after)))
+    parts.extend(bullet(reason) for reason in story.verdict_reasons)
+    doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
+    if doubts or story.fit is not None:
+        parts.extend(doubts_shown(doubts))
+    return parts
+
+
+def show_tune(console: Console, story: TuneStory) -> None:
+    """Print :func:`tune_summary`, and before the verdict how to undo and where the report is, whole on their lines."""
+    console.print(Group(*_details(story)))
+    if story.ending == "kept":
+        console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)
+    if story.awaits_proof and story.proving:
+        console.print(Text(f"\n{PROOF_SENTENCE}\n  {proof_command(story)}"), soft_wrap=True)
+    if story.directory:
+        console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
+    console.print(Group(*_verdict(story)))

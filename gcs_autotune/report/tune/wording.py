@@ -1,0 +1,172 @@
+"""The sentences of a tune: endings, verdicts, safety and how to undo."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from pathlib import PurePath
+
+from gcs_autotune.design.result import Margins, Proposal, StepMetrics
+from gcs_autotune.report.toolkit.wording import (
+    Headline,
+    Tone,
+    format_change,
+    format_factor,
+    format_number,
+    format_quantity,
+    format_seconds,
+    format_share,
+    sentence,
+)
+from gcs_autotune.report.tune.story import TuneStory
+
+__all__ = [
+    "PROOF_SENTENCE",
+    "bound_sentence",
+    "headline",
+    "improvement",
+    "parameters_sentence",
+    "proof_command",
+    "safety",
+    "undo_command",
+    "undo_sentence",
+]
+
+
+PROOF_SENTENCE = (
+    "The new gains are in proposed.param (Mission Planner, MAVProxy) and proposed.params (QGroundControl). This writes "
+    "them, flies the same step again and keeps them only if they are better:"
+)
+"""What introduces :func:`proof_command`."""
+
+_ENDINGS: Mapping[str, tuple[str, Tone]] = {
+    "kept": ("The new {axis} gains are on the vehicle, and proved better.", "good"),
+    "restored": ("The new {axis} gains did not prove better; the old ones were put back.", "neutral"),
+    "dry-run": ("Dry run: new {axis} gains are proposed, nothing was written.", "neutral"),
+    "declined": ("New {axis} gains were proposed and declined; nothing was written.", "neutral"),
+    "unchanged": ("The present {axis} gains stay: nothing better was found for them.", "neutral"),
+    "aborted": ("The {axis} tune was aborted.", "bad"),
+}
+"""Ending -> headline, tone."""
+
+
+def headline(story: TuneStory) -> Headline:
+    """Return the verdict of a whole tune in words: what changed, how much better, is it safe."""
+    text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
+    says_enough = story.ending in ("kept", "restored", "dry-run", "declined")
+    sentences = [] if says_enough else [sentence(story.reason)]
+    if story.metrics_before is not None and story.metrics_after is not None:
+        sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
+    elif story.proposal is not None:
+        before, after = story.proposal.before.metrics, story.proposal.after.metrics
+        sentences.append(improvement(before, after, "predicted, not proved on the water"))
+    if story.proposal is not None and story.ending != "unchanged":
+        sentences.append(safety(story.proposal))
+    sentences.append(parameters_sentence(story))
+    if story.ending == "kept" and story.proposal is not None and not story.proposal.worst_margins.stable:
+        tone = "bad"
+    return Headline(text.replace("{axis}", story.axis), tone, tuple(s for s in sentences if s))
+
+
+def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
+    """Return one sentence that compares two steps; *how* says where the numbers come from."""
+    return (
+        f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
+        f"{format_share(after.overshoot)}, before {format_share(before.overshoot)}; "
+        f"{_settling_words(after.settling)}, before {format_seconds(before.settling, 'never')}."
+    )
+
+
+def _settling_words(settling: float) -> str:
+    return "never settled" if math.isnan(settling) else f"settled after {format_seconds(settling)}"
+
+
+def _change_words(before: float, after: float) -> str:
+    change = format_change(before, after)
+    if change.startswith("-"):
+        return f"{change[1:]} lower"
+    if change.startswith("+"):
+        return f"{change[1:]} HIGHER"
+    return {"": "not comparable", "no change": "unchanged"}.get(change, f"{change} HIGHER")
+
+
+def safety(proposal: Proposal) -> str:
+    """Return whether the loop with the new gains is stable, at the model and over its uncertainty."""
+    margins, worst = proposal.margins, proposal.worst_margins
+    if not margins.stable:
+        return "NOT SAFE: with the new gains the identified loop is unstable; do not use them."
+    if not worst.stable:
+        return (
+            "CAREFUL: the loop is stable at the identified model, but not everywhere in its 95 % region; "
+            "identify again with a longer or calmer run before relying on these gains."
+        )
+    return (
+        "With the new gains the loop is stable over the whole 95 % region of the identified model; "
+        f"at its worst point {_margin_words(worst)} remain."
+    )
+
+
+def _margin_words(margins: Margins) -> str:
+    return (
+        f"a factor of {format_factor(margins.gain, 2)} in gain, "
+        f"{format_quantity(margins.phase, 'rad', 2)} of phase and {format_seconds(margins.delay)} of extra delay"
+    )
+
+
+def parameters_sentence(story: TuneStory) -> str:
+    """Return what is known of the vehicle's parameters at the end, and nothing more than that."""
+    if not story.parameters_before:
+        return "No parameter was read, and none was written."
+    if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
+        return "No parameter was written."
+    if not story.parameters_after:
+        return (
+            "The parameters were not read back at the end: the events below say how far it came; to be sure, run "
+            f"`{undo_command(story)}`."
+        )
+    changed = story.differences
+    if not changed:
+        return "All parameters were read back at the end and are as they were found."
+    written = [name for name in changed if name in {c.parameter for c in story.changes}]
+    names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
+    also = f" The vehicle itself changed {own}, which this tool does not write." if own else ""
+    if not written:
+        return f"All parameters that were written were read back at the end and are as they were found.{also}"
+    if story.ending == "kept" or story.kept:
+        return f"Changed on the vehicle and read back: {names}.{also}"
+    return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`.{also}"
+
+
+def undo_sentence(story: TuneStory) -> str:
+    """Return what introduces :func:`undo_command`."""
+    written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
+    if written:
+        return "The parameters as they were found are saved. Connect to the vehicle and run:"
+    return "Nothing was written, so there is nothing to undo. The parameters as they were found are saved:"
+
+
+def undo_command(story: TuneStory) -> str:
+    """Return the command that puts the old parameters back."""
+    path = PurePath(story.directory) / story.restore_file
+    return f"gcs-autotune params restore {shlex.quote(str(path))}"
+
+
+def proof_command(story: TuneStory) -> str:
+    """Return the command that writes the gains proposed and proves them by the step that was flown."""
+    return f"{story.proving} {shlex.quote(str(PurePath(story.directory) / 'proposed.param'))}"
+
+
+def bound_sentence(bound: tuple[float, float]) -> str:
+    """Return the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
+    left, right = bound
+    if math.isnan(left) or math.isnan(right):
+        return (
+            "The closed-form stability bound (Miskovic2010, 8.22-8.27) is about loops on a position, not on a velocity."
+        )
+    verdict = "fulfilled" if left < right else "NOT fulfilled"
+    sign = "<" if left < right else ">="
+    return (
+        "Closed-form stability bound (Miskovic2010, 8.22-8.27): "
+        f"{format_number(left, 3)} {sign} {format_number(right, 3)}, {verdict}."
+    )
