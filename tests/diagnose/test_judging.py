@@ -18,11 +18,11 @@ from gcs_autotune.diagnose.score import (
     LUCK,
     SIGNIFICANCE,
     Judged,
+    bic_penalty,
     error_ratio,
     is_material,
     is_needed,
     ordered,
-    price_of,
     winner_of,
 )
 from gcs_autotune.effects import EffectInstance
@@ -63,11 +63,11 @@ def judged(slug: str, **values: Any) -> Judged:
 def test_every_further_number_costs_the_logarithm_of_the_samples_learnt_ones_too(
     parameters: int, learnt: int, more: int
 ) -> None:
-    assert price_of(fit(parameters, learnt=learnt), BASE) == pytest.approx(more * math.log(500))
+    assert bic_penalty(fit(parameters, learnt=learnt), BASE) == pytest.approx(more * math.log(500))
 
 
 def test_numbers_learnt_before_are_not_paid_twice() -> None:
-    assert price_of(fit(5, learnt=3), fit(3, learnt=3)) == pytest.approx(2.0 * math.log(500))
+    assert bic_penalty(fit(5, learnt=3), fit(3, learnt=3)) == pytest.approx(2.0 * math.log(500))
 
 
 @pytest.mark.parametrize("tried", [1, 10, 300])
