@@ -9,6 +9,7 @@ import sys
 from datetime import datetime
 from typing import TYPE_CHECKING
 
+from gcs_autotune.axes import AXES, OTHER_NAMES, axis_kind
 from gcs_autotune.cli.command import (
     Command,
     add_connection,
@@ -32,7 +33,7 @@ DEFAULT_CONNECTION = "sitl:videoray"
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=("heading", "depth", "surge"), help="what to swing")
+    parser.add_argument("axis", choices=(*AXES, *OTHER_NAMES), help="what to swing")
     add_connection(parser, default=DEFAULT_CONNECTION)
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
@@ -62,7 +63,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         connection=connection,
         directory=run_directory(args, connection.uri, now),
         relay_output=args.relay_output,
-        relay_hysteresis=math.radians(hysteresis) if args.axis == "heading" and hysteresis else hysteresis,
+        relay_hysteresis=math.radians(hysteresis) if axis_kind(args.axis).angular and hysteresis else hysteresis,
         throttle=args.throttle,
         speed=args.speed,
         structure=args.structure,

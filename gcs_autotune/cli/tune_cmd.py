@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import (
     Command,
     add_connection,
@@ -34,12 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND"]
 
-DEFAULT_CONNECTIONS = {
-    "heading": "sitl:charlie",
-    "depth": "sitl:videoray",
-    "speed": "sitl:charlie",
-    "yaw": "sitl:charlie",
-}
 FUNCTIONS = ("bessel", "butterworth")
 """Model functions, by name: the table itself takes a second to import."""
 RESTORED = 8
@@ -47,7 +42,7 @@ RESTORED = 8
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted(DEFAULT_CONNECTIONS), help="the loop to tune")
+    parser.add_argument("axis", choices=sorted(AXES), help="the loop to tune")
     add_connection(parser, otherwise="sitl:charlie for heading, speed and yaw, sitl:videoray for depth")
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
@@ -91,7 +86,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
     see_model_file(args.model)
-    with connected(args, args.connect or DEFAULT_CONNECTIONS[args.axis]) as connection:
+    with connected(args, args.connect or AXES[args.axis].example) as connection:
         return _tune(args, connection)
 
 
@@ -104,7 +99,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.workflow import TuneSettings, tune
 
     now = datetime.now()
-    angular = args.axis in ("heading", "yaw")
+    angular = AXES[args.axis].angular
 
     def inside(value: float | None) -> float | None:
         return math.radians(value) if angular and value is not None else value

@@ -132,4 +132,6 @@ FIRMWARE = Firmware(
     rc_map={"N": "RCMAP_ROLL", "X": "RCMAP_THROTTLE"},
     unsuited=_UNSUITED,
     needs_way=True,
+    floats=True,
+    needs_position=True,
 )

@@ -163,4 +163,6 @@ FIRMWARE = Firmware(
     rc_map={"Z": "RCMAP_THROTTLE", "N": "RCMAP_YAW", "X": "RCMAP_FORWARD", "Y": "RCMAP_LATERAL"},
     idle={"RCMAP_PITCH": 1, "RCMAP_ROLL": 2},
     from_one_end=("Z",),
+    holds_itself=True,
+    turns_by_stick=True,
 )

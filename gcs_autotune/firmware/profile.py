@@ -83,7 +83,11 @@ class Firmware:
     RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
-    ``needs_way`` tells whether such craft steer under way only, and so need room to turn about.
+
+    What such craft can do: ``needs_way``: they steer under way only, at their cruise, and so need room to turn about;
+    ``floats``: they have no depth; ``needs_position``: ``hold_mode`` is refused without a position estimate;
+    ``holds_itself``: ``hold_mode`` keeps depth and heading with the sticks at rest; ``turns_by_stick``: a turn rate is
+    asked by the yaw stick, not by a target. Nothing outside asks for ``kind``, which is a word for people.
     """
 
     name: str
@@ -110,6 +114,10 @@ class Firmware:
     from_one_end: Sequence[str] = ()
     unsuited: Sequence[Unsuited] = ()
     needs_way: bool = False
+    floats: bool = False
+    needs_position: bool = False
+    holds_itself: bool = False
+    turns_by_stick: bool = False
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""

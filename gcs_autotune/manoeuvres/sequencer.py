@@ -78,7 +78,7 @@ class Sequencer:
         observation = craft.observe()
         if self._home is None and math.isfinite(observation.x):
             self._home = observation
-        if firmware.kind == "boat":
+        if firmware.floats:
             envelope = replace(envelope, depth_excursion=math.inf)
         watch = Watch(envelope, observation, self._home)
         commands = manoeuvre.commands(observation)

@@ -11,19 +11,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gcs_autotune.axes import SIGNAL_FORCES
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
 
-__all__ = ["FORCES", "Step", "StepSettings"]
-
-FORCES: Mapping[str, str] = {"psi": "N", "r": "N", "z": "Z", "u": "X"}
-"""Signal that is stepped -> the actuator that does it."""
+__all__ = ["Step", "StepSettings"]
 
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """What to fly. ``signal`` is a key of :data:`FORCES`; ``size`` in its unit (SI, rad); times in s.
+    """What to fly. ``signal`` is one of :data:`gcs_autotune.axes.SIGNAL_FORCES`, ``size`` in its unit (SI), times s.
 
     ``base`` is the value to step from; None takes the present one, which a craft at rest can hold. ``speed`` [m/s] is
     the way on meanwhile, of no meaning for ``u``.
@@ -49,7 +47,7 @@ class Step(Manoeuvre):
     kind, purpose, in_manual = "step", "proof", False
 
     def __init__(self, settings: StepSettings, name: str = "step") -> None:
-        super().__init__(name, signal=settings.signal, force=FORCES[settings.signal])
+        super().__init__(name, signal=settings.signal, force=SIGNAL_FORCES[settings.signal])
         self._settings = settings
         self._step = 0
         self._step_start = math.nan
@@ -62,7 +60,7 @@ class Step(Manoeuvre):
         """The step's settings, for the trial's meta."""
         s = self._settings
         return {
-            "dof": next(d.name for d in DOFS.values() if d.force == FORCES[s.signal]),
+            "dof": next(d.name for d in DOFS.values() if d.force == SIGNAL_FORCES[s.signal]),
             "signal": s.signal,
             "size": s.size,
             "duration": s.duration,

@@ -29,14 +29,13 @@ from gcs_autotune.report.toolkit.axis_fit import fit_summary
 from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
 from gcs_autotune.report.toolkit.wording import format_factor
 from gcs_autotune.report.tune.run_directory import summarise, write_story
-from gcs_autotune.report.tune.story import STEPPED, TuneStory
+from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.tables import show_tune
 from gcs_autotune.report.tune.wording import proof_command
 from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
     "MODEL_FILE",
-    "STEPPED",
     "Outcome",
     "RunRow",
     "SilentWatcher",

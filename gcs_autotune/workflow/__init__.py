@@ -13,12 +13,11 @@ from gcs_autotune.workflow.fly import FlightResult, FlySettings, fly, preview_of
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.parameter_files import restore_parameters, save_parameters
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_run
-from gcs_autotune.workflow.settings import EXPERIMENTS, Connection, TuneSettings
+from gcs_autotune.workflow.settings import Connection, TuneSettings
 from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [
-    "EXPERIMENTS",
     "Connection",
     "FlightResult",
     "FlySettings",

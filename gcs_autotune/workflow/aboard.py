@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft
@@ -25,15 +26,6 @@ SERVO_RATE = 40.0
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
 """Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
 half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
-
-_SPEED = {"LOCAL_POSITION_NED": 10.0, "GLOBAL_POSITION_INT": 5.0}
-SHOWN_BY: Mapping[str, Mapping[str, float]] = {
-    "depth": {"GLOBAL_POSITION_INT": 10.0},
-    "surge": _SPEED,
-    "speed": _SPEED,
-}
-"""Axis -> messages that show it, beside ATTITUDE, with the rates [Hz] that its experiments live on: depth is
-GLOBAL_POSITION_INT's, speed LOCAL_POSITION_NED's or, without that, again GLOBAL_POSITION_INT's."""
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
@@ -84,7 +76,9 @@ def come_aboard(
     with connect(connection, operator, watcher, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
         control_rate = control_rate or usual
-        craft = open_craft(session, wanted_rates=telemetry_rates(control_rate), first_rates=SHOWN_BY.get(axis))
+        craft = open_craft(
+            session, wanted_rates=telemetry_rates(control_rate), first_rates=axis_kind(axis).rates or None
+        )
         told = len(session.notes)
         try:
             for note in session.notes[:told]:

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 
+from gcs_autotune.axes import position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.workflow.aboard import TWITCHING
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
-from gcs_autotune.workflow.preflight import ANNOUNCED
-from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.voyage import Voyage
 
 __all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]
 
 ROV_ROOM, BELOW = 2.0, 1.5
 """Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
-
-DOF_NAMES = {"yaw": "heading", "heave": "depth"}
-"""Degree of freedom -> what oscillates, to people."""
 
 
 def announce(voyage: Voyage) -> None:
@@ -54,10 +51,11 @@ def announce(voyage: Voyage) -> None:
 
 
 def _legs(voyage: Voyage, now: Observation) -> tuple[Leg, ...]:
-    dof, kind = voyage.axis.dof, voyage.craft.firmware.kind
+    dof, firmware = voyage.axis.dof, voyage.craft.firmware
     given = voyage.given is not None or voyage.settings.gains is not None
-    dives = dive_for(dof, kind, now) is not None
-    return legs_of_tune(voyage.settings, dof, kind, moving=voyage.law.controls_velocity, given=given, dives=dives)
+    dives = dive_for(dof, firmware, now) is not None
+    moving = voyage.law.controls_velocity
+    return legs_of_tune(voyage.settings, dof, under_way=firmware.needs_way, moving=moving, given=given, dives=dives)
 
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> str:
@@ -66,7 +64,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> st
         return f"need about {100.0 * speed:.0f} m of free water around"
     below = ""
     if dof == "heave":
-        step = abs(settings.step) if settings.step is not None else DEFAULTS[dof].step
+        step = abs(settings.step) if settings.step is not None else position_axis(dof).step
         start = max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH
         below = f", and {start + step + BELOW:.0f} m of depth"
     return f"need about {ROV_ROOM:g} m of free water around{below}"
@@ -110,15 +108,15 @@ def _minutes(seconds: float) -> str:
 
 
 def _movements(voyage: Voyage, now: Observation) -> str:
-    axis, d, speed = voyage.axis, DEFAULTS[voyage.axis.dof], voyage.speed
+    axis, d, speed = voyage.axis, position_axis(voyage.axis.dof), voyage.speed
     step = voyage.settings.step if voyage.settings.step is not None else d.step
-    shown = f"{math.degrees(step):.0f} deg " if d.signal == "psi" else f"{step:g} m "
+    shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if voyage.law.controls_velocity else shown
     turning = ", turning about in between" if speed else ""
     under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
-    dive = dive_for(axis.dof, voyage.craft.firmware.kind, now)
+    dive = dive_for(axis.dof, voyage.craft.firmware, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
-    signs = ANNOUNCED.get(axis.dof, "")
-    kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {DOF_NAMES[axis.dof]}"
+    signs = d.excitation.check
+    kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {d.excitation.title}"
     swings = f" and {kind}" if voyage.given is None and voyage.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{swings}{under_way}"

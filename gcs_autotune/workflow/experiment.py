@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotInformative, OperatorStopped, WrongVehicle
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
@@ -27,10 +28,10 @@ from gcs_autotune.workflow.identification import delay_of
 from gcs_autotune.workflow.itinerary import Itinerary, Paced, legs_of_experiment
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import ANNOUNCED, CHECKED, see_depth_is_told, see_signs, sign_check_for
+from gcs_autotune.workflow.preflight import see_depth_is_told, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.settings import EXPERIMENTS, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.study import study_of
 from gcs_autotune.workflow.third_level import ThirdLevel, fly_third, third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
@@ -61,17 +62,19 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
         What ended it early; the record is on disk.
     """
     record = RunDirectory(settings.directory)
-    dof = EXPERIMENTS[settings.axis]
+    dof = axis_kind(settings.axis).dof
     with (
         warming(settings.connection.uri, [dof], []) as desk,
         come_aboard(settings.connection, operator, watcher, record, settings.control_rate, settings.axis) as craft,
     ):
-        if dof == "heave" and craft.firmware.kind == "boat":
+        if dof == "heave" and craft.firmware.floats:
             raise WrongVehicle(f"this vehicle ({craft.firmware.name}, a boat) does not heave; try heading or surge")
         see_depth_is_told(craft, dof)
         warmed(craft, desk, watcher)
         now = craft.observe()
-        itinerary = Itinerary(legs_of_experiment(dof, craft.firmware.kind, dives=_dives(dof, craft, now)))
+        itinerary = Itinerary(
+            legs_of_experiment(dof, under_way=craft.firmware.needs_way, dives=_dives(dof, craft, now))
+        )
         _announce(settings, craft, operator, watcher, now, itinerary)
         watcher = Paced(watcher, itinerary)
         ledger = Ledger(record, settings.connection, watcher.say)
@@ -83,7 +86,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
                 say_link_times(craft, watcher)
                 helm, trials = _fly(settings, dof, craft, operator, watcher, record, desk)
                 delay = delay_of(settings)
-                surge = dof == "surge" and craft.firmware.kind == "boat"
+                surge = dof == "surge" and craft.firmware.needs_way
                 if surge:
                     fit = think(craft, desk, helm.bear, fit_surge, trials, structure=settings.structure, delay=delay)
                 else:
@@ -110,7 +113,7 @@ def _with_curve(
     helm: Helm,
 ) -> AxisFit:
     """Return the model with the thrust curve or dead band that the record calls for, *plain* when it calls for none."""
-    if settings.structure is not None or plain.dof not in CHECKED:
+    if settings.structure is not None:
         return plain
     curved = think(craft, desk, helm.bear, fit_thrust_curve, trials, plain, None)
     if curved is None:
@@ -128,7 +131,7 @@ def _fly(
     record: RunDirectory,
     desk: Desk,
 ) -> tuple[Helm, list[Trial]]:
-    cruise, kind = _cruise(settings, dof, craft), craft.firmware.kind
+    cruise, firmware = _cruise(settings, dof, craft), craft.firmware
     settings = replace(settings, speed=cruise.speed, envelope=replace(settings.envelope, cruise=cruise.speed))
     helm = Helm(
         craft,
@@ -138,26 +141,25 @@ def _fly(
         settings.patience,
         partial(agreed, craft, operator, watcher),
     )
-    if dof == "surge" and kind == "boat":
+    if dof == "surge" and firmware.needs_way:
         return helm, [_swing(helm, cruise, n) for n in range(2)]
     room = 0.9 - abs(cruise.throttle) if dof == "surge" else 0.9
     output, trials = settings.relay_output, list[Trial]()
-    if dof in CHECKED:
-        see_signs(
-            sign_check_for(dof, craft.firmware, craft.servos, cruise.throttle, needs_speed=False, output=output),
-            helm.fly,
-        )
-    dive = dive_for(dof, kind, craft.observe())
+    check = sign_check_for(dof, firmware, craft.servos, cruise.throttle, needs_speed=False, output=output)
+    see_signs(check, helm.fly)
+    dive = dive_for(dof, firmware, craft.observe())
     if dive is not None:
         helm.achieve(dive, "diving")
     for name in ("relay-1", "relay-2"):
         if trials:
             helm.come_about(cruise.throttle)
         least = craft.least_period
-        relay = relay_for(settings, dof, kind, cruise.throttle, output, name, least_period=least)
+        relay = relay_for(
+            settings, dof, cruise.throttle, output, name, keep_still=not firmware.needs_way, least_period=least
+        )
         trials.append(helm.achieve(relay, name).trial)
         output = second_output(trials[-1], room)
-    if dof in CHECKED and settings.most_relays > len(trials):
+    if settings.most_relays > len(trials):
         third = think(craft, desk, helm.bear, _third, trials, dof, settings.structure, delay_of(settings))
         if third is not None:
             helm.come_about(cruise.throttle)
@@ -184,7 +186,7 @@ def _swing(helm: Helm, cruise: _Cruise, number: int) -> Trial:
 
 def _cruise(settings: TuneSettings, dof: str, craft: MavlinkCraft) -> _Cruise:
     """A boat's rudder, and its drag, need way on. An ROV starts from rest."""
-    if craft.firmware.kind != "boat":
+    if not craft.firmware.needs_way:
         return _Cruise(settings.throttle or 0.0, settings.speed or 0.0)
     present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED"])
     throttle = settings.throttle
@@ -197,15 +199,17 @@ def _cruise(settings: TuneSettings, dof: str, craft: MavlinkCraft) -> _Cruise:
 
 
 def _dives(dof: str, craft: MavlinkCraft, now: Observation) -> bool:
-    return dive_for(dof, craft.firmware.kind, now) is not None
+    return dive_for(dof, craft.firmware, now) is not None
 
 
 def _kind(settings: TuneSettings, craft: MavlinkCraft) -> str:
-    return "throttle-step" if settings.axis == "surge" and craft.firmware.kind == "boat" else "self-oscillation"
+    return (
+        "throttle-step" if axis_kind(settings.axis).dof == "surge" and craft.firmware.needs_way else "self-oscillation"
+    )
 
 
 def _maybe_more(settings: TuneSettings) -> str:
-    if EXPERIMENTS[settings.axis] not in CHECKED or settings.most_relays < 3:
+    if settings.most_relays < 3:
         return ""
     return ", and a third, as long again, if these cannot tell a dead band from a thrust curve"
 
@@ -219,7 +223,7 @@ def _announce(
     itinerary: Itinerary,
 ) -> None:
     armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
-    dive = dive_for(EXPERIMENTS[settings.axis], craft.firmware.kind, now)
+    dive = dive_for(axis_kind(settings.axis).dof, craft.firmware, now)
     modes, down = f"mode {craft.firmware.manual_mode}", ""
     if dive is not None:
         modes = f"modes {craft.firmware.hold_mode} and {craft.firmware.manual_mode}"
@@ -227,9 +231,9 @@ def _announce(
     for text in (
         f"{armed}; {TWITCHING}",
         f"use the {modes}, and go back to {now.mode} at the end",
-        f"move: {ANNOUNCED.get(EXPERIMENTS[settings.axis], '')}{down}two {_kind(settings, craft)} "
+        f"move: {axis_kind(settings.axis).excitation.check}{down}two {_kind(settings, craft)} "
         f"experiments in {settings.axis}{_maybe_more(settings)}",
-        room(EXPERIMENTS[settings.axis], _cruise(settings, EXPERIMENTS[settings.axis], craft).speed, settings, now),
+        room(axis_kind(settings.axis).dof, _cruise(settings, axis_kind(settings.axis).dof, craft).speed, settings, now),
         how_long(itinerary),
         battery(now, settings.envelope, itinerary.seconds),
         *after_a_silence(settings, now),

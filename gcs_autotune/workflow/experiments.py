@@ -9,10 +9,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.axes import AXES, SIGNAL_FORCES, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws.rover_throttle import throttle_of
-from gcs_autotune.firmware import Axis
+from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import quantum
 from gcs_autotune.manoeuvres import (
     LEVELS,
@@ -25,14 +26,12 @@ from gcs_autotune.manoeuvres import (
     TurnAbout,
     TurnAboutSettings,
 )
-from gcs_autotune.manoeuvres.step import FORCES
-from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 
 Array = NDArray[np.float64]
 
-CALMED: Mapping[str, float] = {"u": 0.5}
+CALMED: Mapping[str, float] = {a.stepped: a.calmed for a in AXES.values() if a.calmed}
 """Signals so noisy that a step is measured through a centred mean of so many seconds."""
 
 __all__ = [
@@ -88,30 +87,30 @@ def throttle_steps_for(throttle: float, number: int, name: str) -> ThrottleSteps
 def relay_for(
     settings: TuneSettings,
     dof: str,
-    kind: str,
     throttle: float,
     output: float | None,
     name: str,
     *,
+    keep_still: bool,
     least_period: float = 0.0,
 ) -> Relay:
-    """Return a relay experiment on *dof* for a *kind* of craft (``boat``, ``rov``).
+    """Return a relay experiment on *dof*; *keep_still*: the craft's other axes are held meanwhile.
 
     *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest. ``least_period``
     [s] is that of the quickest oscillation that the link can carry.
     """
-    d = DEFAULTS[dof]
+    d = excitation_of(dof)
     return Relay(
         RelaySettings(
             signal=d.signal,
-            force=DOFS[dof].force,
+            force=d.names.force,
             output=output,
             hysteresis=settings.relay_hysteresis,
             throttle=throttle,
             reference_speed=(settings.speed or 0.0) if d.signal == "x" else 0.0,
             most_output=0.9 if d.signal != "x" else 0.9 - abs(throttle),
             first_output=0.3 if d.signal != "x" else min(0.3, 0.9 - abs(throttle)),
-            keep_still=kind == "rov",
+            keep_still=keep_still,
             least_hysteresis=d.least_hysteresis,
             least_period=least_period,
         ),
@@ -119,9 +118,9 @@ def relay_for(
     )
 
 
-def turn_for(kind: str, throttle: float) -> TurnAbout | None:
+def turn_for(firmware: Firmware, throttle: float) -> TurnAbout | None:
     """Return what brings a boat back between two manoeuvres; None for a craft that stays where it is."""
-    return TurnAbout(TurnAboutSettings(throttle)) if kind == "boat" else None
+    return TurnAbout(TurnAboutSettings(throttle)) if firmware.needs_way else None
 
 
 def second_output(first: Trial, room: float = 0.9) -> float:
@@ -147,9 +146,9 @@ WORKING_DEPTH, SHALLOW = 1.5, 1.0
 """Chosen [m]: where depth is tuned when the craft is found above the second, at the surface or nearly so."""
 
 
-def dive_for(dof: str, kind: str, now: Observation) -> Dive | None:
+def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
     """Return what takes an ROV off the surface before its depth is swung; None when it need not."""
-    if kind != "rov" or dof != "heave" or not now.z < SHALLOW:
+    if firmware.floats or dof != "heave" or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
 
@@ -183,7 +182,7 @@ def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> St
     *noise_std* or within the sensor's *resolution* [rad or m] count as none: a compass of two degrees cannot tell one.
     """
     signal = str(trial.meta["signal"])
-    force = FORCES[signal]
+    force = SIGNAL_FORCES[signal]
     targets = [m for m in trial.marks if m.kind == "target"]
     found = []
     for before, after in itertools.pairwise(targets):

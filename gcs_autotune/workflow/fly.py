@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs_autotune.axes import excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import reduce
 from gcs_autotune.design.plant import in_fractions
@@ -50,7 +51,7 @@ from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import ANNOUNCED, STAGE, see_depth_is_told, see_signs, sign_check_for
+from gcs_autotune.workflow.preflight import STAGE, see_depth_is_told, see_signs, sign_check_for
 from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
@@ -196,7 +197,7 @@ def fly(
         if dof:
             see_depth_is_told(craft, dof)
         now = craft.observe()
-        dive = dive_for(dof, firmware.kind, now)
+        dive = dive_for(dof, firmware, now)
         itinerary = Itinerary(
             [
                 *([Leg(STAGE, CHECK)] if dof else []),
@@ -204,7 +205,7 @@ def fly(
                 Leg(kind.name, foreseen.seconds),
             ]
         )
-        _announce(settings, craft, operator, watcher, now, itinerary, foreseen, ANNOUNCED.get(dof, ""))
+        _announce(settings, craft, operator, watcher, now, itinerary, foreseen, excitation_of(dof).check if dof else "")
         watcher = Paced(watcher, itinerary)
         keep = lambda trial: beside(craft, partial(record.keep, trial))  # noqa: E731 - as tune and experiment do
         helm = Helm(craft, envelope, watcher, keep, s.patience, partial(agreed, craft, operator, watcher))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from gcs_autotune.axes import AXES
 from gcs_autotune.design import Change
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.identify.model_file import load_model
@@ -14,7 +15,6 @@ from gcs_autotune.link import same_float32
 from gcs_autotune.logs import TRIALS_FOLDER
 from gcs_autotune.manoeuvres import StepSettings
 from gcs_autotune.mavlink import load_params
-from gcs_autotune.report import STEPPED
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.record import PROPOSED
 from gcs_autotune.workflow.voyage import Voyage
@@ -51,12 +51,13 @@ def load_gains(path: Path, axis: str) -> GivenGains:
     if path.is_dir() and not file.is_file():
         raise BadFile(f"{path} holds no {PROPOSED}: only a run that proposed gains and did not write them leaves one")
     values, flown = load_params(file), _proof_in(file.parent / TRIALS_FOLDER)
-    if flown is not None and flown.meta.get("signal") != STEPPED[axis]:
+    stepped = AXES[axis].stepped
+    if flown is not None and flown.meta.get("signal") != stepped:
         raise UsageError(
-            f"the run beside {file} steps {flown.meta.get('signal')}, a tune of {axis} steps {STEPPED[axis]}: give the "
+            f"the run beside {file} steps {flown.meta.get('signal')}, a tune of {axis} steps {stepped}: give the "
             "axis that run was about"
         )
-    if flown is None and STEPPED[axis] in ("u", "r"):
+    if flown is None and stepped in ("u", "r"):
         raise UsageError(
             f"{file} lies in no run that has flown a step of {axis}, and without one it is not known what this craft "
             "keeps: give the directory of a dry run (`tune ... --dry-run`)"

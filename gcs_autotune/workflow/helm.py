@@ -34,7 +34,6 @@ class Helm:
         patience: float = 0.0,
         ask: Callable[[str], bool] = lambda question: False,
     ) -> None:
-        self._kind = craft.firmware.kind
         self._craft = craft
         self._watcher = watcher
         self._patience = Patience(craft, patience, watcher.say, ask)
@@ -87,6 +86,6 @@ class Helm:
 
     def come_about(self, throttle: float) -> None:
         """Turn a boat round, so that it does not run away in one direction; other craft stay where they are."""
-        turn = turn_for(self._kind, throttle)
+        turn = turn_for(self._craft.firmware, throttle)
         if turn is not None:
             self._fly(turn, "turning about", replace(self._envelope, heading_excursion=math.inf))

@@ -45,12 +45,11 @@ def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
 
 def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
     s, tale, craft, dof = voyage.settings, voyage.tale, voyage.craft, voyage.axis.dof
-    kind, throttle = craft.firmware.kind, voyage.throttle
-    least = craft.least_period
-    relay = relay_for(s, dof, kind, throttle, s.relay_output, "relay-1", least_period=least)
+    still, throttle, least = not craft.firmware.needs_way, voyage.throttle, craft.least_period
+    relay = relay_for(s, dof, throttle, s.relay_output, "relay-1", keep_still=still, least_period=least)
     voyage.come_about("relay-1")
     first = voyage.fly(relay, "first self-oscillation").trial
-    relay = relay_for(s, dof, kind, throttle, second_output(first), "relay-2", least_period=least)
+    relay = relay_for(s, dof, throttle, second_output(first), "relay-2", keep_still=still, least_period=least)
     voyage.come_about("relay-2")
     trials = [first, voyage.fly(relay, "second self-oscillation").trial]
     tale.say("identifying")

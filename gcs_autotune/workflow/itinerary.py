@@ -10,10 +10,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from gcs_autotune.axes import position_axis
 from gcs_autotune.manoeuvres import LEVELS
 from gcs_autotune.watch import Progress, Watcher
-from gcs_autotune.workflow.preflight import CHECKED, STAGE
-from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+from gcs_autotune.workflow.preflight import STAGE
+from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TURNING", "Itinerary", "Leg", "Paced", "legs_of_experiment", "legs_of_tune"]
 
@@ -44,36 +45,36 @@ class Leg:
 
 
 def legs_of_tune(
-    settings: TuneSettings, dof: str, kind: str, *, moving: bool, given: bool, dives: bool
+    settings: TuneSettings, dof: str, *, under_way: bool, moving: bool, given: bool, dives: bool
 ) -> tuple[Leg, ...]:
     """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown."""
-    turn = TURN if kind == "boat" else 0.0
+    turn = TURN if under_way else 0.0
     step = _step_seconds(settings, dof, moving=moving)
-    legs = _first(dof, dives=dives)
+    legs = _first(dives=dives)
     before = Leg("step with present gains", step, kind="step")
     names = [f"{n} throttle steps" if dof == "surge" else f"{n} self-oscillation" for n in ("first", "second")]
-    swings = [] if given else [replace(_swing(dof, kind, name), before=turn) for name in names]
+    swings = [] if given else [replace(_swing(dof, under_way, name), before=turn) for name in names]
     legs += [*swings, replace(before, before=turn if swings else 0.0)] if moving else [before, *swings]
     if not settings.dry_run:
         legs.append(Leg("step with new gains", step, turn, "step"))
     return tuple(legs)
 
 
-def legs_of_experiment(dof: str, kind: str, *, dives: bool) -> tuple[Leg, ...]:
+def legs_of_experiment(dof: str, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
-    turn = TURN if kind == "boat" else 0.0
-    throttles = dof == "surge" and kind == "boat"
+    turn = TURN if under_way else 0.0
+    throttles = dof == "surge" and under_way
     names = ("throttle-1", "throttle-2") if throttles else ("relay-1", "relay-2")
-    first = [] if throttles else _first(dof, dives=dives)
-    return (*first, _swing(dof, kind, names[0]), replace(_swing(dof, kind, names[1]), before=turn))
+    first = [] if throttles else _first(dives=dives)
+    return (*first, _swing(dof, under_way, names[0]), replace(_swing(dof, under_way, names[1]), before=turn))
 
 
-def _first(dof: str, *, dives: bool) -> list[Leg]:
-    return [Leg(STAGE, CHECK)] * (dof in CHECKED) + [Leg("diving", DIVE)] * dives
+def _first(*, dives: bool) -> list[Leg]:
+    return [Leg(STAGE, CHECK)] + [Leg("diving", DIVE)] * dives
 
 
-def _swing(dof: str, kind: str, name: str) -> Leg:
-    if dof == "surge" and kind == "boat":
+def _swing(dof: str, under_way: bool, name: str) -> Leg:
+    if dof == "surge" and under_way:
         return Leg(name, LEVEL * len(LEVELS[0]), kind="throttle")
     return Leg(name, RELAY, kind="relay")
 
@@ -82,7 +83,7 @@ def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
     """Return seconds of holding, the step and the step back."""
     each = settings.step_duration
     if each is None:
-        each = DEFAULTS[dof].step_duration if not moving else SPEED_STEP if dof == "surge" else RATE_STEP
+        each = position_axis(dof).step_duration if not moving else SPEED_STEP if dof == "surge" else RATE_STEP
     return HOLD + 2.0 * each
 
 

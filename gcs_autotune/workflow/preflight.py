@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from gcs_autotune.axes import excitation_of
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
@@ -17,12 +18,8 @@ from gcs_autotune.manoeuvres import (
     ThrustCheck,
     ThrustCheckSettings,
 )
-from gcs_autotune.sname import DOFS
-from gcs_autotune.workflow.settings import DEFAULTS
 
 __all__ = [
-    "ANNOUNCED",
-    "CHECKED",
     "STAGE",
     "remarks_on",
     "see_depth_is_told",
@@ -32,24 +29,12 @@ __all__ = [
 ]
 
 STAGE = "sign check"
-ANNOUNCED = {
-    "yaw": "a small pulse each way to see that it answers rightly, then ",
-    "heave": "a small pulse each way to see that it answers rightly, then ",
-    "surge": "a pulse ahead to see that it answers rightly, then ",
-}
-"""Degree of freedom -> what is said of its check before it is flown."""
 LEAST_SPEED = 0.25
 """Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
 PULSES = (0.15, 0.3, 0.6)
 """Chosen: fractions of full output; the first is beyond a transmitter's dead zone (0.06), the last is half a relay."""
-REACH = {"psi": 0.6, "z": 1.0}
-"""Chosen: a pulse ends at this share of the least hysteresis of a relay on the signal."""
 LEAST = 0.15
-"""Chosen: the least motion that counts, as a share of the same."""
-LONGEST = {"psi": 4.0, "z": 6.0}
-"""Chosen [s]: a pulse is no longer. A yaw time constant of 8 s then shows 0.4 of its rate."""
-CHECKED = frozenset(("yaw", "heave", "surge"))
-"""Degrees of freedom whose actuators are checked."""
+"""Chosen: the least motion that counts, as a share of the least hysteresis of a relay on the signal."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
 that is dead turns a craft by more than the second."""
@@ -65,19 +50,20 @@ def sign_check_for(
     """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given."""
     if dof == "surge":
         return _thrust_check(firmware, servos, throttle, output)
-    d, force = DEFAULTS[dof], DOFS[dof].force
+    d = excitation_of(dof)
+    force = d.names.force
     driving, ahead = servos.driving(force), servos.driving("X")
     return SignCheck(
         SignCheckSettings(
             signal=d.signal,
             force=force,
             outputs=PULSES if output is None else tuple(sorted({min(p, output) for p in PULSES})),
-            reach=REACH[d.signal] * d.least_hysteresis,
+            reach=d.check_reach * d.least_hysteresis,
             least=LEAST * d.least_hysteresis,
-            longest=LONGEST[d.signal],
+            longest=d.check_time,
             throttle=throttle,
             least_speed=LEAST_SPEED if needs_speed else 0.0,
-            keep_still=firmware.kind == "rov",
+            keep_still=not firmware.needs_way,
             cure=_cure(firmware, [o for o, _ in driving]),
             astern=_astern(firmware, [o for o, _ in ahead]),
             outlets=_outlets(driving),
@@ -93,7 +79,7 @@ def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output:
         ThrustCheckSettings(
             outputs=(0.5 * most, most),
             turned=TURNED if len(driving) == 1 else TURNED_BY_ONE,
-            keep_still=firmware.kind == "rov",
+            keep_still=not firmware.needs_way,
             cure=_astern(firmware, [o for o, _ in driving]),
             crooked=_crooked(firmware, [o for o, _ in driving]),
             outlets=_outlets(driving),
@@ -168,7 +154,7 @@ def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None
     PreconditionFailed
         It caps it; the message has the numbers and the cure.
     """
-    if dof != "surge" or craft.firmware.kind != "boat":
+    if dof != "surge" or not craft.firmware.needs_way:
         return
     cap = craft.parameters.read_existing([_CAP]).get(_CAP, 100.0) / 100.0
     if 0.0 < cap < throttle - _ROUNDING:
@@ -198,7 +184,7 @@ def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
 
 def remarks_on(craft: MavlinkCraft) -> list[str]:
     """Return what is odd about the vehicle's settings and matters here: arming checks off, steering scaled by hand."""
-    wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.kind == "boat" else [])]
+    wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.needs_way else [])]
     names, own = read_named(craft.parameters, wanted)
     values, found = names.to_canonical(own), []
     if values.get("ARMING_CHECK") == 0.0:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs_autotune.axes import position_axis
 from gcs_autotune.design import Actuator
 from gcs_autotune.design.laws.about_speed import holding
 from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
@@ -23,7 +24,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.given import Given
 from gcs_autotune.workflow.identification import Identified
-from gcs_autotune.workflow.settings import DEFAULTS, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.surge_curve import reduction_of
 from gcs_autotune.workflow.thrust_curve import reduction_with_curve
 
@@ -107,9 +108,9 @@ class Proof:
 
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
     """Return the heading or depth step, at *speed* [m/s]."""
-    d = DEFAULTS[axis.dof]
+    d = position_axis(axis.dof)
     step = StepSettings(
-        signal=d.signal,
+        signal=d.excitation.signal,
         size=settings.step if settings.step is not None else d.step,
         duration=settings.step_duration or d.step_duration,
         speed=speed,

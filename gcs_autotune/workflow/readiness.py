@@ -63,7 +63,7 @@ def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
     """
     craft.send(Actuate())
     _await_checks(craft, watcher)
-    if craft.firmware.kind == "boat":
+    if craft.firmware.needs_position:
         _await_position(craft, watcher)
 
 

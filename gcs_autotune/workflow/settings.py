@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -119,25 +118,3 @@ class TuneSettings:
     def __post_init__(self) -> None:
         """See that the numbers may be used."""
         _see_limits(self, _NUMBERS, self.axis)
-
-
-@dataclass(frozen=True, slots=True)
-class AxisDefaults:
-    """What is flown on an axis when the user does not say: chosen for craft of half a metre to a few metres."""
-
-    signal: str
-    force: str
-    step: float
-    step_duration: float
-    least_hysteresis: float
-
-
-DEFAULTS: dict[str, AxisDefaults] = {
-    "yaw": AxisDefaults("psi", "N", math.radians(30.0), 30.0, math.radians(10.0)),
-    "heave": AxisDefaults("z", "Z", 1.0, 30.0, 0.15),
-    "surge": AxisDefaults("x", "X", math.nan, math.nan, 0.3),
-}
-"""Degree of freedom -> what is flown on it; surge has experiments but no step yet."""
-
-EXPERIMENTS: dict[str, str] = {"heading": "yaw", "depth": "heave", "surge": "surge"}
-"""What users call an experiment's axis -> its degree of freedom."""

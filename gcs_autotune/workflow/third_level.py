@@ -79,7 +79,15 @@ def fly_third(
     """Say why, and fly the third size; nothing comes back when the craft would not swing: two are enough to go on."""
     watcher.say(third.why)
     least = craft.least_period
-    relay = relay_for(settings, dof, craft.firmware.kind, throttle, third.output, "relay-3", least_period=least)
+    relay = relay_for(
+        settings,
+        dof,
+        throttle,
+        third.output,
+        "relay-3",
+        keep_still=not craft.firmware.needs_way,
+        least_period=least,
+    )
     try:
         return [helm.achieve(relay, "third self-oscillation").trial]
     except NotAchieved as error:

@@ -36,7 +36,6 @@ from gcs_autotune.workflow.identification import Identified, identify
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
-    CHECKED,
     STAGE,
     remarks_on,
     see_depth_is_told,
@@ -174,7 +173,7 @@ def _visit(voyage: Voyage) -> None:
 def _on_the_water(voyage: Voyage, journal: Journal) -> None:
     settings, tale, axis, given = voyage.settings, voyage.tale, voyage.axis, voyage.given
     _check_signs(voyage)
-    dive = dive_for(axis.dof, voyage.craft.firmware.kind, voyage.craft.observe())
+    dive = dive_for(axis.dof, voyage.craft.firmware, voyage.craft.observe())
     if dive is not None:
         voyage.fly(dive, "diving")
     if settings.gains is not None:
@@ -232,8 +231,6 @@ def _noise_in_proof(before: Trial, gains: GivenGains, moving: bool, grain: float
 def _check_signs(voyage: Voyage) -> None:
     """See that the actuator acts, and the right way, before the autopilot's own loop or a relay relies on it."""
     craft, axis = voyage.craft, voyage.axis
-    if axis.dof not in CHECKED:
-        return
     output = voyage.settings.relay_output
     check = sign_check_for(axis.dof, craft.firmware, craft.servos, voyage.throttle, axis.needs_speed, output)
     voyage.tale.say(STAGE)

@@ -112,6 +112,6 @@ def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: 
 
 def _keep_company(craft: MavlinkCraft) -> None:
     """Let an ROV hold depth and heading by itself (in manual mode it would drift up), sticks neutral."""
-    if craft.firmware.kind == "rov":
+    if craft.firmware.holds_itself:
         craft.set_mode(craft.firmware.hold_mode)
     craft.send(Actuate())

@@ -6,6 +6,7 @@ import pytest
 
 from gcs_autotune.craft import DepthTarget, Observation
 from gcs_autotune.errors import OperatorStopped
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope
 from gcs_autotune.workflow.experiments import dive_for
 from tests.workflow.sitl_harness import SitlHarness
@@ -38,21 +39,22 @@ def test_a_boat_without_a_position_is_waited_for_before_it_is_armed(tmp_path):
 
 def test_only_an_rov_near_the_surface_dives_and_only_for_depth():
     shallow, deep = Observation(0.0, 0.0, z=0.05), Observation(0.0, 0.0, z=2.0)
-    assert dive_for("heave", "rov", shallow) is not None
-    assert dive_for("heave", "rov", deep) is None
-    assert dive_for("yaw", "rov", shallow) is None
-    assert dive_for("heave", "boat", shallow) is None
+    assert dive_for("heave", FIRMWARE["ardusub"], shallow) is not None
+    assert dive_for("heave", FIRMWARE["ardusub"], deep) is None
+    assert dive_for("yaw", FIRMWARE["ardusub"], shallow) is None
+    assert dive_for("heave", FIRMWARE["ardurover"], shallow) is None
 
 
 def descend(rate: float) -> Dive:
     """Fly a dive with a craft that follows at *rate* [m/s]."""
     dive, t, z = Dive(DiveSettings(1.5)), 0.0, 0.0
-    dive.start(Observation(t, 0.0, z=z))
+    commands = dive.commands(Observation(t, 0.0, z=z))
+    command = next(commands)
     while dive.outcome is None:
-        command = dive.update(Observation(t, 0.0, z=z))
         assert isinstance(command, DepthTarget)
         assert command.z <= 1.5
         t, z = t + 0.1, min(command.z, z + 0.1 * rate)
+        command = commands.send(Observation(t, 0.0, z=z))
     return dive
 
 

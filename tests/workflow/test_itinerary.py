@@ -21,7 +21,7 @@ def settings(axis: str = "heading", **given: object) -> TuneSettings:
 
 
 def heading(**given: object) -> Itinerary:
-    return Itinerary(legs_of_tune(settings(**given), "yaw", "boat", moving=False, given=False, dives=False))
+    return Itinerary(legs_of_tune(settings(**given), "yaw", under_way=True, moving=False, given=False, dives=False))
 
 
 def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
@@ -45,13 +45,13 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
 
 
 def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
-    legs = legs_of_tune(settings("depth", dry_run=True), "heave", "rov", moving=False, given=True, dives=True)
+    legs = legs_of_tune(settings("depth", dry_run=True), "heave", under_way=False, moving=False, given=True, dives=True)
     assert [leg.stage for leg in legs] == ["sign check", "diving", "step with present gains"]
     assert all(leg.before == 0.0 for leg in legs)
 
 
 def test_a_velocity_is_stepped_after_its_experiments():
-    legs = legs_of_tune(settings("speed"), "surge", "boat", moving=True, given=False, dives=False)
+    legs = legs_of_tune(settings("speed"), "surge", under_way=True, moving=True, given=False, dives=False)
     assert [leg.stage for leg in legs] == [
         "sign check",
         "first throttle steps",
@@ -107,7 +107,7 @@ def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
 
 
 def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
-    itinerary = Itinerary(legs_of_experiment("yaw", "rov", dives=False))
+    itinerary = Itinerary(legs_of_experiment("yaw", under_way=False, dives=False))
     at(itinerary, 0.0, "sign check")
     at(itinerary, 20.0, "relay-1")
     at(itinerary, 120.0, "relay-2")

@@ -164,7 +164,7 @@ def _read_config(session: Session, parameters: Parameters, firmware: Firmware) -
         raise WrongVehicle(f"{misfit}. Nothing was written or armed")
     _adopt_gcs_id(session, parameters, firmware)
     session.vehicle = _with_frame(session, parameters, firmware)
-    names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.kind == "boat" else [])]
+    names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.needs_way else [])]
     told = parameters.read_existing(names)
     return VehicleConfig(
         read_override_map(parameters, firmware),

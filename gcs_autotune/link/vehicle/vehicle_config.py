@@ -208,7 +208,7 @@ class RateStick:
 
 def read_rate_stick(parameters: Parameters, firmware: Firmware) -> RateStick | None:
     """Ask the vehicle what its yaw stick means; None for one that takes turn rates as targets."""
-    if firmware.kind != "rov":
+    if not firmware.turns_by_stick:
         return None
     known = parameters.read_existing(_NAMES)
     travel = known.get("RC4_MAX", 1900.0) - known.get("RC4_TRIM", 1500.0)

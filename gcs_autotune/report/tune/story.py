@@ -6,16 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.design.result import Change, Proposal, StepMetrics
 from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["AXIS_DOFS", "WATCHED", "TuneStory", "Watched"]
-
-
-AXIS_DOFS: Mapping[str, str] = {"heading": "yaw", "depth": "heave", "speed": "surge", "yaw": "yaw"}
-"""Axis as users call it -> degree of freedom."""
+__all__ = ["WATCHED", "TuneStory", "Watched"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +38,6 @@ WATCHED: Mapping[str, Watched] = {
     "r": Watched("r", "", "N", "rad/s", "turn rate"),
 }
 """Signal -> how it is drawn."""
-
-STEPPED: Mapping[str, str] = {"heading": "psi", "depth": "z", "speed": "u", "yaw": "r"}
-"""Axis -> the signal its proof steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,13 +93,13 @@ class TuneStory:
     @property
     def dof(self) -> Dof:
         """The degree of freedom this axis moves in."""
-        name = self.fit.dof if self.fit is not None else AXIS_DOFS.get(self.axis, "yaw")
+        name = self.fit.dof if self.fit is not None else axis_kind(self.axis).dof
         return DOFS[name]
 
     @property
     def stepped(self) -> Watched:
         """What the step before and after moves."""
-        signal = STEPPED.get(self.axis, self.dof.position)
+        signal = axis_kind(self.axis).stepped
         return WATCHED.get(signal, _plain(self.dof))
 
     @property
