@@ -123,10 +123,10 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
         throttle, _ = speed_for(settings, axis, craft.parameters.read_existing(axis.context))
         craft.arm()
         sequencer = Sequencer(craft, Envelope(), SilentWatcher(), kept.append)
-        kind = craft.firmware.kind
-        first = sequencer.fly(relay_for(settings, axis.dof, kind, throttle, None, "relay-1")).trial
+        still = not craft.firmware.needs_way
+        first = sequencer.fly(relay_for(settings, axis.dof, throttle, None, "relay-1", keep_still=still)).trial
         output = second_output(first)
-        second = sequencer.fly(relay_for(settings, axis.dof, kind, throttle, output, "relay-2")).trial
+        second = sequencer.fly(relay_for(settings, axis.dof, throttle, output, "relay-2", keep_still=still)).trial
     return axis, [first, second]
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from gcs_autotune.axes import position_axis
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws import LAWS, Law
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
@@ -34,7 +35,6 @@ from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.report import TuneStory
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
-from gcs_autotune.workflow.settings import DEFAULTS
 from sitl import Server, open_vehicle
 from sitl.vehicle import Vehicle
 
@@ -109,8 +109,8 @@ class Bench:
     def __init__(self, name: str, axis: Axis, seed: int) -> None:
         self.name, self.axis, self.seed = name, axis, seed
         self.law: Law = LAWS[axis.law]
-        usual = DEFAULTS[axis.dof]
-        self.signal = "r" if self.law.controls_velocity else usual.signal
+        usual = position_axis(axis.dof)
+        self.signal = "r" if self.law.controls_velocity else usual.excitation.signal
         self.size, self.duration = usual.step, 6.0 if self.signal == "r" else usual.step_duration
         sensors = open_vehicle(name).vehicle.data.sensors
         self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)

@@ -10,13 +10,14 @@ import pytest
 from scripted_vehicle import ScriptedVehicle
 
 from benchmarks.throttled_pty import ThrottledPty
+from gcs_autotune.axes import AXES
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.link.vehicle.bandwidth import Demand, least
 from gcs_autotune.link.vehicle.congestion import is_queueing
 from gcs_autotune.link.vehicle.latency import Latency
-from gcs_autotune.workflow.aboard import SHOWN_BY, telemetry_rates
+from gcs_autotune.workflow.aboard import telemetry_rates
 from sitl import open_vehicle
 
 WANTED = telemetry_rates(10.0)
@@ -31,7 +32,7 @@ def wire(boat: ScriptedVehicle) -> Iterator[Any]:
         links.append(ThrottledPty(boat, baud))
         session = Session(links[-1])
         session.discover()
-        return open_craft(session, wanted_rates=WANTED, first_rates=SHOWN_BY.get(axis), arm_patience=3.0)
+        return open_craft(session, wanted_rates=WANTED, first_rates=AXES[axis].rates or None, arm_patience=3.0)
 
     yield board
     for link in links:
@@ -80,7 +81,7 @@ def test_a_line_full_of_what_is_streamed_anyway_is_the_reason_given_not_what_it_
     try:
         session.discover()
         with pytest.raises(TelemetryFault, match="the link is too slow: it carries") as caught:
-            open_craft(session, wanted_rates=WANTED, first_rates=SHOWN_BY.get(axis), arm_patience=3.0)
+            open_craft(session, wanted_rates=WANTED, first_rates=AXES[axis].rates or None, arm_patience=3.0)
     finally:
         link.close()
     numbers = re.search(
@@ -100,7 +101,7 @@ def test_lines_that_do_are_not_refused_and_only_the_thin_one_is_said_to_be_full(
     session = Session(link)
     try:
         session.discover()
-        craft = open_craft(session, wanted_rates=WANTED, first_rates=SHOWN_BY.get("heading"), arm_patience=3.0)
+        craft = open_craft(session, wanted_rates=WANTED, first_rates=None, arm_patience=3.0)
         assert any("bytes/s and is full" in note for note in session.notes) == thinned
         assert craft.rates.measured["ATTITUDE"] >= 0.9 * (5.0 if thinned else 10.0)
     finally:
