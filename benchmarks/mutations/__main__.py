@@ -39,11 +39,11 @@ def drawn(seed: int, count: int, only: Sequence[str] = (), root: Path = ROOT) ->
     draw = random.Random(seed)
     queues = []
     for files in AREAS.values():
-        wanted = [f for f in files if not only or any(part in f for part in only)]
-        draw.shuffle(wanted)
+        shuffled = list(files)
+        draw.shuffle(shuffled)
         pools = []
-        for file in wanted:
-            pool = mutants_of(root / file, root)
+        for file in shuffled:
+            pool = [m for m in mutants_of(root / file, root) if not only or any(part in m.key for part in only)]
             draw.shuffle(pool)
             pools.append(pool)
         queues.append(_by_turns(pools))
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--budget", type=float, default=20.0, help="processor seconds for one fault")
-    parser.add_argument("--only", type=lambda t: t.split(","), default=(), help="parts of paths")
+    parser.add_argument("--only", type=lambda t: t.split(","), default=(), help="parts of keys, as printed")
     parser.add_argument("--part", type=lambda t: tuple(map(int, t.split("/"))), default=(1, 1), help="2/3: every third")
     parser.add_argument("--save", type=Path, help="every verdict, one JSON a line")
     options = parser.parse_args(argv)

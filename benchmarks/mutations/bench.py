@@ -39,8 +39,10 @@ HEAVY = (
 HEAVY += ("matplotlib.figure", "jinja2", "rich.console", "pytest", "serial")
 HEAVY += ("pymavlink.dialects.v20.ardupilotmega", "pymavlink.mavutil")
 UNCOLLECTED = "it cannot even be collected"
+UNSTARTED = "the tests cannot even be started"
 BROKEN = 99
-"""Exit code of a fork that did not even get to its tests."""
+"""Exit code of a fork that pytest itself left by an exception: before its tests, or while clearing up after them, when
+what a test left behind raises."""
 HANGING = 0.5
 """Share of the budget that one test alone may use up before it counts as hanging; it is tried without the fault then,
 so that slowness is no notice."""
@@ -110,14 +112,21 @@ class Slot:
             os.killpg(self._pid, signal.SIGKILL)
             os.waitpid(self._pid, 0)
         told = self._told()
-        if pid and os.waitstatus_to_exitcode(status) == BROKEN:
-            raise RuntimeError(f"the tests of {self.mutant.path} could not be started")
         ran = sum(t["outcome"] != "begun" for t in told)
         failed = next((t["test"] for t in told if t["outcome"] == "failed"), "")
         code = os.waitstatus_to_exitcode(status) if pid else None
+        if self._again == UNSTARTED:  # the same tests without the fault: they do not start either, or it was the fault
+            if code == BROKEN and not told:
+                raise RuntimeError(f"the tests of {self.mutant.path} cannot be started, without any fault")
+            return self._end(UNSTARTED, ran, bool(pid))
         if self._again:  # the test that hung, without the fault
             was, self._again = self._again, ""
             return self._end(was if code == 0 else "", ran, bool(pid))
+        if code == BROKEN and not told:
+            self._restore()
+            self._again = UNSTARTED
+            self._fork(mirroring(self.mutant.path, self.tree)[:1], has_compiled(self.tree / self.mutant.path))
+            return None
         if not pid and told and told[-1]["outcome"] == "begun" and told[-1]["at"] < (1.0 - HANGING) * self.budget:
             self._restore()
             self._again = told[-1]["test"]
@@ -132,7 +141,7 @@ class Slot:
         for compiled in (False, True):
             noticed = {
                 v.noticed_by for v in verdicts if has_compiled(self.tree / v.mutant.path) is compiled and v.noticed_by
-            } - {UNCOLLECTED}
+            } - {UNCOLLECTED, UNSTARTED}
             if noticed:
                 self._fork(sorted(noticed), compiled, to_first=False)
                 os.waitpid(self._pid, 0)
