@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -156,7 +155,7 @@ def test_when_nothing_passes_the_fastest_that_is_safe_and_hardly_worse_than_the_
     assert len(bench.wishes) == selection.TRIES
     bench = Bench(monkeypatch, missed)
     bench.low = replace(FINE, gain=1.9)
-    with pytest.raises(NoGainsMeetSpec, match="the last try, settling in .* failed: slow"):
+    with pytest.raises(NoGainsMeetSpec, match=r"the last try, settling in .* failed: slow"):
         choose(problem())
     Bench(monkeypatch, missed)
     with pytest.raises(NoGainsMeetSpec, match="heading loop"):

@@ -32,7 +32,7 @@ LONGEST, FAR = 0.4, 1e6
 
 
 def program(active: list[int], terms: list[tuple[Any, ...]], inertia: list[tuple[Any, ...]], **places: int) -> Program:
-    """Return a program: terms of (row, parameter, second, coefficient, factors), inertia of (row, column, par, coef)."""
+    """Return a program of terms (row, parameter, second, coefficient, factors), inertia (row, column, par, coef)."""
     k = len(active)
     column = np.full(12, -1, dtype=np.int64)
     for i, d in enumerate(active):
@@ -85,6 +85,7 @@ SPATIAL = Case(
             (2, -1, -1, 0.3, (ETA + 2,)),
             (5, 7, -1, -0.6, (SIN_PSI, COS_PSI)),
             (1, 3, -1, 0.8, ()),
+            (4, 6, -1, 0.5, (INPUT_SIZE,)),
         ],
         [
             *((d, d, -1, 8.0 + d) for d in range(6)),
@@ -139,13 +140,19 @@ FLAT = Case(
 HEAVE = Case(
     program(
         [0, 2],
-        [(0, 0, -1, -1.0, (NU,)), (2, 0, 1, -1.0, (NU + 2, NU_SIZE + 2)), (2, -1, -1, 1.0, (INPUT,))],
+        [
+            (0, 0, -1, -1.0, (NU,)),
+            (2, 0, 1, -1.0, (NU + 2, NU_SIZE + 2)),
+            (2, -1, -1, 1.0, (INPUT,)),
+            (2, -1, -1, 0.2, (ETA + 2,)),
+        ],
         [(0, 0, -1, 2.0), (2, 2, -1, 3.0)],
         current_x=2,
         drift_y=1,
+        depth=0,
     ),
     np.array([0.6, 0.9, 0.4]),
-    np.array([0.1, 0.2, -0.5, 0.7]),
+    np.array([0.1, 0.2, -0.5, -0.7]),
     np.array([0.5]),
 )
 CASES = {"spatial": SPATIAL, "flat": FLAT, "heave": HEAVE}
@@ -254,6 +261,43 @@ def test_parameters_that_are_not_wanted_leave_the_others_where_their_columns_are
         assert some == pytest.approx(every[:, list(wanted)[::-1]], abs=1e-12)
 
 
+def test_the_codes_of_factors_are_those_that_the_kernel_goes_by() -> None:
+    codes = (NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, SIN_PSI, COS_PSI, NEAR, INPUT, INPUT_SIZE)
+    assert codes == (0, 6, 12, 18, 19, 20, 21, 22, 30, 60)
+
+
+PLACES = ("delay", "lag", "current_x", "current_y", "drift_x", "drift_y", "reach", "bottom")
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("name", CASES)
+def test_whichever_parameter_comes_first_means_the_same(name: str, place: str) -> None:
+    case = CASES[name]
+    P, at, p = case.P, getattr(case.P, place), len(case.theta)
+    turned = np.arange(p)
+    if at > 0:
+        turned[[0, at]] = at, 0
+    turned = np.append(turned, -1)  # what is absent stays so
+
+    def moved(pars: Any) -> Any:
+        return turned[pars]
+
+    inertia = P.inertia.copy()
+    inertia[:, 2] = moved(inertia[:, 2])
+    indices = {n: int(moved(getattr(P, n))) for n in PLACES}
+    first = Case(
+        P._replace(pars=moved(P.pars), scales=moved(P.scales), inertia=inertia, **indices),
+        case.theta[turned[:-1]],
+        case.x,
+        case.u,
+    )
+    f, A, B = evaluated(first, np.arange(p), p, deriv=True)
+    g, C, D = evaluated(case, np.arange(p), p, deriv=True)
+    assert (at <= 0) or getattr(first.P, place) == 0
+    assert f == pytest.approx(g, abs=1e-12) and pytest.approx(C, abs=1e-12) == A
+    assert B[:, turned[:-1]] == pytest.approx(D, abs=1e-12)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_without_derivatives_the_rate_is_the_same_and_nothing_else_is_touched(name: str) -> None:
     case = CASES[name]
@@ -298,8 +342,8 @@ def swept(case: Case, t_in: Array, inputs: Array, t_out: Array, **options: Any) 
     return done, fastest, X, S
 
 
-T_IN = np.array([-1.0, -0.2, 0.31, 0.31, 0.57, 0.6, 2.0])
-INPUTS = np.array([[9.0, 9.0], [0.6, 1.2], [-0.4, 1.3], [0.9, 1.1], [0.2, 1.25], [-0.7, 1.4], [5.0, 9.0]])
+T_IN = np.array([-1.0, -0.2, -0.05, 0.31, 0.31, 0.57, 0.6, 2.0])
+INPUTS = np.array([[9.0, 9.0], [0.6, 1.2], [0.8, 1.15], [-0.4, 1.3], [0.9, 1.1], [0.2, 1.25], [-0.7, 1.4], [5.0, 9.0]])
 T_OUT = np.array([0.0, 0.1, 0.7, 0.73, 0.9])
 
 
@@ -330,20 +374,41 @@ def test_a_sweep_goes_from_jump_to_jump_and_stamp_to_stamp_by_runge_kutta(pace: 
     assert pytest.approx(FLAT.x) == X[0]
 
 
-def test_the_sensitivities_of_a_sweep_are_its_differences_the_delays_too() -> None:
-    _, _, _, S = swept(FLAT, T_IN, INPUTS, T_OUT, pace=12.0)
-    assert S[0] == pytest.approx(np.delete(np.eye(6), 1, axis=1)[:, [-1] * 12 + list(range(5))] * (np.arange(17) > 11))
-    p = len(FLAT.theta)
-    by_theta = differences(lambda theta: by_pieces(FLAT, theta, FLAT.x, 12.0)[-1], FLAT.theta)
-    by_x = differences(lambda x: by_pieces(FLAT, FLAT.theta, x, 12.0)[-1], FLAT.x)
-    assert S[-1, :, : p - 2] == pytest.approx(by_theta[:, 1:-1], abs=1e-6)
-    assert S[-1, :, p - 2] == pytest.approx(by_theta[:, -1], abs=2e-4)  # a delay moves the steps as well
-    assert np.abs(by_theta[:, -1]).max() > 0.05
+@pytest.mark.parametrize("name", ["flat", "heave"])
+def test_the_sensitivities_of_a_sweep_are_its_differences_the_delays_too(name: str) -> None:
+    case = CASES[name]
+    n, p = len(case.x), len(case.theta)
+    _, _, _, S = swept(case, T_IN, INPUTS[:, : case.P.m], T_OUT, pace=12.0)
+    assert not S[0, :, : p - 1].any()
+    assert S[0, :, p - 1 :] == pytest.approx(np.delete(np.eye(n), 1, axis=1))
+    by_theta = differences(lambda theta: by_pieces(case, theta, case.x, 12.0)[-1], case.theta)
+    by_x = differences(lambda x: by_pieces(case, case.theta, x, 12.0)[-1], case.x)
+    late = case.P.delay if case.P.delay >= 0 else p
+    plain = [par for par in range(1, p) if par != late]
+    assert S[-1, :, [par - 1 for par in plain]].T == pytest.approx(by_theta[:, plain], abs=1e-6)
+    if late < p:  # a delay moves the steps as well
+        assert S[-1, :, late - 1] == pytest.approx(by_theta[:, late], abs=2e-4)
+        assert np.abs(by_theta[:, late]).max() > 0.05
     assert S[-1, :, p - 1 :] == pytest.approx(np.delete(by_x, 1, axis=1), abs=1e-6)
 
 
-def test_one_span_carries_state_and_sensitivities_and_tells_the_fastest_rate_at_its_beginning() -> None:
-    case, q, span, pace = HEAVE, 3, 0.9, 2.0
+def test_an_input_that_arrives_at_the_first_stamp_is_in_force_from_it_on() -> None:
+    """One that arrives a little earlier gives the same; one a little later has a part in the delay's sensitivity."""
+    delay = FLAT.theta[FLAT.P.delay]
+    found = []
+    for ahead in (1e-3, 0.0, -1e-6):
+        t_in = np.array([-9.0, -delay - ahead])
+        found.append(swept(FLAT, t_in, INPUTS[1:3], T_OUT, pace=12.0)[2:])
+    (early, S_early), (exact, S_exact), (late, S_late) = found
+    assert pytest.approx(early, abs=1e-12) == exact
+    assert S_exact == pytest.approx(S_early, abs=1e-12)
+    assert late[-1] == pytest.approx(exact[-1], abs=1e-5)
+    assert np.abs(S_late[-1] - S_exact[-1]).max() > 0.01
+
+
+@pytest.mark.parametrize("pace", [2.0, 0.0])
+def test_one_span_carries_state_and_sensitivities_and_tells_the_fastest_rate_at_its_beginning(pace: float) -> None:
+    case, q, span = HEAVE, 3, 0.9
     n = 4
     M, x, S = matrix(case.P, case.theta), case.x.copy(), np.zeros((n, q))
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))

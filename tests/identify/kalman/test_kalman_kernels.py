@@ -1,0 +1,423 @@
+"""The filter's kernels one by one against the same algebra with whole matrices: small enough to run uncompiled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gcs_autotune.identify.kalman import sweep, transition
+from gcs_autotune.identify.kalman.sigma import sigma_step
+from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
+from gcs_autotune.identify.kalman.transition import carry, inertia, measure, step
+from gcs_autotune.models.coupled import kernel
+from gcs_autotune.models.coupled.kernel import INPUT, NU, NU_SIZE, Program
+
+Array = NDArray[np.float64]
+
+
+def ints(*values: Any) -> NDArray[np.int64]:
+    return np.array(values, dtype=np.int64)
+
+
+# A boat: parameters are drag, yaw drag, delay, current north, current east, coupling of the masses, mass.
+BOAT = Program(
+    active=ints(0, 1, 5),
+    column=ints(3, 4, -1, -1, -1, 5, 0, 1, -1, -1, -1, 2),
+    rows=ints(0, 1, 5, 0, 5),
+    pars=ints(0, 0, 1, -1, -1),
+    scales=ints(-1, -1, -1, -1, -1),
+    coefs=np.array([-1.0, -2.0, -1.0, 1.0, 1.0]),
+    factors=ints((NU, NU_SIZE, -1), (NU + 1, -1, -1), (NU + 5, -1, -1), (INPUT, -1, -1), (INPUT + 1, -1, -1)),
+    inertia=ints((0, 0, 6), (1, 1, -1), (5, 5, -1), (1, 5, 5), (5, 1, 5)),
+    inertia_coefs=np.array([1.0, 3.0, 2.0, 0.5, 0.5]),
+    delay=2,
+    lag=-1,
+    current_x=3,
+    current_y=4,
+    drift_x=-1,
+    drift_y=-1,
+    reach=-1,
+    bottom=-1,
+    payload=-1,
+    depth=-1,
+    coriolis=1,
+    spatial=0,
+    m=2,
+)
+THETA = np.array([0.9, 0.6, 0.07, 0.2, -0.3, 0.4, 2.0])
+X = np.array([0.3, -0.2, 0.6, 0.8, -0.1, 0.3])
+T_IN = np.array([-1.0, 0.2, 0.45, 0.9])
+INPUTS = np.array([[0.7, 0.2], [-0.4, 0.5], [0.9, -0.3], [0.1, 0.4]])
+N_STATES, PACE = 6, 2.0
+NONE = np.full(7, -1, dtype=np.int64)
+
+
+def masses(theta: Array) -> tuple[Array, Array]:
+    M = np.zeros((6, 6))
+    M[0, 0], M[1, 1], M[5, 5], M[1, 5], M[5, 1] = theta[6], 3.0, 2.0, 0.5 * theta[5], 0.5 * theta[5]
+    active = np.ix_([0, 1, 5], [0, 1, 5])
+    return M, np.linalg.inv(M[active])
+
+
+def moved(x: Array, t: float, stop: float, theta: Array = THETA, pace: float = PACE) -> Array:
+    """Return the state at *stop*, by the simulation's own sweep."""
+    out = np.zeros((2, N_STATES))
+    none = np.zeros((2, N_STATES, 0))
+    done, _ = kernel.sweep(
+        BOAT, theta, *masses(theta), x, T_IN, INPUTS, np.array([t, stop]), NONE, NONE[:6], 0, False, pace, 1e4, out,
+        none,
+    )  # fmt: skip
+    assert done
+    return out[1]
+
+
+def differences(function: Any, at: Array, h: float = 1e-6) -> Array:
+    return np.stack([(function(at + h * e) - function(at - h * e)) / (2.0 * h) for e in np.eye(len(at))], axis=1)
+
+
+def covariance(size: int, seed: int = 1) -> Array:
+    root = 0.05 * np.random.default_rng(seed).standard_normal((size, size))
+    return root @ root.T + 1e-3 * np.eye(size)
+
+
+def row_at(t: float) -> int:
+    return int(np.searchsorted(T_IN + THETA[2], t, side="right")) - 1
+
+
+@pytest.mark.parametrize(("t", "stop"), [(0.0, 0.1), (0.0, 0.27), (0.1, 1.2), (0.97, 1.0)])
+def test_a_state_is_carried_through_jumps_as_a_simulation_is_with_its_sensitivities(t: float, stop: float) -> None:
+    free = ints(6, -1, 7, 8, -1, 9, -1)
+    x, S = X.copy(), np.eye(6, 10)
+    rate, row = carry(BOAT, THETA, *masses(THETA), x, S, t, stop, row_at(t), T_IN, INPUTS, free, True, 12.0)
+    assert row == row_at(stop)
+    assert x == pytest.approx(moved(X, t, stop, pace=12.0), abs=1e-10)
+    assert 0.3 < rate < 5.0
+    assert S[:, :6] == pytest.approx(differences(lambda z: moved(z, t, stop, pace=12.0), X), abs=1e-6)
+    by_theta = differences(lambda theta: moved(X, t, stop, theta, pace=12.0), THETA)
+    assert S[:, 6:][:, [0, 2, 3]] == pytest.approx(by_theta[:, [0, 3, 5]], abs=1e-6)
+    if (t, stop) == (0.1, 1.2):
+        assert S[:, 7] == pytest.approx(by_theta[:, 2], abs=3e-4)
+        assert np.abs(S[:, 7]).max() > 0.05
+    y = X.copy()
+    without = np.zeros((6, 0))
+    carry(BOAT, THETA, *masses(THETA), y, without, t, stop, row_at(t), T_IN, INPUTS, NONE, False, 12.0)
+    assert y == pytest.approx(x, abs=1e-12)
+
+
+def test_a_model_too_stiff_or_running_away_is_given_up() -> None:
+    def rate(pace: float, x: Array = X) -> float:
+        room = np.zeros((6, 0))
+        return carry(BOAT, THETA, *masses(THETA), x.copy(), room, 0.0, 0.1, 0, T_IN, INPUTS, NONE, False, pace)[0]
+
+    assert rate(0.999 * transition.MAX_STEPS * kernel.REACH / 0.1) >= 0.0
+    assert rate(1.001 * transition.MAX_STEPS * kernel.REACH / 0.1) < 0.0
+    assert (transition.MAX_STEPS, kernel.REACH) == (400, 0.4)
+    assert rate(PACE, np.array([2e6, *X[1:]])) < 0.0
+    F, late, x = np.zeros((6, 6)), np.zeros((6, 6)), np.array([2e6, *X[1:]])
+    assert step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, 0.1, 0, T_IN, INPUTS, NONE, PACE)[0] < 0.0
+
+
+@pytest.mark.parametrize("stop", [0.05, 0.15, 0.6, 1.3])
+def test_a_step_gives_the_transition_of_the_whole_and_of_its_second_half(stop: float) -> None:
+    free = ints(-1, 6, -1, -1, 7, -1, -1)
+    x, F, late = X.copy(), np.full((6, 8), 9.0), np.full((6, 6), 9.0)
+    rate, row = step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, stop, 0, T_IN, INPUTS, free, 12.0)
+    assert row == row_at(stop) and rate > 0.0
+    assert x == pytest.approx(moved(X, 0.0, stop, pace=12.0), abs=1e-6)
+    whole = differences(lambda z: moved(z, 0.0, stop, pace=12.0), X)
+    by_theta = differences(lambda theta: moved(X, 0.0, stop, theta, pace=12.0), THETA)
+    assert F == pytest.approx(np.hstack([whole, by_theta[:, [1, 4]]]), abs=2e-6)
+    if rate * stop < transition.SHORT:  # over a short interval the half is the root of the whole
+        assert late @ late == pytest.approx(F[:, :6], abs=2e-5)
+    else:
+        middle = moved(X, 0.0, 0.5 * stop, pace=12.0)
+        half = differences(lambda z: moved(z, 0.5 * stop, stop, pace=12.0), middle)
+        assert late == pytest.approx(half, abs=2e-6)
+
+
+def test_both_ways_over_an_interval_are_taken() -> None:
+    assert transition.SHORT == 0.3
+    rates = []
+    for stop in (0.05, 1.3):
+        x, F, late = X.copy(), np.zeros((6, 6)), np.zeros((6, 6))
+        rates.append(step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, stop, 0, T_IN, INPUTS, NONE, 12.0)[0] * stop)
+    assert rates[0] < transition.SHORT < rates[1]
+
+
+def test_the_inverse_of_the_inertia_and_whether_it_is_positive() -> None:
+    M, M_inverse = np.full((6, 6), 9.0), np.full((3, 3), 9.0)
+    assert inertia(BOAT, THETA, M, M_inverse)
+    assert pytest.approx(masses(THETA)[0]) == M
+    assert M_inverse == pytest.approx(masses(THETA)[1], abs=1e-12)
+    for place, value in ((6, -0.5), (5, 4.9), (5, 5.0)):
+        other = THETA.copy()
+        other[place] = value
+        assert inertia(BOAT, other, M, M_inverse) is (value == 4.9 and 3.0 * 2.0 > (0.5 * value) ** 2)
+        assert M_inverse == pytest.approx(masses(other)[1], rel=1e-9)
+    other = THETA.copy()
+    other[6] = 0.0
+    assert not inertia(BOAT, other, M, M_inverse)
+    assert np.all(np.isfinite(M_inverse))
+
+
+@pytest.mark.parametrize("code", [0, 1, 5, 6, 7, 11])
+@pytest.mark.parametrize("current", [(3, 4), (3, -1), (-1, 4), (-1, -1)])
+def test_what_is_measured_is_the_velocity_over_ground_or_the_position(code: int, current: tuple[int, int]) -> None:
+    boat = BOAT._replace(current_x=current[0], current_y=current[1])
+    free = ints(-1, -1, -1, 6, 7, -1, -1)
+
+    def output(z: Array) -> Array:
+        u, v, r = z[3:6]
+        north, east = (z[6] if current[0] >= 0 else 0.0), (z[7] if current[1] >= 0 else 0.0)
+        c, s = np.cos(z[2]), np.sin(z[2])
+        ground = {0: u + north * c + east * s, 1: v - north * s + east * c, 5: r, 6: z[0], 7: z[1], 11: z[2]}
+        return np.array([ground[code]])
+
+    z, H = np.concatenate([X, THETA[3:5]]), np.full(8, 9.0)
+    assert measure(boat, THETA, X, code, free, H) == pytest.approx(output(z)[0], abs=1e-12)
+    assert pytest.approx(differences(output, z)[0], abs=1e-8) == H
+    assert measure(boat, THETA, X, code, NONE, H) == pytest.approx(output(z)[0], abs=1e-12)
+    assert not H[6:].any()
+
+
+def test_a_covariance_is_carried_by_the_transition_and_grows_by_simpsons_rule() -> None:
+    rng = np.random.default_rng(2)
+    F, late = rng.standard_normal((3, 5)), rng.standard_normal((3, 3))
+    q, walk, h = np.array([0.2, 0.0, 0.5]), np.array([0.1, 0.3]), 0.7
+    cov = covariance(5)
+    whole = np.vstack([F, np.eye(2, 5, 3)])
+    Q = np.diag(q)
+    expected = whole @ cov @ whole.T
+    expected[:3, :3] += h / 6.0 * (F[:, :3] @ Q @ F[:, :3].T + 4.0 * late @ Q @ late.T + Q)
+    expected[3:, 3:] += h * np.diag(walk)
+    sweep._time_update(cov, F, late, q, walk, h)
+    assert cov == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_sample_takes_its_part_of_the_covariance_in_josephs_form() -> None:
+    cov, K, H, r = covariance(4), np.array([0.3, -0.2, 0.5, 0.1]), np.array([1.0, 0.0, -0.4, 0.6]), 0.02
+    rest = np.eye(4) - np.outer(K, H)
+    expected = rest @ cov @ rest.T + r * np.outer(K, K)
+    sweep._measurement_update(cov, K, H, r)
+    assert cov == pytest.approx(expected, abs=1e-14)
+    assert np.array_equal(cov, cov.T)
+
+
+FREE = ints(6, -1, -1, 7, -1, -1, -1)
+FREE_PLACES = ints(0, 3)
+Q_STATES = np.array([0.0, 0.0, 0.0, 0.04, 0.02, 0.05])
+WALK = np.array([0.01, 0.02])
+
+
+def test_sigma_points_carry_mean_and_covariance_by_central_differences() -> None:
+    mean, cov, t, stop = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8), 0.1, 0.8
+    cov[:, 4] = cov[4, :] = 0.0  # a state that is known
+    theta = THETA.copy()
+
+    def ends(z: Array) -> Array:
+        own = theta.copy()
+        own[FREE_PLACES] = z[6:]
+        return moved(z[:6], t, stop, own)
+
+    x, F, late = X.copy(), np.zeros((6, 8)), np.zeros((6, 6))
+    step(BOAT, THETA, *masses(THETA), x, F, late, t, stop, row_at(t), T_IN, INPUTS, FREE, PACE)
+    kept = [i for i in range(8) if i != 4]
+    L = np.zeros((8, 8))
+    L[np.ix_(kept, kept)] = np.linalg.cholesky(cov[np.ix_(kept, kept)])
+    wide = np.sqrt(3.0)
+    plus, minus = (np.array([ends(mean + side * wide * L[:, j]) for j in kept]) for side in (1.0, -1.0))
+    bent = plus + minus - 2.0 * x
+    expected = cov.copy()
+    Q = np.diag(Q_STATES)
+    expected[:6, :6] = (plus - minus).T @ (plus - minus) / 12.0 + bent.T @ bent * 2.0 / 36.0
+    expected[:6, :6] += 0.7 / 6.0 * (F[:, :6] @ Q @ F[:, :6].T + 4.0 * late @ Q @ late.T + Q)
+    expected[:6, 6:] = (plus - minus).T @ L[6:, kept].T / (2.0 * wide)
+    expected[6:, :6] = expected[:6, 6:].T
+    expected[6:, 6:] += 0.7 * np.diag(WALK)
+    better = x + bent.sum(axis=0) / 6.0
+    assert np.abs(better - x).max() > 1e-4 < np.abs(bent).max()
+    assert sigma_step(
+        BOAT, theta, FREE_PLACES, mean, cov, x, F, late, Q_STATES, WALK, t, stop, row_at(t), T_IN, INPUTS, PACE
+    )
+    assert x == pytest.approx(better, abs=1e-10)
+    assert cov == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize(("far", "place"), [(9.0, 6), (4e6, 0)], ids=["no positive mass", "runs away"])
+def test_a_sigma_point_that_cannot_be_carried_changes_nothing(far: float, place: int) -> None:
+    places = ints(6, 0)
+    mean, cov = np.concatenate([X, THETA[places]]), np.diag(np.full(8, 1e-4))
+    at = 6 if place == 6 else 3
+    cov[at, at] = far**2
+    x, before, room = X.copy(), cov.copy(), (np.zeros((6, 8)), np.zeros((6, 6)))
+    assert not sigma_step(BOAT, THETA, places, mean, cov, x, *room, Q_STATES, WALK, 0.0, 0.1, 0, T_IN, INPUTS, PACE)
+    assert np.array_equal(x, X) and np.array_equal(cov, before)
+
+
+STAMPS = np.array([0.05, 0.2, 0.5, 0.6, 1.1])
+CODES = ints(5, 6, 0)
+R = np.array([0.02, 0.05, 0.03]) ** 2
+READ = np.array(
+    [
+        [0.31, np.nan, 0.7],
+        [np.nan, 0.45, np.nan],
+        [0.28, 0.7, 0.75],
+        [np.nan, np.nan, np.nan],
+        [0.35, np.nan, 0.6],
+    ]
+)
+
+
+def passed(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, Tape, Array, Array]:
+    """Run the filter with two free parameters; return what it returns, its tape, and where it ended."""
+    reference = options.get("reference", np.zeros((0, 6)))
+    mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
+    tape = new_tape(5, 3, 6, 8, full=True)
+    rate = forward(
+        BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS,
+        options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, tape,
+    )  # fmt: skip
+    return rate, tape, mean, cov
+
+
+def filtered(reference: Array | None = None, *, sigma: bool = False) -> tuple[list[Any], Array, Array]:
+    """Return (innovation, variance, gain, H) of each sample, mean and covariance after each stamp, from the pieces."""
+    mean, cov, theta = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8), THETA.copy()
+    samples, means, covs = [], [], []
+    given = np.concatenate([[0.0] * 6, THETA[FREE_PLACES]])
+    for s, stamp in enumerate(STAMPS):
+        about = None if reference is None else np.concatenate([reference[s], THETA[FREE_PLACES]])
+        if s:
+            t = STAMPS[s - 1]
+            if reference is None:
+                theta[FREE_PLACES] = mean[6:]
+            start = mean[:6] if reference is None else reference[s - 1]
+            x, F, late = start.copy(), np.zeros((6, 8)), np.zeros((6, 6))
+            step(BOAT, theta, *masses(theta), x, F, late, t, stamp, row_at(t), T_IN, INPUTS, FREE, PACE)
+            if reference is not None:
+                x += F @ (mean - given - np.concatenate([reference[s - 1], [0.0, 0.0]]))
+            if not sigma or not sigma_step(
+                BOAT, theta, FREE_PLACES, mean, cov, x, F, late, Q_STATES, WALK, t, stamp, row_at(t), T_IN, INPUTS,
+                PACE,
+            ):  # fmt: skip
+                sweep._time_update(cov, F, late, Q_STATES, WALK, stamp - t)
+            mean[:6] = x
+        for i in np.flatnonzero(np.isfinite(READ[s])):
+            H = np.zeros(8)
+            if about is None:
+                theta[FREE_PLACES] = mean[6:]
+                error = READ[s, i] - measure(BOAT, theta, mean[:6], CODES[i], FREE, H)
+            else:
+                error = READ[s, i] - measure(BOAT, theta, about[:6], CODES[i], FREE, H)
+                error -= H @ (mean - about)
+            S = H @ cov @ H + R[i]
+            K = cov @ H / S
+            samples.append(((s, int(i)), error, S, K, H))
+            mean, cov = mean + K * error, (np.eye(8) - np.outer(K, H)) @ cov
+        means.append(mean.copy())
+        covs.append(cov.copy())
+    return samples, np.array(means), np.array(covs)
+
+
+PATH = np.array([moved(X, 0.05, s) if s > 0.05 else X for s in STAMPS])
+
+
+@pytest.mark.parametrize(
+    ("about", "sigma"), [(None, False), (None, True), (PATH, False)], ids=["linearised", "sigma points", "about a path"]
+)
+def test_a_pass_is_predict_and_correct_sample_by_sample(about: Array | None, sigma: bool) -> None:
+    samples, means, covs = filtered(about, sigma=sigma)
+    rate, tape, mean, cov = passed(reference=np.zeros((0, 6)) if about is None else about, sigma=sigma)
+    assert 0.3 < rate < 5.0
+    assert {at for at, *_ in samples} == {tuple(at) for at in np.argwhere(np.isfinite(tape.e)).tolist()}
+    for (s, i), error, S, K, H in samples:
+        assert tape.e[s, i] == pytest.approx(error, abs=1e-6)
+        assert tape.S[s, i] == pytest.approx(S, rel=1e-6)
+        assert tape.K[s, i] == pytest.approx(K, abs=1e-6)
+        assert tape.H[s, i] == pytest.approx(H, abs=1e-6)
+    assert tape.mean == pytest.approx(means, abs=1e-6)
+    assert tape.covariance == pytest.approx(covs, abs=1e-7)
+    assert np.array_equal(mean, tape.mean[-1]) and np.array_equal(cov, tape.covariance[-1])
+
+
+def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
+    _, full, mean, _ = passed()
+    lean = new_tape(5, 3, 6, 8, full=False)
+    end, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
+    forward(
+        BOAT, THETA, FREE_PLACES, FREE, end, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
+        np.zeros((0, 6)), False, PACE, lean,
+    )  # fmt: skip
+    assert np.array_equal(lean.e, full.e, equal_nan=True) and np.array_equal(lean.S, full.S, equal_nan=True)
+    assert np.array_equal(end, mean)
+    assert [len(a) for a in lean] == [0, 0, 0, 0, 5, 5, 0, 0]
+
+
+def test_a_pass_that_runs_away_says_at_which_stamp() -> None:
+    for s, i in ((0, 0), (2, 1), (4, 0)):
+        read = READ.copy()
+        read[s, i] = 1e14
+        assert passed(read=read)[0] == -1.0 - s if s == 4 else passed(read=read)[0] <= -1.0 - s
+
+
+def test_parameters_stop_short_of_an_inertia_that_is_not_positive() -> None:
+    theta, places = THETA.copy(), ints(6)
+    mean, after = np.append(X, 2.0), np.append(X, -5.0)
+    M, M_inverse = np.zeros((6, 6)), np.zeros((3, 3))
+    assert sweep._move_parameters(BOAT, theta, places, mean, after, 6, M, M_inverse, True)
+    assert theta[6] == after[6] == pytest.approx(0.25)  # -5, -1.5, 0.25: half the way back each time
+    assert M[0, 0] == theta[6]
+    bad = np.append(X, -5.0)
+    assert not sweep._move_parameters(BOAT, theta, places, mean, bad, 6, M, M_inverse, False)
+    assert theta[6] == bad[6] == -5.0
+
+
+def likelihood(r: Array = R, q: Array = Q_STATES) -> float:
+    _, tape, _, _ = passed(r, q, reference=PATH)
+    seen = np.isfinite(tape.e)
+    return float(-0.5 * np.sum(tape.e[seen] ** 2 / tape.S[seen] + np.log(tape.S[seen])))
+
+
+def test_the_adjoint_smooths_as_rauch_tung_and_striebel_and_gives_the_derivatives_by_every_noise() -> None:
+    _, tape, _, _ = passed(reference=PATH)
+    adjoint, information = np.zeros(8), np.zeros((8, 8))
+    smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
+    by_noise, by_drive = np.ones((2, 3)), np.ones((2, 6))
+    backward(STAMPS, R, tape, adjoint, information, smoothed, variances, by_noise, by_drive)
+    x, P = tape.mean[-1], tape.covariance[-1]
+    assert smoothed[-1] == pytest.approx(x, abs=1e-12)
+    for s in range(3, -1, -1):
+        F = np.vstack([tape.F[s + 1], np.eye(2, 8, 6)])
+        ahead, given = tape.covariance[s].copy(), np.concatenate([PATH[s], THETA[FREE_PLACES]])
+        sweep._time_update(ahead, tape.F[s + 1], tape.late[s + 1], Q_STATES, WALK, STAMPS[s + 1] - STAMPS[s])
+        before = np.concatenate([moved(PATH[s], STAMPS[s], STAMPS[s + 1]), THETA[FREE_PLACES]])
+        G = tape.covariance[s] @ F.T @ np.linalg.inv(ahead)
+        x = tape.mean[s] + G @ (x - before - F @ (tape.mean[s] - given))
+        P = tape.covariance[s] + G @ (P - ahead) @ G.T
+        assert smoothed[s] == pytest.approx(x, abs=3e-6)  # halves of a long step are shorter steps
+        assert variances[s] == pytest.approx(np.diag(P), abs=1e-8)
+    for i in range(3):
+        h = 1e-4 * R[i] * np.eye(3)[i]
+        slope = (likelihood(R + h) - likelihood(R - h)) / (2e-4 * R[i])
+        assert 0.5 * (by_noise[0, i] - by_noise[1, i]) == pytest.approx(slope, rel=1e-5)
+    for i in range(3, 6):
+        h = 1e-4 * Q_STATES[i] * np.eye(6)[i]
+        slope = (likelihood(q=Q_STATES + h) - likelihood(q=Q_STATES - h)) / (2e-4 * Q_STATES[i])
+        assert 0.5 * (by_drive[0, i] - by_drive[1, i]) == pytest.approx(slope, rel=1e-5)
+
+
+def test_the_adjoint_of_a_later_record_reaches_back_through_the_parameters() -> None:
+    """Two records of one craft: the first's smoothed parameters are those that both leave behind."""
+    _, tape, mean, cov = passed(reference=PATH)
+    seen, r = np.array([[0.0] * 6 + [1.0, 0.4]]), 0.01
+    S = float(seen[0] @ cov @ seen[0] + r)
+    e = 0.3
+    adjoint, information = -seen[0] * e / S, np.outer(seen[0], seen[0]) / S
+    smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
+    backward(STAMPS, R, tape, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6)))
+    K = cov @ seen[0] / S
+    assert smoothed[-1] == pytest.approx(mean + K * e, abs=1e-12)
+    assert variances[-1] == pytest.approx(np.diag(cov - np.outer(K, seen[0] @ cov)), abs=1e-12)
