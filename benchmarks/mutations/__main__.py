@@ -26,7 +26,7 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from benchmarks.mutations.areas import AREAS, EQUIVALENT  # noqa: E402
+from benchmarks.mutations.areas import EQUIVALENT, files_by_area  # noqa: E402
 from benchmarks.mutations.bench import Slot, Verdict, copy_tree, import_heavy  # noqa: E402
 from benchmarks.mutations.mutant import Mutant, mutants_of  # noqa: E402
 
@@ -38,7 +38,7 @@ def drawn(seed: int, count: int, only: Sequence[str] = (), root: Path = ROOT) ->
     """Return *count* faults (fewer where there are no more), by turns of the areas and of the files in each."""
     draw = random.Random(seed)
     queues = []
-    for files in AREAS.values():
+    for files in files_by_area(root).values():
         shuffled = list(files)
         draw.shuffle(shuffled)
         pools = []
@@ -84,7 +84,7 @@ def verdicts(mutants: Sequence[Mutant], jobs: int, budget: float) -> Iterator[Ve
 
 def table(found: Sequence[Verdict]) -> str:
     """Return what was noticed, by area and by kind of fault, and every survivor with where to look."""
-    area_of = {file: area for area, files in AREAS.items() for file in files}
+    area_of = {file: area for area, files in files_by_area(ROOT).items() for file in files}
     by_area: dict[str, Counter[str]] = defaultdict(Counter)
     by_kind: dict[str, Counter[str]] = defaultdict(Counter)
     for v in found:

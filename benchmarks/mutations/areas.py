@@ -2,79 +2,85 @@
 
 from __future__ import annotations
 
-__all__ = ["AREAS", "EQUIVALENT"]
+from pathlib import Path
+
+__all__ = ["AREAS", "EQUIVALENT", "files_by_area"]
 
 AREAS: dict[str, tuple[str, ...]] = {
-    "safety": (
-        "gcs_autotune/manoeuvres/pulse_response.py",
-        "gcs_autotune/manoeuvres/envelope.py",
-        "gcs_autotune/manoeuvres/sequencer.py",
-        "gcs_autotune/manoeuvres/sign_check.py",
-        "gcs_autotune/manoeuvres/thrust_check.py",
-        "gcs_autotune/manoeuvres/relay.py",
-        "gcs_autotune/workflow/restore.py",
-        "gcs_autotune/workflow/decision.py",
-    ),
-    "link": (
-        "gcs_autotune/link/liveness.py",
-        "gcs_autotune/link/parameters/client.py",
-        "gcs_autotune/link/parameters/exchange.py",
-        "gcs_autotune/link/transports/transport.py",
-        "gcs_autotune/link/vehicle/actuation_check.py",
-        "gcs_autotune/link/vehicle/handshake.py",
-        "gcs_autotune/link/vehicle/interference_monitor.py",
-        "gcs_autotune/link/vehicle/rc_monitor.py",
-        "gcs_autotune/link/vehicle/setpoint_streamer.py",
-        "gcs_autotune/link/vehicle/telemetry.py",
-        "gcs_autotune/link/vehicle/vehicle_config.py",
-        "gcs_autotune/mavlink/signing.py",
-    ),
-    "journal": (
-        "gcs_autotune/link/parameters/journal.py",
-        "gcs_autotune/link/parameters/parameter_transaction.py",
-        "gcs_autotune/mavlink/params_file.py",
-        "gcs_autotune/mavlink/tlog.py",
-    ),
-    "stamps": (
-        "gcs_autotune/identify/axis/redating.py",
-        "gcs_autotune/link/vehicle/latency.py",
-        "gcs_autotune/link/vehicle/watchdog.py",
-        "gcs_autotune/logs/dataflash.py",
-        "gcs_autotune/logs/sample_store.py",
-    ),
+    "kernels": ("**/*.py",),
+    "safety": ("manoeuvres/*.py", "workflow/restore.py", "workflow/decision.py"),
+    "journal": ("**/journal.py", "**/parameter_transaction.py", "**/params_file.py", "mavlink/tlog.py"),
+    "stamps": ("**/redating.py", "**/latency.py", "**/watchdog.py", "logs/dataflash.py", "logs/sample_store.py"),
+    "link": ("link/liveness.py", "link/parameters/*.py", "link/vehicle/*.py", "**/transport.py", "**/signing.py"),
     "results": (
-        "gcs_autotune/chi_square.py",
-        "gcs_autotune/frames.py",
-        "gcs_autotune/sname.py",
-        "gcs_autotune/trial.py",
-        "gcs_autotune/design/margins.py",
-        "gcs_autotune/design/open_loop.py",
-        "gcs_autotune/design/selection.py",
-        "gcs_autotune/design/step_metrics.py",
-        "gcs_autotune/design/verdict.py",
-        "gcs_autotune/diagnose/heldout.py",
-        "gcs_autotune/diagnose/score.py",
-        "gcs_autotune/identify/axis/likelihood.py",
-        "gcs_autotune/identify/axis/objective.py",
-        "gcs_autotune/identify/axis/residuals.py",
-        "gcs_autotune/identify/cleaning.py",
-        "gcs_autotune/identify/colour.py",
-        "gcs_autotune/identify/least_squares.py",
-        "gcs_autotune/identify/unit_check.py",
-        "gcs_autotune/logs/channels.py",
-    ),
-    "kernels": (
-        "gcs_autotune/design/laws/kernel.py",
-        "gcs_autotune/effects/kernels.py",
-        "gcs_autotune/effects/narrow_band.py",
-        "gcs_autotune/identify/kalman/sigma.py",
-        "gcs_autotune/identify/kalman/sweep.py",
-        "gcs_autotune/identify/kalman/transition.py",
-        "gcs_autotune/models/coupled/kernel.py",
-        "gcs_autotune/models/simulation.py",
+        "**/chi_square.py",
+        "**/frames.py",
+        "**/sname.py",
+        "**/trial.py",
+        "design/margins.py",
+        "design/open_loop.py",
+        "design/selection.py",
+        "design/step_metrics.py",
+        "design/verdict.py",
+        "diagnose/heldout.py",
+        "diagnose/score.py",
+        "**/axis/likelihood.py",
+        "**/axis/objective.py",
+        "**/axis/residuals.py",
+        "**/cleaning.py",
+        "**/colour.py",
+        "**/least_squares.py",
+        "**/unit_check.py",
+        "logs/channels.py",
     ),
 }
-"""Area -> files faults are put into."""
+"""Area -> patterns of the files in ``gcs_autotune`` that faults are put into; a file is in the first area that has it.
+Rooms, or names in whatever room they are, so that a file may move; what matches nothing is an error."""
+
+ONLY_WITH: dict[str, str] = {"kernels": "import njit"}
+"""Area -> what must stand in a file: kernels are wherever something is compiled."""
+
+WITHOUT: tuple[str, ...] = (
+    "**/__init__.py",  # doors
+    "manoeuvres/*_messages.py",  # words, which goldens hold
+    "manoeuvres/table.py",  # data
+    "link/vehicle/commands.py",  # what is sent and when, tried against a whole vehicle
+    "link/vehicle/mavlink_craft.py",
+    "link/vehicle/rates.py",
+    "link/vehicle/bandwidth.py",
+    "link/vehicle/congestion.py",
+    "link/vehicle/other_stations.py",
+)
+"""Patterns of files that are left out of every area."""
+
+
+def files_by_area(root: Path) -> dict[str, list[str]]:
+    """Return area -> its files, relative to *root*.
+
+    Raises
+    ------
+    LookupError
+        A pattern matches no file: it has been renamed, and so must the pattern be.
+    """
+    package = root / "gcs_autotune"
+    taken = {file for pattern in WITHOUT for file in _matching(package, pattern)}
+    found = {}
+    for area, patterns in AREAS.items():
+        matching = {f for pattern in patterns for f in _matching(package, pattern)} - taken
+        files = sorted(f for f in matching if ONLY_WITH.get(area, "") in f.read_text(encoding="utf-8"))
+        if not files:
+            raise LookupError(f"the area {area} of the mutations has no file")
+        taken.update(files)
+        found[area] = [str(f.relative_to(root)) for f in files]
+    return found
+
+
+def _matching(package: Path, pattern: str) -> list[Path]:
+    files = list(package.glob(pattern))
+    if not files:
+        raise LookupError(f"no file of {package.name} is called {pattern} any more: say in {__file__} what it is now")
+    return files
+
 
 EQUIVALENT: dict[str, str] = {
     "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (

@@ -96,7 +96,7 @@ class Slot:
         self.mutant, self._again = mutant, ""
         path = self.tree / mutant.path
         self._source, self._stamp = path.read_text(encoding="utf-8"), path.stat().st_mtime
-        path.write_text(mutant.effect(self._source), encoding="utf-8")
+        path.write_text(mutant.applied(self._source), encoding="utf-8")
         self._tried += 1  # what Python has compiled goes by whole seconds and size: never twice the same
         os.utime(path, (self._stamp + self._tried,) * 2)
         self._fork(mirroring(mutant.path, self.tree), has_compiled(path))
@@ -190,10 +190,13 @@ def processor_time(pid: int) -> float:
 
 
 class _Telling:
-    """A pytest plugin: one line for every test that has run."""
+    """A pytest plugin: slow tests last, and one line for every test that has run."""
 
     def __init__(self, log: Path) -> None:
         self._log = log
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._tell(nodeid, "begun")

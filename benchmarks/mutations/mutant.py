@@ -82,7 +82,7 @@ class Mutant:
     def is_python(self, source: str) -> bool:
         """Whether the source still is Python with the fault in it."""
         try:
-            ast.parse(self.effect(source))
+            ast.parse(self.applied(source))
         except SyntaxError:
             return False
         return True

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.mutations import Mutant, mirroring, mutants_of
+from benchmarks.mutations import Mutant, areas, bench, mirroring, mutants_of
 from benchmarks.mutations.__main__ import ROOT, drawn, table
-from benchmarks.mutations.areas import AREAS, EQUIVALENT
+from benchmarks.mutations.areas import AREAS, EQUIVALENT, files_by_area
 from benchmarks.mutations.bench import Verdict
 from benchmarks.mutations.mutant import KINDS
 
@@ -60,7 +60,7 @@ def test_every_kind_of_fault_is_found_and_words_are_left_alone(found: list[Mutan
 def test_a_fault_changes_one_place_and_the_rest_stays_byte_for_byte(found: list[Mutant]) -> None:
     assert found
     for mutant in found:
-        changed = mutant.effect(SOURCE)
+        changed = mutant.applied(SOURCE)
         assert changed != SOURCE
         assert mutant.is_python(SOURCE)
         before, after = SOURCE.splitlines(), changed.splitlines()
@@ -70,16 +70,91 @@ def test_a_fault_changes_one_place_and_the_rest_stays_byte_for_byte(found: list[
 
 
 def test_the_same_seed_draws_the_same_faults_from_every_area() -> None:
-    first = drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "backlash"))
-    assert first == drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "backlash"))
-    assert first != drawn(4, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "backlash"))
+    first = drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "narrow_band"))
+    assert first == drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "narrow_band"))
+    assert first != drawn(4, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "narrow_band"))
     assert len(set(first)) == 24
     assert len({m.path for m in first}) >= 6
 
 
-@pytest.mark.parametrize("path", [file for files in AREAS.values() for file in files])
-def test_every_file_that_matters_is_there(path: str) -> None:
-    assert (ROOT / path).is_file()
+def test_every_area_has_files_and_no_file_two_areas() -> None:
+    areas = files_by_area(ROOT)
+    files = [file for found in areas.values() for file in found]
+    assert set(areas) == set(AREAS)
+    assert len(files) == len(set(files)) > 50
+    assert all((ROOT / file).is_file() for file in files)
+    assert "import njit" in (ROOT / areas["kernels"][0]).read_text(encoding="utf-8")
+
+
+def test_a_file_that_moves_is_found_and_one_that_is_renamed_is_missed_loudly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "gcs_autotune"
+    for name in ("here/a.py", "here/b.py", "here/words.py", "there/c.py"):
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text("import njit" if name == "there/c.py" else "", encoding="utf-8")
+    monkeypatch.setattr(areas, "AREAS", {"kernels": ("**/*.py",), "one": ("**/b.py",), "other": ("here/*.py",)})
+    monkeypatch.setattr(areas, "WITHOUT", ("here/words.py",))
+    assert areas.files_by_area(tmp_path) == {
+        "kernels": ["gcs_autotune/there/c.py"],
+        "one": ["gcs_autotune/here/b.py"],
+        "other": ["gcs_autotune/here/a.py"],
+    }
+    (package / "here/b.py").rename(package / "there/b.py")
+    assert areas.files_by_area(tmp_path)["one"] == ["gcs_autotune/there/b.py"]
+    (package / "there/b.py").rename(package / "there/d.py")
+    with pytest.raises(LookupError, match=r"b\.py any more"):
+        areas.files_by_area(tmp_path)
+    (package / "there/d.py").rename(package / "there/b.py")
+    (package / "there/c.py").write_text("", encoding="utf-8")
+    with pytest.raises(LookupError, match="kernels"):
+        areas.files_by_area(tmp_path)
+
+
+class Ended:
+    """A slot whose fork has ended with *code* after the tests *told*; what it forks next ends with *then*."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: int, told: str, then: int = 0) -> None:
+        path = tmp_path / "tree" / "gcs_autotune" / "a.py"
+        path.parent.mkdir(parents=True)
+        path.write_text("x = 1\n", encoding="utf-8")
+        self.codes = [code, then]
+        slot = bench.Slot(tmp_path / "tree", 20.0)
+        log = tmp_path / "told.jsonl"
+
+        def fork(tests: object, compiled: bool, *, to_first: bool = True) -> None:
+            log.write_text(told if len(self.codes) == 2 else "", encoding="utf-8")
+
+        monkeypatch.setattr(slot, "_fork", fork)
+        monkeypatch.setattr(bench, "mirroring", lambda path, root: ["tests/test_a.py"])
+        monkeypatch.setattr(bench.os, "waitpid", lambda pid, options: (1, self.codes.pop(0) << 8))
+        slot.begin(Mutant("gcs_autotune/a.py", "module", "constant", 1, 4, 1, 5, "1", "2"))
+        self.slot, self.path = slot, path
+
+
+FAILED = '{"test": "t", "outcome": "begun", "at": 0.1}\n{"test": "t", "outcome": "failed", "at": 0.2}\n'
+
+
+def test_a_fork_that_breaks_while_clearing_up_after_a_test_that_failed_has_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    verdict = Ended(monkeypatch, tmp_path, bench.BROKEN, FAILED).slot.poll()
+    assert verdict is not None and verdict.noticed_by == "t"
+
+
+def test_tests_that_a_fault_keeps_from_starting_have_noticed_and_those_that_never_start_are_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = Ended(monkeypatch, tmp_path / "fault", bench.BROKEN, "")
+    assert "2" in ended.path.read_text(encoding="utf-8")
+    assert ended.slot.poll() is None
+    assert ended.path.read_text(encoding="utf-8") == "x = 1\n"
+    verdict = ended.slot.poll()
+    assert verdict is not None and verdict.noticed_by == bench.UNSTARTED
+    never = Ended(monkeypatch, tmp_path / "never", bench.BROKEN, "", then=bench.BROKEN).slot
+    assert never.poll() is None
+    with pytest.raises(RuntimeError, match="without any fault"):
+        never.poll()
 
 
 @pytest.mark.parametrize(
