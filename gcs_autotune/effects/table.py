@@ -1,12 +1,13 @@
 """The table of effects: everything a simulation may get wrong that this package knows by name.
 
-Adding one is one class and one line here. The order is that in which effects act on a command, a motion and a
+Adding one is one class and one line here; or, from another package, one class and one line in its ``pyproject.toml``
+(entry points of the group :data:`GROUP`). The order is that in which effects act on a command, a motion and a
 measurement, and that in which equals are named; errors of the data come first, because they mimic physics.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from gcs_autotune.effects.actuator import (
     AsymmetricThrust,
@@ -34,51 +35,98 @@ from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementD
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
+from gcs_autotune.errors import UsageError
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["CRAFT", "EFFECTS", "usual_bounds"]
+__all__ = ["CRAFT", "EFFECTS", "GROUP", "usual_bounds"]
 
 
-EFFECTS: Mapping[str, Effect] = {
-    e.slug: e
-    for e in (
-        TimeScale(),
-        TimeOffset(),
-        UnitError(),
-        SignError(),
-        ChannelSwap(),
-        InputDelay(),
-        Saturation(),
-        RateLimit(),
-        ActuatorLag(),
-        Backlash(),
-        DeadZone(),
-        QuadraticActuator(),
-        RudderStall(),
-        AsymmetricThrust(),
-        GainDrift(),
-        SpeedDependentSteering(),
-        AdvanceSpeedLoss(),
-        LinearDrag(),
-        QuadraticDrag(),
-        CoriolisCoupling(),
-        SwayYawCoupling(),
-        MassChange(),
-        NetBuoyancy(),
-        GroundEffect(),
-        InputBias(),
-        SteadyCurrent(),
-        WindMoment(),
-        WaveDisturbance(),
-        TetherPull(),
-        CompassDeviation(),
-        GyroBias(),
-        MeasurementDelay(),
-        Quantisation(),
-        Outliers(),
-    )
-}
+GROUP = "gcs_autotune.effects"
+"""Entry points under which other packages offer effects: ``[project.entry-points."gcs_autotune.effects"]``."""
+
+OURS: tuple[Effect, ...] = (
+    TimeScale(),
+    TimeOffset(),
+    UnitError(),
+    SignError(),
+    ChannelSwap(),
+    InputDelay(),
+    Saturation(),
+    RateLimit(),
+    ActuatorLag(),
+    Backlash(),
+    DeadZone(),
+    QuadraticActuator(),
+    RudderStall(),
+    AsymmetricThrust(),
+    GainDrift(),
+    SpeedDependentSteering(),
+    AdvanceSpeedLoss(),
+    LinearDrag(),
+    QuadraticDrag(),
+    CoriolisCoupling(),
+    SwayYawCoupling(),
+    MassChange(),
+    NetBuoyancy(),
+    GroundEffect(),
+    InputBias(),
+    SteadyCurrent(),
+    WindMoment(),
+    WaveDisturbance(),
+    TetherPull(),
+    CompassDeviation(),
+    GyroBias(),
+    MeasurementDelay(),
+    Quantisation(),
+    Outliers(),
+)
+
+
+class Effects(Mapping[str, Effect]):
+    """Slug -> effect: ours, then what other packages offer, which is loaded at the first look."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, Effect] | None = None
+
+    def _table(self) -> dict[str, Effect]:
+        if self._rows is None:
+            self._rows = {e.slug: e for e in OURS}
+            for effect in _offered():
+                self._rows.setdefault(effect.slug, effect)
+        return self._rows
+
+    def __getitem__(self, slug: str) -> Effect:
+        return self._table()[slug]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._table())
+
+    def __len__(self) -> int:
+        return len(self._table())
+
+
+def _offered() -> Iterator[Effect]:
+    """Yield the effects of other packages.
+
+    Raises
+    ------
+    UsageError
+        One cannot be loaded, or is no effect.
+    """
+    from importlib.metadata import entry_points  # slow to import, and no other module here needs it
+
+    for point in entry_points(group=GROUP):
+        try:
+            effect = point.load()()
+        except (ImportError, AttributeError, TypeError) as error:
+            raise UsageError(f"the effect '{point.name}' ({point.value}) cannot be loaded: {error}") from error
+        if not isinstance(effect, Effect):
+            raise UsageError(f"what '{point.name}' ({point.value}) names is no class of gcs_autotune.effects.Effect")
+        yield effect
+
+
+EFFECTS = Effects()
 """Slug -> effect."""
 
 

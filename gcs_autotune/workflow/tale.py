@@ -10,7 +10,7 @@ import numpy as np
 from gcs_autotune.design import Change, Proposal, StepMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.report.tune.story import TuneStory
+from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Progress, Watcher
 from gcs_autotune.workflow.itinerary import Itinerary

@@ -125,7 +125,7 @@ MOST_RANKED = 5
 """Candidates shown of each step; the page and the JSON have them all."""
 
 FAMILIES: Mapping[Family, str] = {
-    "data errors": "Bookkeeping: the file, not the craft",
+    "data errors": "Errors of the data: the file, not the craft",
     "actuator": "Actuators",
     "hydrodynamics": "Water and inertia",
     "environment": "Wind, waves, current, tether",
