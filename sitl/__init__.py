@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sitl.catalogue import VEHICLES, UnknownVehicle, load_vehicle
-from sitl.effects import EFFECTS, BadEffect, Effect, make_effect
+from sitl.effects import EFFECTS, BadEffect, HiddenEffect, make_effect
 from sitl.mavlink import Server
 from sitl.modelfile import BadModel, FlownModel, read_model
 from sitl.vehicle import Vehicle
@@ -20,7 +20,7 @@ __all__ = [
     "VEHICLES",
     "BadEffect",
     "BadModel",
-    "Effect",
+    "HiddenEffect",
     "Server",
     "UnknownVehicle",
     "load_vehicle",
@@ -35,7 +35,7 @@ def open_vehicle(
     *,
     seed: int = 0,
     parameters: Mapping[str, float] | None = None,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[HiddenEffect] = (),
     model: FlownModel | None = None,
     names: str = "own",
 ) -> Server:

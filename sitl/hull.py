@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["AxisDynamics", "Body", "Coupling", "Hull", "Loads", "Term", "World"]
+__all__ = ["AxisDynamics", "Body", "Coupling", "Hull", "HullTerm", "Loads", "World"]
 
 _CUSHION = 3.0
 """Chosen: natural frequency [rad/s] of the soft spring that stops a body at surface and bottom."""
@@ -72,7 +72,7 @@ class World:
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class HullTerm:
     """A force that goes with a product of velocities: ``row`` 0 X, 1 Y, 2 N; factors ``u v r |u| |v| |r|``."""
 
     row: int
@@ -91,7 +91,7 @@ class Coupling:
     Y_rdot: float = 0.0
     N_vdot: float = 0.0
     coriolis: bool = False
-    terms: tuple[Term, ...] = ()
+    terms: tuple[HullTerm, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sitl.effects import EFFECTS, BadEffect, Effect, make_effect
-from sitl.hull import Coupling, Term
+from sitl.effects import EFFECTS, BadEffect, HiddenEffect, make_effect
+from sitl.hull import Coupling, HullTerm
 
 __all__ = ["BadModel", "FlownModel", "read_model"]
 
@@ -40,7 +40,7 @@ class FlownModel:
     axes: Mapping[str, tuple[float, float, float]]
     forces: Mapping[str, float]
     gains: Mapping[str, Mapping[str, float]]
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[HiddenEffect, ...] = ()
     coupling: Coupling | None = None
     swing: Mapping[str, float] = field(default_factory=dict)
 
@@ -158,11 +158,11 @@ def _coupling(left: dict[str, float], values: Mapping[str, float], coriolis: boo
             raise BadModel(f"the simulator cannot fly {name}")
         if len(factors) == 2 and factors[0] == factors[1] and "|" not in rest:
             factors[0] = f"|{factors[0]}|"
-        terms.append(Term(_PLANE.index(force), value, tuple(factors)))
+        terms.append(HullTerm(_PLANE.index(force), value, tuple(factors)))
     return Coupling(Y_rdot - shared, N_vdot - shared, coriolis, tuple(terms))
 
 
-def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[Effect]:
+def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[HiddenEffect]:
     """Return what the base model itself says of delays, lags, current and compass, as effects."""
     found = []
     for channel in (name for name in swing if name != "Y"):
@@ -179,7 +179,7 @@ def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[E
     return found
 
 
-def _effect_from(entry: Mapping[str, Any], swing: Mapping[str, float]) -> Effect:
+def _effect_from(entry: Mapping[str, Any], swing: Mapping[str, float]) -> HiddenEffect:
     """Return one effect of the file, numbers in units of the input made shares of full."""
     slug, place = str(entry["slug"]), str(entry.get("place", ""))
     values = {str(name): float(value) for name, value in entry["values"].items()}

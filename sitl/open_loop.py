@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.effects import Effect, Setting
+from sitl.effects import HiddenEffect, Setting
 from sitl.hull import AxisDynamics, Body, Hull, Loads, World
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
 __all__ = ["INPUTS", "SIGNALS", "Command", "Hull", "open_loop"]
 
@@ -46,7 +46,7 @@ def open_loop(
     duration: float,
     interval: float,
     measured: tuple[str, ...],
-    effects: Sequence[Effect] = (),
+    effects: Sequence[HiddenEffect] = (),
     noise: Mapping[str, float] | None = None,
     seed: int = 0,
     initial: Mapping[str, float] | None = None,
@@ -164,7 +164,7 @@ def _steady(axis: AxisDynamics, force: float) -> float:
     return force / axis.beta if axis.beta > 0.0 else 0.0
 
 
-def _shortest(hull: Hull, setting: Setting, effects: Sequence[Effect]) -> float:
+def _shortest(hull: Hull, setting: Setting, effects: Sequence[HiddenEffect]) -> float:
     """Return the longest step [s] that is short against hull and effects."""
     longest = math.inf
     for dof in hull.dofs:
@@ -178,7 +178,7 @@ def _shortest(hull: Hull, setting: Setting, effects: Sequence[Effect]) -> float:
 def _integrate(
     hull: Hull,
     heun: _Heun,
-    effects: Sequence[Effect],
+    effects: Sequence[HiddenEffect],
     longest: float,
     held: Mapping[str, Array],
     stamps: Array,
@@ -311,7 +311,7 @@ def _with(state: tuple[float, ...], at: int, position: float, speed: float) -> t
     return (*state[:at], position, *state[at + 1 : at + 4], speed, *state[at + 5 :])
 
 
-def _lateness(effects: Sequence[Effect], measured: tuple[str, ...]) -> dict[str, float]:
+def _lateness(effects: Sequence[HiddenEffect], measured: tuple[str, ...]) -> dict[str, float]:
     """Return by how much [s] each measured signal is late, all effects together."""
     late = dict.fromkeys(measured, 0.0)
     for effect in effects:
@@ -323,7 +323,7 @@ def _lateness(effects: Sequence[Effect], measured: tuple[str, ...]) -> dict[str,
 
 def _measure(
     body: Body,
-    effects: Sequence[Effect],
+    effects: Sequence[HiddenEffect],
     t: Array,
     truth: Array,
     stamps: Array,
@@ -350,8 +350,8 @@ def _measure(
     return reported
 
 
-def _alter(alters: Sequence[Callable[[float, Reading], None]], stamps: Array, reported: dict[str, Array]) -> None:
-    reading = Reading()
+def _alter(alters: Sequence[Callable[[float, SensorReading], None]], stamps: Array, reported: dict[str, Array]) -> None:
+    reading = SensorReading()
     for i, t in enumerate(stamps.tolist()):
         for name, values in reported.items():
             setattr(reading, name, float(values[i]))

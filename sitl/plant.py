@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 
 from sitl.actuators import Actuators
 from sitl.catalogue import VehicleData
-from sitl.effects import Effect, Setting
+from sitl.effects import HiddenEffect, Setting
 from sitl.hull import AxisDynamics, Body, Loads
 from sitl.modelfile import BadModel, FlownModel
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
 __all__ = ["Plant"]
 
@@ -41,7 +41,9 @@ class Plant:
     model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
     """
 
-    def __init__(self, data: VehicleData, *, effects: Sequence[Effect] = (), model: FlownModel | None = None) -> None:
+    def __init__(
+        self, data: VehicleData, *, effects: Sequence[HiddenEffect] = (), model: FlownModel | None = None
+    ) -> None:
         self.data = data
         self.effects = (*(model.effects if model else ()), *effects)
         self.body = data.make_body()
@@ -67,7 +69,7 @@ class Plant:
             effect.alter_parameters(t, self.body)
         self.body.step(self._loads, dt)
 
-    def alter(self, t: float, reading: Reading) -> None:
+    def alter(self, t: float, reading: SensorReading) -> None:
         """Let the effects at what the sensors tell."""
         for effect in self.effects:
             effect.alter_measurement(t, reading)

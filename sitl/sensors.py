@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from sitl.hull import Body
 
-__all__ = ["Reading", "SensorData", "Sensors"]
+__all__ = ["SensorData", "SensorReading", "Sensors"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class SensorData:
 
 
 @dataclass(slots=True)
-class Reading:
+class SensorReading:
     """One sample of every sensor. SI and radians; ``r`` is the bare gyro, ``az`` acceleration down."""
 
     psi: float = 0.0
@@ -78,7 +78,7 @@ class Sensors:
         self._draws = afloat if floats else afloat + submerged
         self._noise: list[float] = []
 
-    def sample(self, body: Body, reading: Reading, *, new: bool = True) -> None:
+    def sample(self, body: Body, reading: SensorReading, *, new: bool = True) -> None:
         """Fill *reading* with the present measurement; under the noise of the last one unless *new* is drawn."""
         if new or not self._noise:
             self._noise = [draw() for draw in self._draws]

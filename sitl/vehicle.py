@@ -14,10 +14,10 @@ from sitl.autopilot.parameter_dialect import ParameterDialect
 from sitl.autopilot.parameters import ParameterStore
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
-from sitl.effects import Effect
+from sitl.effects import HiddenEffect
 from sitl.modelfile import FlownModel
 from sitl.plant import Plant
-from sitl.sensors import Reading, Sensors
+from sitl.sensors import SensorReading, Sensors
 
 __all__ = ["Vehicle"]
 
@@ -43,7 +43,7 @@ class Vehicle:
         *,
         seed: int = 0,
         parameters: Mapping[str, float] | None = None,
-        effects: Sequence[Effect] = (),
+        effects: Sequence[HiddenEffect] = (),
         model: FlownModel | None = None,
         names: str = "own",
     ) -> None:
@@ -63,7 +63,7 @@ class Vehicle:
         self.battery = Battery()
         self.tick = 0
         self._boot_tick = 0
-        self._reading = Reading()
+        self._reading = SensorReading()
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.autopilot = self._boot()
         self.plant.begin(str(seed))

@@ -22,7 +22,7 @@ from benchmarks.blind.plain import errors_of, misfit, whitened
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
 from gcs_autotune.trial import Channel, Trial
-from sitl.effects import Effect, make_effect
+from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
 
 __all__ = ["BESIDE", "GIVEN", "Case", "NoCase", "draw_case"]
@@ -389,7 +389,7 @@ def _fly(voyage: _Voyage, hidden: Sequence[Hidden], noise: Mapping[str, float] |
     return files
 
 
-def _made(hidden: Hidden, full: Mapping[str, float]) -> Effect:
+def _made(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
     if hidden.slug in FOREIGN:
         return FOREIGN[hidden.slug](hidden.place, **hidden.values)
     values = dict(hidden.values)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
-from sitl.effects import Effect, Parameter, Setting
+from sitl.effects import EffectParameter, HiddenEffect, Setting
 from sitl.hull import Loads
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
 __all__ = ["FOREIGN"]
 
@@ -25,7 +25,7 @@ _SPEED = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 _FORCE = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 
 
-class Foreign(Effect):
+class Foreign(HiddenEffect):
     """An effect on the input named by its place."""
 
     def begin(self, setting: Setting) -> None:
@@ -61,7 +61,7 @@ class CubicDrag(Foreign):
     """Drag that goes with the cube of speed: a hull that makes waves."""
 
     slug = "cubic-drag"
-    parameters = (Parameter("coefficient", "N s^3/m^3"),)
+    parameters = (EffectParameter("coefficient", "N s^3/m^3"),)
 
     def alter_force(self, t: float, loads: Loads) -> None:
         """Brake."""
@@ -78,7 +78,7 @@ class DryFriction(Foreign):
     """Friction that only knows the direction: a hull on a rope, a vehicle on the ground."""
 
     slug = "dry-friction"
-    parameters = (Parameter("force", "N"), Parameter("creep", "m/s"))
+    parameters = (EffectParameter("force", "N"), EffectParameter("creep", "m/s"))
 
     def alter_force(self, t: float, loads: Loads) -> None:
         """Brake."""
@@ -98,7 +98,7 @@ class ResonantActuator(Foreign):
     """The actuator follows its command as a mass on a spring."""
 
     slug = "resonant-actuator"
-    parameters = (Parameter("frequency", "rad/s"), Parameter("damping", "1"))
+    parameters = (EffectParameter("frequency", "rad/s"), EffectParameter("damping", "1"))
 
     def reset(self) -> None:
         """At the first command, at rest."""
@@ -127,7 +127,7 @@ class Sloshing(Foreign):
     """A body of water inside swings against the hull."""
 
     slug = "sloshing"
-    parameters = (Parameter("mass", "kg"), Parameter("frequency", "rad/s"), Parameter("damping", "1"))
+    parameters = (EffectParameter("mass", "kg"), EffectParameter("frequency", "rad/s"), EffectParameter("damping", "1"))
 
     def reset(self) -> None:
         """At rest."""
@@ -160,7 +160,7 @@ class PeriodicGain(Foreign):
     """The actuator is strong and weak by turns: a cavitating or ventilating propeller in waves."""
 
     slug = "periodic-gain"
-    parameters = (Parameter("depth", "1"), Parameter("frequency", "rad/s"))
+    parameters = (EffectParameter("depth", "1"), EffectParameter("frequency", "rad/s"))
 
     def reset(self) -> None:
         """Begin anywhere."""
@@ -182,7 +182,7 @@ class WanderingForce(Foreign):
     """A force that wanders: gusts without a period."""
 
     slug = "wandering-force"
-    parameters = (Parameter("spread", "N"), Parameter("memory", "s"))
+    parameters = (EffectParameter("spread", "N"), EffectParameter("memory", "s"))
 
     def reset(self) -> None:
         """Begin anywhere."""
@@ -207,7 +207,7 @@ class GainHysteresis(Foreign):
     """Stronger after the command has grown than after it has shrunk: a variable pitch that sticks."""
 
     slug = "gain-hysteresis"
-    parameters = (Parameter("difference", "1"),)
+    parameters = (EffectParameter("difference", "1"),)
 
     def reset(self) -> None:
         """As if it had grown."""
@@ -236,7 +236,7 @@ class WakeMemory(Foreign):
     """Drag on the difference to the speed of a while ago: the hull runs in its own wake."""
 
     slug = "wake-memory"
-    parameters = (Parameter("coefficient", "N s/m"), Parameter("memory", "s"))
+    parameters = (EffectParameter("coefficient", "N s/m"), EffectParameter("memory", "s"))
 
     def reset(self) -> None:
         """Still water."""
@@ -260,9 +260,9 @@ class BentGyro(Foreign):
     """A speed sensor that shows too little of large speeds."""
 
     slug = "bent-sensor"
-    parameters = (Parameter("bend", "1"), Parameter("top", "m/s"))
+    parameters = (EffectParameter("bend", "1"), EffectParameter("top", "m/s"))
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Bend the scale."""
         name = _SPEED[self.dof]
         value = getattr(reading, name)

@@ -26,7 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sitl.ardupilot_json import HOME, JsonServer, Physics, parameter_text
 from sitl.catalogue import VehicleData
-from sitl.effects import Effect
+from sitl.effects import HiddenEffect
 
 __all__ = ["BINARIES", "NoAnswer", "Sea"]
 
@@ -57,7 +57,7 @@ class Sea:
         *,
         instance: int,
         ports: Sequence[int],
-        effects: Sequence[Effect] = (),
+        effects: Sequence[HiddenEffect] = (),
         rate: int | None = None,
     ) -> None:
         self.data = data

@@ -12,7 +12,7 @@ from sitl.ardupilot_json.firmware import needed_parameters, parameter_text, star
 from sitl.ardupilot_json.physics import Physics
 from sitl.ardupilot_json.serve import DEFAULT_PORT, JsonServer
 from sitl.catalogue import VehicleData
-from sitl.effects import Effect
+from sitl.effects import HiddenEffect
 from sitl.listen import AddressError, host_and_port
 from sitl.modelfile import FlownModel
 
@@ -52,7 +52,7 @@ def run_json(
     parameters: Path | None,
     *,
     seed: int,
-    effects: Sequence[Effect],
+    effects: Sequence[HiddenEffect],
     model: FlownModel | None,
 ) -> None:
     """Serve the hull of *data* at *address* until interrupted, then say how fast that went (on standard error)."""

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from sitl.ardupilot_json.wire import State
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
-from sitl.effects import BadEffect, Effect
+from sitl.effects import BadEffect, HiddenEffect
 from sitl.modelfile import FlownModel
 from sitl.plant import Plant
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
 __all__ = ["Physics"]
 
@@ -53,7 +53,7 @@ class Physics:
         data: VehicleData,
         *,
         seed: int = 0,
-        effects: Sequence[Effect] = (),
+        effects: Sequence[HiddenEffect] = (),
         model: FlownModel | None = None,
     ) -> None:
         self._data, self._seed, self._effects, self._model = data, seed, tuple(effects), model
@@ -70,7 +70,7 @@ class Physics:
             raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground; leave the place away")
         self.plant = plant
         self._tells_true = not any(effect.overrides("alter_measurement") for effect in plant.effects)
-        self._reading = Reading()
+        self._reading = SensorReading()
         self._battery = Battery()
         self.seconds = 0.0
         self._pwm: Sequence[int] = [0] * 16
@@ -133,7 +133,7 @@ class Physics:
         state.velocity = (c * reading.u - s * reading.v, s * reading.u + c * reading.v, reading.w)
 
 
-def _refuse(effect: Effect) -> None:
+def _refuse(effect: HiddenEffect) -> None:
     """Raise ``BadEffect`` when ArduPilot cannot be shown *effect*."""
     if effect.overrides("alter_report"):
         raise BadEffect(

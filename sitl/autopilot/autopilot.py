@@ -6,12 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 from sitl.autopilot.battery_monitor import BatteryMonitor
-from sitl.autopilot.estimator import Estimate
+from sitl.autopilot.estimator import StateEstimate
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rc_input import RcInput
 from sitl.autopilot.servo_rail import ServoRail
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
 __all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot"]
 
@@ -42,7 +42,7 @@ class Autopilot(ABC):
         self.dt = dt
         self.ready_ms = ready_ms
         self.ms = 0
-        self.estimate = Estimate(parameters)
+        self.estimate = StateEstimate(parameters)
         self.rc = RcInput(parameters)
         self.rail = ServoRail(parameters)
         self.battery = BatteryMonitor(parameters)
@@ -102,7 +102,7 @@ class Autopilot(ABC):
         """Note that the ground station with the right id has spoken."""
         self.last_gcs_ms = self.ms
 
-    def tick(self, ms: int, reading: Reading, voltage: float, consumed_mah: float) -> None:
+    def tick(self, ms: int, reading: SensorReading, voltage: float, consumed_mah: float) -> None:
         """Run one loop at *ms* since boot."""
         self.ms = ms
         self.estimate.update(reading, self.dt)

@@ -6,12 +6,12 @@ import math
 
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import TwoPoleLowPass
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
-__all__ = ["Estimate"]
+__all__ = ["StateEstimate"]
 
 
-class Estimate:
+class StateEstimate:
     """The attitude and position estimate. SI, radians, NED; ``yaw`` is not filtered, ``yaw_rate`` is.
 
     ``yaw_rate`` lags by the gyro filter (INS_GYRO_FILTER): 4 Hz on Rover, which is about 55 ms. ``climb`` and
@@ -29,7 +29,7 @@ class Estimate:
         self._sway = self.vz = 0.0
         self.climb = self.climb_acceleration = 0.0
 
-    def update(self, reading: Reading, dt: float) -> None:
+    def update(self, reading: SensorReading, dt: float) -> None:
         """Take in one sample of the sensors."""
         values = self._values
         self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi

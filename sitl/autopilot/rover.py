@@ -9,9 +9,9 @@ from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rover_failsafe import RoverFailsafe
-from sitl.autopilot.rover_modes import GuidedMode, make_rover_modes
+from sitl.autopilot.rover_modes import RoverGuidedMode, make_rover_modes
 from sitl.autopilot.rover_motors import RoverMotors
-from sitl.autopilot.rover_speed import RoverSpeed
+from sitl.autopilot.rover_speed import RoverSpeedController
 from sitl.autopilot.rover_steering import RoverSteering
 from sitl.autopilot.shaping import wrap_pi
 
@@ -31,7 +31,7 @@ class Rover(Autopilot):
     def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
         self.motors = RoverMotors(parameters, dt)
         self.steering = RoverSteering(parameters, dt)
-        self.speed = RoverSpeed(parameters, dt)
+        self.speed = RoverSpeedController(parameters, dt)
         super().__init__(parameters, dt, ready_ms)
         self._failsafe = RoverFailsafe(parameters, self)
         self.mode = self.modes.get(int(parameters["INITIAL_MODE"]), self.mode)
@@ -40,10 +40,10 @@ class Rover(Autopilot):
         return make_rover_modes(self)
 
     @property
-    def guided(self) -> GuidedMode:
+    def guided(self) -> RoverGuidedMode:
         """The GUIDED mode, for targets from the ground."""
-        mode = self.modes[GuidedMode.number]
-        assert isinstance(mode, GuidedMode)
+        mode = self.modes[RoverGuidedMode.number]
+        assert isinstance(mode, RoverGuidedMode)
         return mode
 
     @property

@@ -12,7 +12,7 @@ from sitl.autopilot.mode import Mode
 if TYPE_CHECKING:
     from sitl.autopilot.rover import Rover
 
-__all__ = ["GuidedMode", "GuidedTarget", "make_rover_modes"]
+__all__ = ["GuidedTarget", "RoverGuidedMode", "make_rover_modes"]
 
 _MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
 _TARGET_TIMEOUT_MS = 3000
@@ -25,7 +25,7 @@ class _RoverMode(Mode):
         self.rover = rover
 
 
-class ManualMode(_RoverMode):
+class RoverManualMode(_RoverMode):
     """Sticks straight to the servos."""
 
     number, name, flags = 0, "MANUAL", _MANUAL_INPUT
@@ -92,7 +92,7 @@ class GuidedTarget:
     rate: float = 0.0
 
 
-class GuidedMode(_RoverMode):
+class RoverGuidedMode(_RoverMode):
     """Follows targets from the ground; 3 s without one and the boat stays where it is (loiters)."""
 
     number, name, flags = 15, "GUIDED", _STABILIZE | _GUIDED
@@ -142,10 +142,10 @@ class GuidedMode(_RoverMode):
 def make_rover_modes(rover: Rover) -> Mapping[int, Mode]:
     """Return Rover's modes by number."""
     modes: tuple[Mode, ...] = (
-        ManualMode(rover),
+        RoverManualMode(rover),
         AcroMode(rover),
         SteeringMode(rover),
         HoldMode(rover),
-        GuidedMode(rover),
+        RoverGuidedMode(rover),
     )
     return {mode.number: mode for mode in modes}

@@ -6,12 +6,12 @@ from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.shaping import clamp, step_towards
 
-__all__ = ["RoverSpeed"]
+__all__ = ["RoverSpeedController"]
 
 _STALE_MS = 200
 
 
-class RoverSpeed:
+class RoverSpeedController:
     """Speed [m/s] to throttle -1..1: ``v*CRUISE_THROTTLE/100/CRUISE_SPEED + FF*v + P*e + I*int(e) + D*de/dt``."""
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:

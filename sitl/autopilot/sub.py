@@ -9,11 +9,11 @@ from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import clamp
-from sitl.autopilot.sub_depth import SubDepth
+from sitl.autopilot.sub_depth import SubDepthController
 from sitl.autopilot.sub_failsafe import SubFailsafe
 from sitl.autopilot.sub_modes import make_sub_modes
 from sitl.autopilot.sub_motors import SubMotors
-from sitl.autopilot.sub_yaw import SubYaw
+from sitl.autopilot.sub_yaw import SubYawController
 
 __all__ = ["Sub"]
 
@@ -36,8 +36,8 @@ class Sub(Autopilot):
 
     def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
         self.motors = SubMotors(parameters, dt)
-        self.yaw = SubYaw(parameters, dt)
-        self.depth = SubDepth(parameters, dt)
+        self.yaw = SubYawController(parameters, dt)
+        self.depth = SubDepthController(parameters, dt)
         self.gain = clamp(parameters["JS_GAIN_DEFAULT"], 0.1, 1.0)
         super().__init__(parameters, dt, ready_ms)
         self._failsafe = SubFailsafe(parameters, self)

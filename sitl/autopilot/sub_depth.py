@@ -6,12 +6,12 @@ from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.shaping import clamp, invert_sqrt_controller, sqrt_controller, step_towards
 
-__all__ = ["SubDepth"]
+__all__ = ["SubDepthController"]
 
 _THROTTLE_PER_OUTPUT = 0.001
 
 
-class SubDepth:
+class SubDepthController:
     """Holds an altitude (cm, up from the surface: negative under water) and follows a climb rate.
 
     The position error is cut to what the speed limit can use, and the *target moves with it*: a far target must be

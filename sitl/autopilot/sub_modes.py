@@ -24,7 +24,7 @@ class _SubMode(Mode):
         self.sub.reset_loops()
 
 
-class ManualMode(_SubMode):
+class SubManualMode(_SubMode):
     """Sticks straight to the motors."""
 
     number, name, flags = 19, "MANUAL", _MANUAL_INPUT
@@ -60,7 +60,7 @@ class AltHoldMode(_SubMode):
         self.sub.pass_horizontal_sticks()
 
 
-class GuidedMode(_SubMode):
+class SubGuidedMode(_SubMode):
     """Heading and depth follow targets from the ground; no horizontal thrust (position is not simulated)."""
 
     number, name, flags = 4, "GUIDED", _STABILIZE | _GUIDED
@@ -75,5 +75,5 @@ class GuidedMode(_SubMode):
 
 def make_sub_modes(sub: Sub) -> Mapping[int, Mode]:
     """Return Sub's modes by number."""
-    modes: tuple[Mode, ...] = (ManualMode(sub), StabilizeMode(sub), AltHoldMode(sub), GuidedMode(sub))
+    modes: tuple[Mode, ...] = (SubManualMode(sub), StabilizeMode(sub), AltHoldMode(sub), SubGuidedMode(sub))
     return {mode.number: mode for mode in modes}

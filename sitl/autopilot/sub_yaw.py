@@ -8,13 +8,13 @@ from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.shaping import clamp, sqrt_controller, step_towards, wrap_pi
 
-__all__ = ["SubYaw"]
+__all__ = ["SubYawController"]
 
 _LEAST_ACCELERATION, _MOST_ACCELERATION = math.radians(10.0), math.radians(120.0)
 """Bounds of the square-root controller's deceleration, fixed in the firmware."""
 
 
-class SubYaw:
+class SubYawController:
     """Holds or turns the heading. Radians; the output is a fraction of full yaw. ATC_RAT_YAW_FF has no effect."""
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:

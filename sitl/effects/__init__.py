@@ -3,7 +3,7 @@
 ``effect`` is the contract, ``table`` says which there are, the other files hold them by family.
 """
 
-from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.table import EFFECTS, make_effect, parse_effect
 
-__all__ = ["EFFECTS", "BadEffect", "Effect", "Parameter", "Setting", "make_effect", "parse_effect"]
+__all__ = ["EFFECTS", "BadEffect", "EffectParameter", "HiddenEffect", "Setting", "make_effect", "parse_effect"]

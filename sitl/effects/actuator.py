@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import MutableMapping
 
-from sitl.effects.effect import FORCE_OF, Effect, Parameter, Setting
+from sitl.effects.effect import FORCE_OF, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_input
 from sitl.hull import Loads
 
 __all__ = [
-    "AdvanceSpeedLoss",
-    "AsymmetricThrust",
-    "DeadZone",
-    "GainDrift",
-    "QuadraticActuator",
-    "RudderStall",
-    "Saturation",
-    "SpeedDependentSteering",
+    "SimulatedAdvanceSpeedLoss",
+    "SimulatedAsymmetricThrust",
+    "SimulatedDeadZone",
+    "SimulatedGainDrift",
+    "SimulatedQuadraticActuator",
+    "SimulatedRudderStall",
+    "SimulatedSaturation",
+    "SimulatedSpeedDependentSteering",
 ]
 
 _WEAKEST = 0.05
@@ -25,7 +25,7 @@ _WEAKEST = 0.05
 _SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 
 
-class OnInput(Effect):
+class OnInput(HiddenEffect):
     """An effect on one input."""
 
     on_vehicles = "an axis: steering (default), throttle, vertical; inputs are shares of full"
@@ -43,12 +43,12 @@ class OnInput(Effect):
         raise NotImplementedError
 
 
-class Saturation(OnInput):
+class SimulatedSaturation(OnInput):
     """Clipped at a limit."""
 
     slug = "saturation"
     meaning = "the actuator cannot do more than a limit"
-    parameters = (Parameter("limit", "input unit", least=0.0),)
+    parameters = (EffectParameter("limit", "input unit", least=0.0),)
 
     def act(self, t: float, dt: float, u: float) -> float:
         """Clip."""
@@ -56,13 +56,15 @@ class Saturation(OnInput):
         return max(-limit, min(limit, u))
 
 
-class DeadZone(OnInput):
+class SimulatedDeadZone(OnInput):
     """Nothing happens for small commands, and all larger ones lose as much."""
 
     slug = "dead-zone"
     meaning = "small commands do nothing (a shaft that does not turn yet, a slack linkage)"
     parameters = (
-        Parameter("width", "input unit", "half-width: the command at which something begins to happen", least=0.0),
+        EffectParameter(
+            "width", "input unit", "half-width: the command at which something begins to happen", least=0.0
+        ),
     )
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -70,14 +72,14 @@ class DeadZone(OnInput):
         return math.copysign(max(abs(u) - self["width"], 0.0), u)
 
 
-class QuadraticActuator(OnInput):
+class SimulatedQuadraticActuator(OnInput):
     """Thrust goes with n|n| in part."""
 
     slug = "quadratic-actuator"
     meaning = "thrust goes with n|n|: weak for small commands"
     parameters = (
-        Parameter("share", "1", "0: proportional, 1: all quadratic"),
-        Parameter("u_ref", "input unit", "command that is carried out as told; 0: the largest there is", 0.0),
+        EffectParameter("share", "1", "0: proportional, 1: all quadratic"),
+        EffectParameter("u_ref", "input unit", "command that is carried out as told; 0: the largest there is", 0.0),
     )
 
     def begin(self, setting: Setting) -> None:
@@ -91,12 +93,15 @@ class QuadraticActuator(OnInput):
         return u * (1.0 - share + share * abs(u) / self._full)
 
 
-class RudderStall(OnInput):
+class SimulatedRudderStall(OnInput):
     """Beyond an angle the rudder loses lift."""
 
     slug = "rudder-stall"
     meaning = "beyond an angle the rudder's force falls again"
-    parameters = (Parameter("angle", "input unit", least=0.0), Parameter("drop", "1", "slope beyond it, downwards"))
+    parameters = (
+        EffectParameter("angle", "input unit", least=0.0),
+        EffectParameter("drop", "1", "slope beyond it, downwards"),
+    )
 
     def act(self, t: float, dt: float, u: float) -> float:
         """Fall beyond the angle, never below nothing."""
@@ -104,24 +109,24 @@ class RudderStall(OnInput):
         return u if beyond <= 0.0 else math.copysign(max(self["angle"] - self["drop"] * beyond, 0.0), u)
 
 
-class AsymmetricThrust(OnInput):
+class SimulatedAsymmetricThrust(OnInput):
     """Weaker (or stronger) one way than the other."""
 
     slug = "asymmetric-thrust"
     meaning = "a negative command does not do as much as a positive one"
-    parameters = (Parameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
+    parameters = (EffectParameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
 
     def act(self, t: float, dt: float, u: float) -> float:
         """Scale what is negative."""
         return u * self["ratio"] if u < 0.0 else u
 
 
-class GainDrift(OnInput):
+class SimulatedGainDrift(OnInput):
     """Weaker with time."""
 
     slug = "gain-drift"
     meaning = "the actuator grows weaker with time (a battery that sags)"
-    parameters = (Parameter("rate", "1/s", "share of the first strength lost per second"),)
+    parameters = (EffectParameter("rate", "1/s", "share of the first strength lost per second"),)
 
     def begin(self, setting: Setting) -> None:
         """Note when time begins."""
@@ -134,14 +139,14 @@ class GainDrift(OnInput):
         return u * max(1.0 - self["rate"] * passed, _WEAKEST)
 
 
-class SpeedDependentSteering(OnInput):
+class SimulatedSpeedDependentSteering(OnInput):
     """Rudder force goes with the square of the speed through the water, in part."""
 
     slug = "speed-dependent-steering"
     meaning = "the rudder's force goes with the square of the speed through the water"
     parameters = (
-        Parameter("share", "1", "0: none of it goes with speed, 1: all"),
-        Parameter("U_ref", "m/s", "speed at which it does as told; 0: the rms surge speed", 0.0),
+        EffectParameter("share", "1", "0: none of it goes with speed, 1: all"),
+        EffectParameter("U_ref", "m/s", "speed at which it does as told; 0: the rms surge speed", 0.0),
     )
     on_vehicles = "steering; the speed at full throttle is the reference"
 
@@ -157,12 +162,12 @@ class SpeedDependentSteering(OnInput):
         return u * (1.0 - share + share * (self._motion.u / self._speed) ** 2)
 
 
-class AdvanceSpeedLoss(OnInput):
+class SimulatedAdvanceSpeedLoss(OnInput):
     """A thruster loses force as it runs into its own race: the bilinear thruster."""
 
     slug = "advance-speed-loss"
     meaning = "a thruster loses force as the craft moves (bilinear thruster)"
-    parameters = (Parameter("loss", "s/m or s/rad"),)
+    parameters = (EffectParameter("loss", "s/m or s/rad"),)
 
     def begin(self, setting: Setting) -> None:
         """Find the speed along the thruster."""

@@ -7,21 +7,27 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
 
-__all__ = ["ChannelSwap", "SignError", "TimeOffset", "TimeScale", "UnitError"]
+__all__ = [
+    "SimulatedChannelSwap",
+    "SimulatedSignError",
+    "SimulatedTimeOffset",
+    "SimulatedTimeScale",
+    "SimulatedUnitError",
+]
 
 
 _CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"x", "y", "z"}, {"u", "v", "w"})
 """Columns a vehicle can swap: those that one message carries."""
 
 
-class TimeScale(Effect):
+class SimulatedTimeScale(HiddenEffect):
     """The file's clock runs at another pace: file time = factor times true time."""
 
     slug = "time-scale"
     meaning = "the clock of the record runs too fast or too slow"
-    parameters = (Parameter("factor", "1", least=1e-6),)
+    parameters = (EffectParameter("factor", "1", least=1e-6),)
     on_vehicles = "the stamps of all messages"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
@@ -34,12 +40,12 @@ class TimeScale(Effect):
             fields["t"] *= self["factor"]
 
 
-class TimeOffset(Effect):
+class SimulatedTimeOffset(HiddenEffect):
     """The signals' stamps are late against the inputs' (negative: they are early)."""
 
     slug = "time-offset"
     meaning = "commands and signals were stamped by clocks that do not agree"
-    parameters = (Parameter("offset", "s"),)
+    parameters = (EffectParameter("offset", "s"),)
     on_vehicles = "the stamps of servo reports against those of all others"
 
     def lateness(self) -> Mapping[str, float]:
@@ -52,7 +58,7 @@ class TimeOffset(Effect):
             fields["t"] -= self["offset"]
 
 
-class OnColumns(Effect):
+class OnColumns(HiddenEffect):
     """A mistake in some columns of the file."""
 
     count = 1
@@ -69,12 +75,12 @@ class OnColumns(Effect):
         self._names = names
 
 
-class UnitError(OnColumns):
+class SimulatedUnitError(OnColumns):
     """Numbers in another unit than the header says."""
 
     slug = "unit-error"
     meaning = "a column is in another unit than its header says"
-    parameters = (Parameter("factor", "1", "the file's number over the true one"),)
+    parameters = (EffectParameter("factor", "1", "the file's number over the true one"),)
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
@@ -87,7 +93,7 @@ class UnitError(OnColumns):
             fields[self._names[0]] *= self["factor"]
 
 
-class SignError(OnColumns):
+class SimulatedSignError(OnColumns):
     """A column has the wrong sign."""
 
     slug = "sign-error"
@@ -104,7 +110,7 @@ class SignError(OnColumns):
             fields[self._names[0]] = -fields[self._names[0]]
 
 
-class ChannelSwap(OnColumns):
+class SimulatedChannelSwap(OnColumns):
     """Two columns carry each other's data."""
 
     slug = "channel-swap"

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from sitl.effects.effect import BadEffect, Effect, Motion, Parameter, Setting
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, HullMotion, Setting
 from sitl.hull import Loads
 
-__all__ = ["CoriolisCoupling", "SwayYawCoupling"]
+__all__ = ["SimulatedCoriolisCoupling", "SimulatedSwayYawCoupling"]
 
 _HORIZONTAL = ("surge", "sway", "yaw")
 
 
-class CoriolisCoupling(Effect):
+class SimulatedCoriolisCoupling(HiddenEffect):
     """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
 
     on_vehicles = "no: these do not sway (unless they fly a --model that does)"
     slug = "coriolis-coupling"
     meaning = "turning while moving pushes sideways (rigid body and added mass)"
     parameters = (
-        Parameter("X_vr", "kg", default=0.0),
-        Parameter("Y_ur", "kg", default=0.0),
-        Parameter("N_uv", "kg", default=0.0),
+        EffectParameter("X_vr", "kg", default=0.0),
+        EffectParameter("Y_ur", "kg", default=0.0),
+        EffectParameter("N_uv", "kg", default=0.0),
     )
 
     def begin(self, setting: Setting) -> None:
@@ -27,7 +27,7 @@ class CoriolisCoupling(Effect):
         there = [dof for dof in _HORIZONTAL if dof in setting.axes]
         if "sway" not in there or len(there) < 2:
             raise BadEffect("coriolis-coupling needs a hull that sways and moves ahead or turns; this one does not")
-        self._motion: Motion = setting.motion
+        self._motion: HullMotion = setting.motion
 
     def alter_force(self, t: float, loads: Loads) -> None:
         """Push."""
@@ -37,16 +37,16 @@ class CoriolisCoupling(Effect):
         loads.N += self["N_uv"] * at.u * at.v
 
 
-class SwayYawCoupling(Effect):
+class SimulatedSwayYawCoupling(HiddenEffect):
     """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
 
     on_vehicles = "no: these do not sway (unless they fly a --model that does)"
     slug = "sway-yaw-coupling"
     meaning = "sway turns and turning makes sway (off-diagonal mass and damping, centre of gravity off the middle)"
     parameters = (
-        Parameter("Y_r", "N s/rad", default=0.0),
-        Parameter("N_v", "N s", default=0.0),
-        Parameter("Y_rdot", "kg m", default=0.0),
+        EffectParameter("Y_r", "N s/rad", default=0.0),
+        EffectParameter("N_v", "N s", default=0.0),
+        EffectParameter("Y_rdot", "kg m", default=0.0),
     )
 
     def begin(self, setting: Setting) -> None:
@@ -62,6 +62,6 @@ class SwayYawCoupling(Effect):
         loads.Y += self["Y_r"] * self._motion.r
         loads.N += self["N_v"] * self._motion.v
 
-    def alter_parameters(self, t: float, body: Motion) -> None:
+    def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Couple the masses."""
         body.Y_rdot = self["Y_rdot"]

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sitl.hull import AxisDynamics, Loads
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
-__all__ = ["FORCE_OF", "BadEffect", "Effect", "Motion", "Parameter", "Setting"]
+__all__ = ["FORCE_OF", "BadEffect", "EffectParameter", "HiddenEffect", "HullMotion", "Setting"]
 
 FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 """Degree of freedom -> name of its force (SNAME)."""
@@ -29,7 +29,7 @@ class BadEffect(ValueError):
     """An effect cannot be had like this: unknown, a wrong parameter, or a place this craft has not."""
 
 
-class Motion(Protocol):
+class HullMotion(Protocol):
     """Where the craft is and how it moves: SI, NED; ``u v`` through the water, ``V_x V_y`` the water's own velocity.
 
     ``over_ground``: what a log of the speed shows; ``Y_rdot``: off the diagonal of the mass matrix (negative: SNAME).
@@ -53,7 +53,7 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class EffectParameter:
     """A parameter of an effect. ``default``: None when it must be given; ``least``: smallest value that makes sense."""
 
     name: str
@@ -73,7 +73,7 @@ class Setting:
     ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: behind the wire, not in open loop.
     """
 
-    motion: Motion
+    motion: HullMotion
     axes: Mapping[str, AxisDynamics]
     inputs: Mapping[str, str]
     swing: Mapping[str, float]
@@ -92,7 +92,7 @@ class Setting:
         return next((name for name, dof in self.inputs.items() if dof == "yaw"), next(iter(self.inputs), ""))
 
 
-class Effect:
+class HiddenEffect:
     """One hidden effect: its *place* (input, degree of freedom or signal; empty: the usual one) and its numbers, SI.
 
     Every method gets the craft's time *t* [s] and alters its last argument in place. :meth:`begin` comes first.
@@ -105,7 +105,7 @@ class Effect:
 
     slug: ClassVar[str] = ""
     meaning: ClassVar[str] = ""
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    parameters: ClassVar[tuple[EffectParameter, ...]] = ()
     on_vehicles: ClassVar[str] = "no"
     """Where it may sit on a vehicle behind the wire, in words; ``no`` when it makes no sense there."""
 
@@ -154,12 +154,12 @@ class Effect:
     def alter_force(self, t: float, loads: Loads) -> None:
         """Change what acts on the hull; called as often as the integrator asks."""
 
-    def alter_parameters(self, t: float, body: Motion) -> None:
+    def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Set inertia, drag or state of the hull; called every step, on the plain inertia and drag each time."""
 
     # -- from the hull to the record
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Change what the sensors report."""
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
@@ -171,4 +171,4 @@ class Effect:
     @classmethod
     def overrides(cls, hook: str) -> bool:
         """Return whether this effect has its own *hook*."""
-        return getattr(cls, hook) is not getattr(Effect, hook)
+        return getattr(cls, hook) is not getattr(HiddenEffect, hook)

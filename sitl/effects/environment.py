@@ -5,19 +5,25 @@ from __future__ import annotations
 import math
 from random import Random
 
-from sitl.effects.effect import FORCE_OF, BadEffect, Effect, Parameter, Setting
+from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_dof
 from sitl.hull import Loads
 
-__all__ = ["InputBias", "SteadyCurrent", "TetherPull", "WaveDisturbance", "WindMoment"]
+__all__ = [
+    "SimulatedInputBias",
+    "SimulatedSteadyCurrent",
+    "SimulatedTetherPull",
+    "SimulatedWaveDisturbance",
+    "SimulatedWindMoment",
+]
 
 
-class InputBias(Effect):
+class SimulatedInputBias(HiddenEffect):
     """A constant force on top of the commanded one."""
 
     slug = "input-bias"
     meaning = "a constant force or moment: trim, list, a slack tether"
-    parameters = (Parameter("bias", "input unit"),)
+    parameters = (EffectParameter("bias", "input unit"),)
     on_vehicles = "yaw (default), surge"
 
     def begin(self, setting: Setting) -> None:
@@ -30,7 +36,7 @@ class InputBias(Effect):
         setattr(loads, self._name, getattr(loads, self._name) + self._force)
 
 
-class SteadyCurrent(Effect):
+class SimulatedSteadyCurrent(HiddenEffect):
     """The water moves, and the craft with it; drag goes with speed through the water.
 
     Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen2011, section
@@ -39,7 +45,10 @@ class SteadyCurrent(Effect):
 
     slug = "steady-current"
     meaning = "the water moves over the ground"
-    parameters = (Parameter("V_x", "m/s", "towards north", 0.0), Parameter("V_y", "m/s", "towards east", 0.0))
+    parameters = (
+        EffectParameter("V_x", "m/s", "towards north", 0.0),
+        EffectParameter("V_y", "m/s", "towards east", 0.0),
+    )
     on_vehicles = "over ground (default), through water"
 
     def begin(self, setting: Setting) -> None:
@@ -52,14 +61,14 @@ class SteadyCurrent(Effect):
         setting.motion.over_ground = self.place != "through water"
 
 
-class WindMoment(Effect):
+class SimulatedWindMoment(HiddenEffect):
     """The wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
 
     slug = "wind-moment"
     meaning = "the wind turns the bow (goes with the sine of the heading against the wind)"
     parameters = (
-        Parameter("strength", "input unit", least=0.0),
-        Parameter("direction", "rad", "where the bow turns to"),
+        EffectParameter("strength", "input unit", least=0.0),
+        EffectParameter("direction", "rad", "where the bow turns to"),
     )
     on_vehicles = "yaw"
 
@@ -77,7 +86,7 @@ class WindMoment(Effect):
         return math.sqrt(setting.axes["yaw"].alpha / max(abs(self._moment), 1e-12))
 
 
-class WaveDisturbance(Effect):
+class SimulatedWaveDisturbance(HiddenEffect):
     """A narrow-band force: second-order shaped noise, or one sinusoid when ``bandwidth`` is 0.
 
     Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
@@ -87,9 +96,9 @@ class WaveDisturbance(Effect):
     slug = "wave-disturbance"
     meaning = "waves: a narrow-band force"
     parameters = (
-        Parameter("amplitude", "input unit", "rms"),
-        Parameter("frequency", "rad/s", least=1e-6),
-        Parameter("bandwidth", "1", "damping ratio of the shaping filter; 0: one sinusoid", 0.0, least=0.0),
+        EffectParameter("amplitude", "input unit", "rms"),
+        EffectParameter("frequency", "rad/s", least=1e-6),
+        EffectParameter("bandwidth", "1", "damping ratio of the shaping filter; 0: one sinusoid", 0.0, least=0.0),
     )
     on_vehicles = "yaw (default), surge, heave"
 
@@ -156,16 +165,16 @@ def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, flo
     return a11, a12, a21, a22, l11, l21, math.sqrt(max(q22 - l21 * l21, 0.0))
 
 
-class TetherPull(Effect):
+class SimulatedTetherPull(HiddenEffect):
     """A spring to a fixed place: in one degree of freedom, or on the horizontal plane (``surge+sway``)."""
 
     slug = "tether-pull"
     meaning = "the tether pulls back like a spring"
     parameters = (
-        Parameter("stiffness", "N/m or N m/rad"),
-        Parameter("anchor", "m or rad", "where it does not pull, in one degree of freedom", 0.0),
-        Parameter("x", "m", "the same on the plane, north", 0.0),
-        Parameter("y", "m", "the same on the plane, east", 0.0),
+        EffectParameter("stiffness", "N/m or N m/rad"),
+        EffectParameter("anchor", "m or rad", "where it does not pull, in one degree of freedom", 0.0),
+        EffectParameter("x", "m", "the same on the plane, north", 0.0),
+        EffectParameter("y", "m", "the same on the plane, east", 0.0),
     )
     on_vehicles = "yaw (default), heave, surge+sway (its part along the hull)"
 

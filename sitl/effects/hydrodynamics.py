@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 
-from sitl.effects.effect import BadEffect, Effect, Motion, Parameter, Setting
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, HullMotion, Setting
 from sitl.effects.places import find_dof
 from sitl.hull import Loads
 
-__all__ = ["GroundEffect", "LinearDrag", "MassChange", "NetBuoyancy", "QuadraticDrag"]
+__all__ = [
+    "SimulatedGroundEffect",
+    "SimulatedLinearDrag",
+    "SimulatedMassChange",
+    "SimulatedNetBuoyancy",
+    "SimulatedQuadraticDrag",
+]
 
 
-class OnAxis(Effect):
+class OnAxis(HiddenEffect):
     """An effect that changes the inertia or the drag of one degree of freedom."""
 
     on_vehicles = "yaw (default), surge, heave"
@@ -21,14 +27,14 @@ class OnAxis(Effect):
         self._axis = setting.axes[find_dof(self, setting)]
 
 
-class LinearDrag(OnAxis):
+class SimulatedLinearDrag(OnAxis):
     """More drag that goes with speed."""
 
     slug = "linear-drag"
     meaning = "drag that goes with speed"
-    parameters = (Parameter("coefficient", "N s/m or N m s/rad"),)
+    parameters = (EffectParameter("coefficient", "N s/m or N m s/rad"),)
 
-    def alter_parameters(self, t: float, body: Motion) -> None:
+    def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Add it."""
         self._axis.beta += self["coefficient"]
 
@@ -37,12 +43,12 @@ class LinearDrag(OnAxis):
         return self._axis.alpha / max(self._axis.beta + self["coefficient"], 1e-9)
 
 
-class QuadraticDrag(OnAxis):
+class SimulatedQuadraticDrag(OnAxis):
     """More drag that goes with the square of speed."""
 
     slug = "quadratic-drag"
     meaning = "drag that goes with the square of speed"
-    parameters = (Parameter("coefficient", "N s^2/m^2 or N m s^2/rad^2"),)
+    parameters = (EffectParameter("coefficient", "N s^2/m^2 or N m s^2/rad^2"),)
 
     def begin(self, setting: Setting) -> None:
         """Find the degree of freedom and the force on it."""
@@ -51,7 +57,7 @@ class QuadraticDrag(OnAxis):
         driving = [setting.swing[name] for name, driven in setting.inputs.items() if driven == dof]
         self._force = setting.gain.get(dof, 1.0) * max(driving, default=0.0)
 
-    def alter_parameters(self, t: float, body: Motion) -> None:
+    def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Add it."""
         self._axis.beta2 += self["coefficient"]
 
@@ -60,14 +66,14 @@ class QuadraticDrag(OnAxis):
         return self._axis.alpha / max(2.0 * math.sqrt(abs(self["coefficient"]) * self._force), 1e-9)
 
 
-class MassChange(Effect):
+class SimulatedMassChange(HiddenEffect):
     """A payload is taken aboard or let go: the inertia changes at once, the speed does not."""
 
     slug = "mass-change"
     meaning = "inertia changes within the run (a payload taken aboard or dropped)"
     parameters = (
-        Parameter("ratio", "1", "new inertia over old", least=1e-3),
-        Parameter("time", "s", "since the start"),
+        EffectParameter("ratio", "1", "new inertia over old", least=1e-3),
+        EffectParameter("time", "s", "since the start"),
     )
     on_vehicles = "all (default), yaw, surge, heave"
 
@@ -77,7 +83,7 @@ class MassChange(Effect):
         self._axes = tuple(setting.axes.values()) if everything else (setting.axes[find_dof(self, setting)],)
         self._when = setting.start + self["time"]
 
-    def alter_parameters(self, t: float, body: Motion) -> None:
+    def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Scale the inertia once the time has come."""
         if t >= self._when - 1e-9:
             for axis in self._axes:
@@ -88,12 +94,12 @@ class MassChange(Effect):
         return min(a.alpha * self["ratio"] / a.beta if a.beta > 0.0 else math.inf for a in self._axes)
 
 
-class NetBuoyancy(Effect):
+class SimulatedNetBuoyancy(HiddenEffect):
     """Too heavy or too light."""
 
     slug = "net-buoyancy"
     meaning = "the craft is heavier (positive) or lighter than the water it displaces"
-    parameters = (Parameter("force", "N", "down positive"),)
+    parameters = (EffectParameter("force", "N", "down positive"),)
     on_vehicles = "heave (ROVs)"
 
     def begin(self, setting: Setting) -> None:
@@ -105,15 +111,15 @@ class NetBuoyancy(Effect):
         loads.Z += self["force"]
 
 
-class GroundEffect(Effect):
+class SimulatedGroundEffect(HiddenEffect):
     """More drag close to the bottom: times ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"
     parameters = (
-        Parameter("strength", "1", "drag at the bottom over drag far from it, less one"),
-        Parameter("length", "m", "height over which it fades", least=1e-3),
-        Parameter("bottom", "m", "depth of the bottom; 0: the water's", 0.0),
+        EffectParameter("strength", "1", "drag at the bottom over drag far from it, less one"),
+        EffectParameter("length", "m", "height over which it fades", least=1e-3),
+        EffectParameter("bottom", "m", "depth of the bottom; 0: the water's", 0.0),
     )
     on_vehicles = "heave (default), yaw, surge (ROVs)"
 
@@ -125,7 +131,7 @@ class GroundEffect(Effect):
         self._axis = setting.axes[find_dof(self, setting) if self.place else "heave"]
         self._bottom = self["bottom"] or setting.bottom
 
-    def alter_parameters(self, t: float, body: Motion) -> None:
+    def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Scale the drag with the height above the bottom."""
         height = max(self._bottom - self._motion.z, 0.0)
         factor = 1.0 + self["strength"] * math.exp(-height / self["length"])

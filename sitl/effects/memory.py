@@ -6,17 +6,17 @@ import math
 from collections import deque
 
 from sitl.effects.actuator import OnInput
-from sitl.effects.effect import Parameter, Setting
+from sitl.effects.effect import EffectParameter, Setting
 
-__all__ = ["ActuatorLag", "Backlash", "InputDelay", "RateLimit"]
+__all__ = ["SimulatedActuatorLag", "SimulatedBacklash", "SimulatedInputDelay", "SimulatedRateLimit"]
 
 
-class InputDelay(OnInput):
+class SimulatedInputDelay(OnInput):
     """The command acts later; before anything has arrived, the first one acts."""
 
     slug = "input-delay"
     meaning = "commands act later than they are given"
-    parameters = (Parameter("delay", "s", least=0.0),)
+    parameters = (EffectParameter("delay", "s", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
         """Forget what is under way."""
@@ -45,12 +45,12 @@ class InputDelay(OnInput):
         return (total + value * (end - since)) / dt
 
 
-class ActuatorLag(OnInput):
+class SimulatedActuatorLag(OnInput):
     """First order."""
 
     slug = "actuator-lag"
     meaning = "the actuator follows its command with a time constant"
-    parameters = (Parameter("time_constant", "s", least=1e-6),)
+    parameters = (EffectParameter("time_constant", "s", least=1e-6),)
 
     def begin(self, setting: Setting) -> None:
         """Forget where the actuator stands."""
@@ -67,12 +67,12 @@ class ActuatorLag(OnInput):
         return u - rest * math.expm1(-ratio) / ratio
 
 
-class RateLimit(OnInput):
+class SimulatedRateLimit(OnInput):
     """No faster than a rate."""
 
     slug = "rate-limit"
     meaning = "the actuator cannot move faster than a rate"
-    parameters = (Parameter("rate", "input unit/s", least=1e-9),)
+    parameters = (EffectParameter("rate", "input unit/s", least=1e-9),)
 
     def begin(self, setting: Setting) -> None:
         """Forget where the actuator stands."""
@@ -95,12 +95,12 @@ class RateLimit(OnInput):
         return 0.5 * (before + self._now)
 
 
-class Backlash(OnInput):
+class SimulatedBacklash(OnInput):
     """Play: the output rests until one flank has crossed it."""
 
     slug = "backlash"
     meaning = "play in the linkage: on every reversal the gap is crossed first"
-    parameters = (Parameter("width", "input unit", "the whole gap", least=0.0),)
+    parameters = (EffectParameter("width", "input unit", "the whole gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
         """Forget where the actuator stands."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from sitl.effects.effect import BadEffect, Effect, Setting
+from sitl.effects.effect import BadEffect, HiddenEffect, Setting
 
 __all__ = ["find_dof", "find_input", "find_signals"]
 
 _HORIZONTAL = ("surge", "sway", "yaw")
 
 
-def find_input(effect: Effect, setting: Setting) -> str:
+def find_input(effect: HiddenEffect, setting: Setting) -> str:
     """Return the input *effect* sits on; steering unless its place says otherwise."""
     place = effect.place or setting.steering
     place = setting.axis_names.get(place, place)
@@ -19,7 +19,7 @@ def find_input(effect: Effect, setting: Setting) -> str:
     return place
 
 
-def find_dof(effect: Effect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
+def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
     """Return the degree of freedom *effect* sits on; yaw (or the first there is) unless its place says otherwise."""
     there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.axes and dof in among]
     if not there:
@@ -30,7 +30,7 @@ def find_dof(effect: Effect, setting: Setting, *, among: tuple[str, ...] = (*_HO
     return place
 
 
-def find_signals(effect: Effect, setting: Setting, default: str) -> tuple[str, ...]:
+def find_signals(effect: HiddenEffect, setting: Setting, default: str) -> tuple[str, ...]:
     """Return the signals *effect* sits on, several joined by ``+``."""
     names = tuple((effect.place or default).split("+"))
     for name in names:

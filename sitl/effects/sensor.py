@@ -7,24 +7,30 @@ from collections import deque
 from collections.abc import Mapping
 from random import Random
 
-from sitl.effects.effect import BadEffect, Effect, Parameter, Setting
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_signals
-from sitl.sensors import Reading
+from sitl.sensors import SensorReading
 
-__all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay", "Outliers", "Quantisation"]
+__all__ = [
+    "SimulatedCompassDeviation",
+    "SimulatedGyroBias",
+    "SimulatedMeasurementDelay",
+    "SimulatedOutliers",
+    "SimulatedQuantisation",
+]
 
 _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
 
 
-class CompassDeviation(Effect):
+class SimulatedCompassDeviation(HiddenEffect):
     """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
     meaning = "iron aboard turns the compass needle (goes with sine and cosine of the heading)"
     parameters = (
-        Parameter("B", "rad", default=0.0),
-        Parameter("C", "rad", default=0.0),
-        Parameter("A", "rad", "the lubber line's misalignment", 0.0),
+        EffectParameter("B", "rad", default=0.0),
+        EffectParameter("C", "rad", default=0.0),
+        EffectParameter("A", "rad", "the lubber line's misalignment", 0.0),
     )
     on_vehicles = "psi"
 
@@ -32,17 +38,17 @@ class CompassDeviation(Effect):
         """Make sure that there is a compass."""
         find_signals(self, setting, "psi")
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Turn the needle."""
         reading.psi += self["A"] + self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
 
 
-class GyroBias(Effect):
+class SimulatedGyroBias(HiddenEffect):
     """A rate is off by a constant."""
 
     slug = "gyro-bias"
     meaning = "the gyro shows a rate at rest"
-    parameters = (Parameter("bias", "rad/s"),)
+    parameters = (EffectParameter("bias", "rad/s"),)
     on_vehicles = "r (default), p, q"
 
     def begin(self, setting: Setting) -> None:
@@ -51,17 +57,17 @@ class GyroBias(Effect):
         if self._name not in ("p", "q", "r"):
             raise BadEffect(f"gyro-bias: '{self._name}' is no rate of a gyro; r, p, q are")
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Add the bias."""
         setattr(reading, self._name, getattr(reading, self._name) + self["bias"])
 
 
-class MeasurementDelay(Effect):
+class SimulatedMeasurementDelay(HiddenEffect):
     """A signal is reported late; several when the place joins them (``psi+r``), all when it is ``all``."""
 
     slug = "measurement-delay"
     meaning = "a signal is reported late"
-    parameters = (Parameter("delay", "s", least=0.0),)
+    parameters = (EffectParameter("delay", "s", least=0.0),)
     on_vehicles = "a signal or several joined by + (all: psi+r+u+x+y+z+w, the default)"
 
     def begin(self, setting: Setting) -> None:
@@ -75,7 +81,7 @@ class MeasurementDelay(Effect):
         """Return the delay of each."""
         return dict.fromkeys(self._names, self["delay"])
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Put back what was seen then, between two samples in proportion; in open loop its own past is read instead."""
         if not self._on_vehicle:
             return
@@ -91,31 +97,34 @@ class MeasurementDelay(Effect):
             setattr(reading, name, before + share * change)
 
 
-class Quantisation(Effect):
+class SimulatedQuantisation(HiddenEffect):
     """Rounded to multiples of a step."""
 
     slug = "quantisation"
     meaning = "a signal comes in steps"
-    parameters = (Parameter("step", "signal unit", least=1e-12),)
+    parameters = (EffectParameter("step", "signal unit", least=1e-12),)
     on_vehicles = "a signal (default psi)"
 
     def begin(self, setting: Setting) -> None:
         """Find the signal."""
         self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Round."""
         step = self["step"]
         for name in self._names:
             setattr(reading, name, round(getattr(reading, name) / step) * step)
 
 
-class Outliers(Effect):
+class SimulatedOutliers(HiddenEffect):
     """A share of samples is far off."""
 
     slug = "outliers"
     meaning = "some samples are far off"
-    parameters = (Parameter("share", "1", "of the samples", least=0.0), Parameter("size", "signal unit", "rms"))
+    parameters = (
+        EffectParameter("share", "1", "of the samples", least=0.0),
+        EffectParameter("size", "signal unit", "rms"),
+    )
     on_vehicles = "a signal (default psi)"
 
     def begin(self, setting: Setting) -> None:
@@ -123,7 +132,7 @@ class Outliers(Effect):
         self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
         self._draw = Random(f"{setting.seed}/{self.slug}/{self.place}")
 
-    def alter_measurement(self, t: float, reading: Reading) -> None:
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Throw some samples off."""
         for name in self._names:
             struck, by = self._draw.random() < self["share"], self._draw.gauss(0.0, self["size"])

@@ -6,66 +6,90 @@ import difflib
 from collections.abc import Mapping
 
 from sitl.effects.actuator import (
-    AdvanceSpeedLoss,
-    AsymmetricThrust,
-    DeadZone,
-    GainDrift,
-    QuadraticActuator,
-    RudderStall,
-    Saturation,
-    SpeedDependentSteering,
+    SimulatedAdvanceSpeedLoss,
+    SimulatedAsymmetricThrust,
+    SimulatedDeadZone,
+    SimulatedGainDrift,
+    SimulatedQuadraticActuator,
+    SimulatedRudderStall,
+    SimulatedSaturation,
+    SimulatedSpeedDependentSteering,
 )
-from sitl.effects.bookkeeping import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
-from sitl.effects.coupling import CoriolisCoupling, SwayYawCoupling
-from sitl.effects.effect import BadEffect, Effect
-from sitl.effects.environment import InputBias, SteadyCurrent, TetherPull, WaveDisturbance, WindMoment
-from sitl.effects.hydrodynamics import GroundEffect, LinearDrag, MassChange, NetBuoyancy, QuadraticDrag
-from sitl.effects.memory import ActuatorLag, Backlash, InputDelay, RateLimit
-from sitl.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, Outliers, Quantisation
+from sitl.effects.bookkeeping import (
+    SimulatedChannelSwap,
+    SimulatedSignError,
+    SimulatedTimeOffset,
+    SimulatedTimeScale,
+    SimulatedUnitError,
+)
+from sitl.effects.coupling import SimulatedCoriolisCoupling, SimulatedSwayYawCoupling
+from sitl.effects.effect import BadEffect, HiddenEffect
+from sitl.effects.environment import (
+    SimulatedInputBias,
+    SimulatedSteadyCurrent,
+    SimulatedTetherPull,
+    SimulatedWaveDisturbance,
+    SimulatedWindMoment,
+)
+from sitl.effects.hydrodynamics import (
+    SimulatedGroundEffect,
+    SimulatedLinearDrag,
+    SimulatedMassChange,
+    SimulatedNetBuoyancy,
+    SimulatedQuadraticDrag,
+)
+from sitl.effects.memory import SimulatedActuatorLag, SimulatedBacklash, SimulatedInputDelay, SimulatedRateLimit
+from sitl.effects.sensor import (
+    SimulatedCompassDeviation,
+    SimulatedGyroBias,
+    SimulatedMeasurementDelay,
+    SimulatedOutliers,
+    SimulatedQuantisation,
+)
 
 __all__ = ["EFFECTS", "make_effect", "parse_effect"]
 
-_CLASSES: tuple[type[Effect], ...] = (
-    TimeScale,
-    TimeOffset,
-    UnitError,
-    SignError,
-    ChannelSwap,
-    InputDelay,
-    Saturation,
-    RateLimit,
-    ActuatorLag,
-    Backlash,
-    DeadZone,
-    QuadraticActuator,
-    RudderStall,
-    AsymmetricThrust,
-    GainDrift,
-    SpeedDependentSteering,
-    AdvanceSpeedLoss,
-    LinearDrag,
-    QuadraticDrag,
-    CoriolisCoupling,
-    SwayYawCoupling,
-    MassChange,
-    NetBuoyancy,
-    GroundEffect,
-    InputBias,
-    SteadyCurrent,
-    WindMoment,
-    WaveDisturbance,
-    TetherPull,
-    CompassDeviation,
-    GyroBias,
-    MeasurementDelay,
-    Quantisation,
-    Outliers,
+_CLASSES: tuple[type[HiddenEffect], ...] = (
+    SimulatedTimeScale,
+    SimulatedTimeOffset,
+    SimulatedUnitError,
+    SimulatedSignError,
+    SimulatedChannelSwap,
+    SimulatedInputDelay,
+    SimulatedSaturation,
+    SimulatedRateLimit,
+    SimulatedActuatorLag,
+    SimulatedBacklash,
+    SimulatedDeadZone,
+    SimulatedQuadraticActuator,
+    SimulatedRudderStall,
+    SimulatedAsymmetricThrust,
+    SimulatedGainDrift,
+    SimulatedSpeedDependentSteering,
+    SimulatedAdvanceSpeedLoss,
+    SimulatedLinearDrag,
+    SimulatedQuadraticDrag,
+    SimulatedCoriolisCoupling,
+    SimulatedSwayYawCoupling,
+    SimulatedMassChange,
+    SimulatedNetBuoyancy,
+    SimulatedGroundEffect,
+    SimulatedInputBias,
+    SimulatedSteadyCurrent,
+    SimulatedWindMoment,
+    SimulatedWaveDisturbance,
+    SimulatedTetherPull,
+    SimulatedCompassDeviation,
+    SimulatedGyroBias,
+    SimulatedMeasurementDelay,
+    SimulatedQuantisation,
+    SimulatedOutliers,
 )
 
-EFFECTS: Mapping[str, type[Effect]] = {kind.slug: kind for kind in _CLASSES}
+EFFECTS: Mapping[str, type[HiddenEffect]] = {kind.slug: kind for kind in _CLASSES}
 
 
-def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None = None) -> Effect:
+def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None = None) -> HiddenEffect:
     """Return the effect called *slug* at *place* (empty: the usual one).
 
     Raises
@@ -80,7 +104,7 @@ def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None =
     return EFFECTS[slug](place, **(values or {}))
 
 
-def parse_effect(text: str) -> Effect:
+def parse_effect(text: str) -> HiddenEffect:
     """Return the effect written as ``slug[@place][.parameter=value[,parameter=value ...]]``.
 
     Raises

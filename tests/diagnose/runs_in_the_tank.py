@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.trial import Channel, Trial
-from sitl.effects import Effect
+from sitl.effects import HiddenEffect
 from sitl.effects.table import make_effect
 from sitl.open_loop import Hull, open_loop
 
@@ -19,7 +19,7 @@ BOAT = Hull(("surge", "sway", "yaw"), {"surge": 5.0, "sway": 7.0, "yaw": 2.0}, {
 UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m", "N": "N m", "X": "N"}
 
 Array = NDArray[np.float64]
-Hidden = tuple[str, str, dict[str, float]] | Effect
+Hidden = tuple[str, str, dict[str, float]] | HiddenEffect
 """An effect hidden: slug, place and values of one the simulator has, or one made for the test."""
 
 
@@ -37,7 +37,7 @@ def towed(
             duration=samples * 0.1,
             interval=0.1,
             measured=("psi", "r"),
-            effects=[e if isinstance(e, Effect) else make_effect(*e) for e in effects],
+            effects=[e if isinstance(e, HiddenEffect) else make_effect(*e) for e in effects],
             noise={"psi": noise, "r": noise},
             seed=10 * seed + k,
         )
@@ -58,7 +58,7 @@ def squares(
                 duration=30.0,
                 interval=0.1,
                 measured=("psi", "r"),
-                effects=[e if isinstance(e, Effect) else make_effect(*e) for e in effects],
+                effects=[e if isinstance(e, HiddenEffect) else make_effect(*e) for e in effects],
                 noise={"psi": noise, "r": noise},
                 seed=10 * seed + k,
             ),
@@ -88,7 +88,7 @@ def sailed(*effects: Hidden, seed: int = 1) -> list[Trial]:
             duration=25.0,
             interval=0.1,
             measured=measured,
-            effects=[e if isinstance(e, Effect) else make_effect(*e) for e in effects],
+            effects=[e if isinstance(e, HiddenEffect) else make_effect(*e) for e in effects],
             noise=dict.fromkeys(measured, 0.005),
             seed=10 * seed + k,
         )

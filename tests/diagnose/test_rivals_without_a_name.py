@@ -14,18 +14,18 @@ from gcs_autotune.diagnose.resonance_check import resonance_checks
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
-from sitl.effects import Effect, Parameter, Setting
+from sitl.effects import EffectParameter, HiddenEffect, Setting
 from sitl.hull import Loads
 
 pytestmark = pytest.mark.slow
 
 
-class CubicDrag(Effect):
+class CubicDrag(HiddenEffect):
     """Drag with the cube of the yaw rate."""
 
     slug = "cube-of-the-rate"
     meaning = "test only"
-    parameters = (Parameter("coefficient", "N m s^3"),)
+    parameters = (EffectParameter("coefficient", "N m s^3"),)
 
     def begin(self, setting: Setting) -> None:
         self.motion = setting.motion
@@ -34,12 +34,12 @@ class CubicDrag(Effect):
         loads.N -= self["coefficient"] * self.motion.r**3
 
 
-class Ringing(Effect):
+class Ringing(HiddenEffect):
     """An actuator on a spring: what it does follows its command as a mass swings after its hook."""
 
     slug = "spring-behind-the-command"
     meaning = "test only"
-    parameters = (Parameter("frequency", "rad/s"), Parameter("damping", "1"))
+    parameters = (EffectParameter("frequency", "rad/s"), EffectParameter("damping", "1"))
 
     def begin(self, setting: Setting) -> None:
         self.at = self.rate = 0.0

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from sitl import Effect
+from sitl import HiddenEffect
 from tests.sitl.ground import boat, rov
 
 
 def test_an_effect_that_alters_nothing_changes_no_bit():
-    plain, with_effect = boat(), boat(effects=[Effect()])
+    plain, with_effect = boat(), boat(effects=[HiddenEffect()])
     for ground in (plain, with_effect):
         ground.sticks = {1: 1700, 3: 1800}
         ground.run(5.0)
     assert [m.get_msgbuf() for m in plain.heard] == [m.get_msgbuf() for m in with_effect.heard]
 
 
-class _StuckRudder(Effect):
+class _StuckRudder(HiddenEffect):
     def alter_command(self, t, pwm):
         pwm[0] = 1500
 
@@ -27,7 +27,7 @@ def test_a_command_can_be_altered_between_autopilot_and_actuator():
     assert abs(ground.vehicle.body.r) < 0.01
 
 
-class _Current(Effect):
+class _Current(HiddenEffect):
     def alter_force(self, t, loads):
         loads.X += 20.0
 
@@ -38,7 +38,7 @@ def test_a_force_can_be_added():
     assert ground.vehicle.body.u > 0.3
 
 
-class _Payload(Effect):
+class _Payload(HiddenEffect):
     def alter_parameters(self, t, body):
         body.heave.alpha = 30.0
 
@@ -48,7 +48,7 @@ def test_the_hull_can_be_altered():
     assert ground.vehicle.body.heave.alpha == 30.0
 
 
-class _CompassBias(Effect):
+class _CompassBias(HiddenEffect):
     def alter_measurement(self, t, reading):
         reading.psi += 0.5
 

@@ -9,7 +9,7 @@ import pytest
 from sitl.autopilot.parameters import Definition, ParameterStore
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.rover_parameters import ROVER_PARAMETERS
-from sitl.autopilot.rover_speed import RoverSpeed
+from sitl.autopilot.rover_speed import RoverSpeedController
 from sitl.autopilot.rover_steering import RoverSteering
 from sitl.autopilot.shaping import (
     TwoPoleLowPass,
@@ -181,22 +181,22 @@ def test_a_loop_not_run_for_200_ms_starts_anew():
 
 
 def test_the_speed_loop_is_led_by_the_cruise_pair():
-    speed = RoverSpeed(_rover(CRUISE_SPEED=1.2, CRUISE_THROTTLE=80, ATC_ACCEL_MAX=0), DT)
+    speed = RoverSpeedController(_rover(CRUISE_SPEED=1.2, CRUISE_THROTTLE=80, ATC_ACCEL_MAX=0), DT)
     assert speed.run(0, 0.6, 0.6, False) == pytest.approx(0.4)
 
 
 def test_the_wanted_speed_is_slewed_by_atc_accel_max():
-    speed = RoverSpeed(_rover(ATC_ACCEL_MAX=1.0), DT)
+    speed = RoverSpeedController(_rover(ATC_ACCEL_MAX=1.0), DT)
     for k in range(11):
         speed.run(20 * k, 1.2, 0.0, False)
     assert speed.pid.target == pytest.approx(0.22)
 
 
 def test_stopped_is_zero_throttle():
-    assert RoverSpeed(_rover(), DT).run(0, 0.0, 0.05, False) == 0.0
+    assert RoverSpeedController(_rover(), DT).run(0, 0.0, 0.05, False) == 0.0
 
 
 def test_without_brakes_the_engine_does_not_reverse():
     quick = {"ATC_ACCEL_MAX": 0, "ATC_SPEED_P": 2}
-    assert RoverSpeed(_rover(**quick), DT).run(0, 0.3, 1.5, False) < 0.0
-    assert RoverSpeed(_rover(**quick, ATC_BRAKE=0), DT).run(0, 0.3, 1.5, False) == 0.0
+    assert RoverSpeedController(_rover(**quick), DT).run(0, 0.3, 1.5, False) < 0.0
+    assert RoverSpeedController(_rover(**quick, ATC_BRAKE=0), DT).run(0, 0.3, 1.5, False) == 0.0

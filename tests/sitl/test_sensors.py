@@ -8,17 +8,17 @@ import statistics
 import pytest
 
 from sitl import load_vehicle
-from sitl.sensors import Reading, SensorData, Sensors
+from sitl.sensors import SensorData, SensorReading, Sensors
 
 QUIET = SensorData(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _samples(data: SensorData, count: int, seed: int = 1) -> list[Reading]:
+def _samples(data: SensorData, count: int, seed: int = 1) -> list[SensorReading]:
     body = load_vehicle("videoray").make_body()
     sensors = Sensors(data, seed, floats=False)
     readings = []
     for _ in range(count):
-        reading = Reading()
+        reading = SensorReading()
         sensors.sample(body, reading)
         readings.append(reading)
     return readings
@@ -67,6 +67,6 @@ def test_one_sensors_noise_does_not_disturb_another():
 def test_heading_is_wrapped():
     body = load_vehicle("videoray").make_body()
     body.psi = 10.0
-    reading = Reading()
+    reading = SensorReading()
     Sensors(QUIET, 0, floats=False).sample(body, reading)
     assert reading.psi == pytest.approx(10.0 - 4 * math.pi)
