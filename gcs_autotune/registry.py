@@ -1,30 +1,54 @@
-"""Looking a name up in one of our tables, with help for typing errors."""
+"""Looking a name up in one of our tables, or among what other packages offer, with help for typing errors."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from gcs_autotune.errors import UnknownName
+from gcs_autotune.errors import UnknownName, UsageError
 
 __all__ = ["lookup"]
 
 T = TypeVar("T")
 
 
-def lookup(table: Mapping[str, T], name: str, kind: str) -> T:
-    """Return ``table[name]``.
+def lookup(table: Mapping[str, T], name: str, kind: str, *, group: str = "") -> T:
+    """Return ``table[name]``, or what another package offers under that name.
+
+    Parameters
+    ----------
+    kind : what is looked for, in words, for the message.
+    group : entry points (``[project.entry-points."gcs_autotune.transports"]`` in that package's pyproject.toml) that
+        are looked at when the table has no such name, so that nothing is searched or imported for the names it has.
 
     Raises
     ------
     UnknownName
-        When *name* is not in *table*; the message lists what there is and the nearest spellings.
+        When *name* is nowhere; the message lists what there is and the nearest spellings.
+    UsageError
+        A package offers it, and cannot be loaded.
     """
-    try:
+    if name in table:
         return table[name]
-    except KeyError:
-        nearest = difflib.get_close_matches(name, list(table), n=3, cutoff=0.5)
-        hint = f" Did you mean {' or '.join(nearest)}?" if nearest else ""
-        known = ", ".join(table)
-        raise UnknownName(f"unknown {kind} '{name}'.{hint} Known: {known}.", name=name, nearest=nearest) from None
+    offered = _offered(group) if group else {}
+    if name in offered:
+        loaded: T = _loaded(offered[name], kind)
+        return loaded
+    known = [*table, *offered]
+    nearest = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    hint = f" Did you mean {' or '.join(nearest)}?" if nearest else ""
+    raise UnknownName(f"unknown {kind} '{name}'.{hint} Known: {', '.join(known)}.", name=name, nearest=nearest)
+
+
+def _offered(group: str) -> dict[str, Any]:
+    from importlib.metadata import entry_points  # seldom needed, and slow to import
+
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def _loaded(point: Any, kind: str) -> Any:
+    try:
+        return point.load()
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f"the {kind} '{point.name}' ({point.value}) cannot be loaded: {error}") from error

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.catalogue import VEHICLES, UnknownVehicle, load_vehicle
+from sitl.catalogue import VEHICLES, BadVehicle, UnknownVehicle, load_vehicle
 from sitl.effects import EFFECTS, BadEffect, HiddenEffect, make_effect
 from sitl.mavlink import Server
 from sitl.modelfile import BadModel, FlownModel, read_model
@@ -20,6 +20,7 @@ __all__ = [
     "VEHICLES",
     "BadEffect",
     "BadModel",
+    "BadVehicle",
     "HiddenEffect",
     "Server",
     "UnknownVehicle",
@@ -39,7 +40,7 @@ def open_vehicle(
     model: FlownModel | None = None,
     names: str = "own",
 ) -> Server:
-    """Return the vehicle called *name*, at rest and just booted, behind its MAVLink server.
+    """Return the vehicle called *name*, or of the file at that path, at rest and just booted, behind its server.
 
     Parameters
     ----------
@@ -53,6 +54,8 @@ def open_vehicle(
     ------
     UnknownVehicle
         There is no such vehicle.
+    BadVehicle
+        Its file describes none.
     KeyError
         The firmware has no such parameter.
     UnknownGeneration

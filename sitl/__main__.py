@@ -42,7 +42,9 @@ def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="sitl", description="A simulated ArduRover/ArduSub-style vehicle that speaks MAVLink 2."
     )
-    parser.add_argument("vehicle", nargs="?", help=f"one of {', '.join(VEHICLES)}")
+    parser.add_argument(
+        "vehicle", nargs="?", help=f"one of {', '.join(VEHICLES)}, or the path of a vehicle file (.toml)"
+    )
     parser.add_argument("--list", action="store_true", help="show the vehicles there are")
     parser.add_argument(
         "--listen",

@@ -1,7 +1,7 @@
 """The vehicles there are, and the loader of their data files.
 
 A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
-``vehicles/`` and one line in :data:`VEHICLES`.
+``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sitl.actuators import (
 from sitl.hull import AxisDynamics, Body, World
 from sitl.sensors import SensorData
 
-__all__ = ["VEHICLES", "UnknownVehicle", "VehicleData", "load_vehicle"]
+__all__ = ["VEHICLES", "BadVehicle", "UnknownVehicle", "VehicleData", "load_vehicle"]
 
 VEHICLES: Mapping[str, str] = {
     "charlie": "charlie.toml",
@@ -40,6 +40,7 @@ VEHICLES: Mapping[str, str] = {
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _RUDDER, _TWIN = "rudder", "twin-thruster"
+_FIRMWARE = ("rover", "sub")
 
 
 class UnknownVehicle(KeyError):
@@ -52,6 +53,10 @@ class UnknownVehicle(KeyError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+class BadVehicle(ValueError):
+    """A file describes no vehicle that can be simulated; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +120,36 @@ def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
 
 
 def load_vehicle(name: str) -> VehicleData:
-    """Return the data of the vehicle called *name*.
+    """Return the data of the vehicle called *name*, or of the file that *name* is the path of (``.toml``).
 
     Raises
     ------
     UnknownVehicle
         There is none; the message gives the nearest spellings.
+    BadVehicle
+        The file cannot be read, or lacks something.
     """
-    if name not in VEHICLES:
+    if name in VEHICLES:
+        return _read(name, _FOLDER / VEHICLES[name])
+    if not name.endswith(".toml"):
         raise UnknownVehicle(name)
-    tables = tomllib.loads((_FOLDER / VEHICLES[name]).read_text(encoding="utf-8"))
+    try:
+        data = _read(Path(name).stem, Path(name))
+        data.make_body()
+        data.make_actuators()
+    except OSError as error:
+        raise BadVehicle(f"the vehicle file {name} cannot be read: {error.strerror}") from error
+    except KeyError as error:
+        raise BadVehicle(f"the vehicle file {name} lacks {error}; begin with a copy of one in {_FOLDER}") from error
+    except (ValueError, TypeError) as error:
+        raise BadVehicle(f"{name} is no vehicle file: {error}") from error
+    if data.firmware not in _FIRMWARE:
+        raise BadVehicle(f"the vehicle file {name} has firmware '{data.firmware}'; there are {', '.join(_FIRMWARE)}")
+    return data
+
+
+def _read(name: str, path: Path) -> VehicleData:
+    tables = tomllib.loads(path.read_text(encoding="utf-8"))
     sensors, link = _values(tables["sensors"]), _values(tables["link"])
     return VehicleData(
         name=name,

@@ -1,4 +1,8 @@
-"""Connection strings, as pymavlink, MAVProxy and MAVSDK users write them, to transports."""
+"""Connection strings, as pymavlink, MAVProxy and MAVSDK users write them, to transports.
+
+Adding one is a class with ``_read_available``, ``_write`` and ``_close``, a line in :data:`TRANSPORTS`, and its ends in
+the conformance suite (``tests/link/link_ends.py``); from another package an entry point (:data:`OFFERED`) is that line.
+"""
 
 from __future__ import annotations
 
@@ -89,6 +93,9 @@ TRANSPORTS: Mapping[str, Opener] = {
 }
 """Scheme -> what opens it, with our own sockets and ports."""
 
+OFFERED = "gcs_autotune.transports"
+"""Entry points of other packages that are looked at for schemes not in the table."""
+
 MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "udpin": lambda rest, _: MavsdkLink("udpin", parse_host_port(rest)),
     "udpout": lambda rest, _: MavsdkLink("udpout", _called(rest)),
@@ -111,8 +118,8 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
 
     ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` calls; ``tcp:HOST:PORT`` (or ``tcpout:``) calls,
     ``tcpin:HOST:PORT`` listens; ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port
-    (``serial_flowcontrol:`` with its RTS and CTS wires); ``sitl:NAME`` starts the embedded simulator, and what follows
-    a ``?`` is told to it, joined by ``&``:
+    (``serial_flowcontrol:`` with its RTS and CTS wires); ``sitl:NAME`` starts the embedded simulator
+    (``sitl:FILE.toml``: with a vehicle of your own), and what follows a ``?`` is told to it, joined by ``&``:
     ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` hides effects behind the wire
     (as ``gcs-autotune sitl --effect``), ``model=FILE`` flies a model file, ``param=NAME=VALUE`` sets a parameter
     before boot, ``names=4.7`` gives it that firmware's parameter names; a ``&`` in a value is written ``%26``.
@@ -150,4 +157,5 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
         scheme = "udpout" if calls else "udpin"
     elif scheme == "tcp":
         scheme = "tcpout"
-    return lookup(table, scheme, "kind of connection")(rest, options)
+    group = OFFERED if table is TRANSPORTS else ""
+    return lookup(table, scheme, "kind of connection", group=group)(rest, options)

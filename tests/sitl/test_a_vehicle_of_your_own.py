@@ -1,0 +1,57 @@
+"""A vehicle file outside the package, as docs/developing.md tells: copied, changed, named by its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import main as gcs_autotune
+from sitl import BadVehicle, load_vehicle
+from sitl.__main__ import main as sitl
+
+TAKEN = Path(__file__).parents[2] / "sitl" / "vehicles" / "blueboat.toml"
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.toml"
+    text = TAKEN.read_text(encoding="utf-8")
+    path.write_text(text.replace("CRUISE_THROTTLE = { value = 40", "CRUISE_THROTTLE = { value = 47"), encoding="utf-8")
+    return path
+
+
+def test_a_vehicle_from_outside_is_met_from_the_command_line(mine: Path, tmp_path: Path) -> None:
+    assert gcs_autotune(["params", "save", "--connect", f"sitl:{mine}", str(tmp_path / "mine.param")]) == 0
+    assert "CRUISE_THROTTLE,47" in (tmp_path / "mine.param").read_text()
+
+
+def test_it_moves_by_its_own_numbers(mine: Path) -> None:
+    mine.write_text(mine.read_text().replace("alpha = { value = 41.77", "alpha = { value = 80.0"))
+    assert load_vehicle(str(mine)).make_body().surge.alpha == 80.0
+    assert load_vehicle("blueboat").make_body().surge.alpha == 41.77
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text.replace("[sensors]", "[senses]"), "lacks 'sensors'; begin with a copy of one in"),
+        (lambda text: text.replace("arm = {", "leg = {"), "lacks 'arm'"),
+        (lambda text: text + "= 3", "is no vehicle file"),
+        (
+            lambda text: text.replace('firmware = "rover"', 'firmware = "plane"'),
+            "has firmware 'plane'; there are rover",
+        ),
+    ],
+)
+def test_a_file_that_describes_no_vehicle_is_explained_in_one_line(mine, change, said, capsys):
+    mine.write_text(change(mine.read_text()))
+    with pytest.raises(BadVehicle, match=said):
+        load_vehicle(str(mine))
+    assert sitl([str(mine), "--lockstep"]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):
+    assert sitl(["nowhere.toml", "--lockstep"]) == 2
+    assert "nowhere.toml cannot be read: No such file" in capsys.readouterr().err
