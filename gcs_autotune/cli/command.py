@@ -149,8 +149,8 @@ def add_connection(
         required=required,
         help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
         "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
-        "started for you, sitl:FILE.toml for one of your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an effect in it "
-        f"(`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
+        "started for you, sitl:FILE.toml for one of your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an "
+        f"effect in it (`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
     )
     group.add_argument(
         "--backend",
