@@ -1,4 +1,4 @@
-"""One file outside the package and one line in a table: a method, a control law and a firmware, each then used by
+"""One file outside the package and one line in a table: a method, an axis, a control law, a firmware, then used by
 the command line. docs/how-to-add.md tells these tests in prose.
 """
 
@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from gcs_autotune.axes import AXES
 from gcs_autotune.cli import main
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
@@ -96,30 +97,40 @@ class GentleHeading(RoverHeading):
 LAW = GentleHeading()
 '''
 
-FIRMWARE_FILE = """
+AXIS = """
+import math
+
+from gcs_autotune.axes import AxisKind
+
+AXIS = AxisKind("course", "yaw", "psi", math.radians(20.0), 25.0)
+"""
+
+PROFILE = """
 from dataclasses import replace
 
 from gcs_autotune.firmware.ardurover import FIRMWARE as ROVER
 
-HEADING = replace(ROVER.axes["heading"], law="gentle-heading")
+COURSE = replace(ROVER.axes["heading"], name="course", law="gentle-heading")
 MODES = {"STEERED" if name == "GUIDED" else name: number for name, number in ROVER.modes.items()}
-FIRMWARE = replace(
-    ROVER, name="gentlerover", modes=MODES, hold_mode="STEERED", axes={**ROVER.axes, "heading": HEADING}
-)
+FIRMWARE = replace(ROVER, name="gentlerover", modes=MODES, hold_mode="STEERED", axes={**ROVER.axes, "course": COURSE})
 """
 
 
 @pytest.mark.slow
-def test_a_control_law_and_a_firmware_tune_a_vehicle(
+def test_an_axis_a_control_law_and_a_firmware_tune_a_vehicle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     law = added(tmp_path, "gentle_heading", LAW).LAW
     monkeypatch.setitem(LAWS, law.name, law)  # type: ignore[arg-type]
-    firmware: Any = added(tmp_path, "gentlerover", FIRMWARE_FILE).FIRMWARE
+    axis = added(tmp_path, "course", AXIS).AXIS
+    monkeypatch.setitem(AXES, axis.name, axis)  # type: ignore[arg-type]
+    firmware: Any = added(tmp_path, "gentlerover", PROFILE).FIRMWARE
     monkeypatch.delitem(FIRMWARE, "ardurover")  # type: ignore[arg-type]  # the simulated boat is to be taken for ours
     monkeypatch.setitem(FIRMWARE, firmware.name, firmware)  # type: ignore[arg-type]
     out = tmp_path / "run"
-    assert main(["tune", "heading", "--connect", "sitl:charlie", "--dry-run", "--out", str(out)]) == 0
-    assert "use the modes STEERED and MANUAL" in capsys.readouterr().err
+    assert main(["tune", "course", "--connect", "sitl:charlie", "--dry-run", "--out", str(out)]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "use the modes STEERED and MANUAL" in said
+    assert "20 deg steps in heading" in said
     assert "designed for a gentle helm" in (out / "report.html").read_text(encoding="utf-8")
     assert not json.loads((out / "summary.json").read_text(encoding="utf-8"))["differences"]

@@ -9,4 +9,4 @@ import pytest
 def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take the gains as matched, without refining them, and leave the pictures out of the report."""
     monkeypatch.setattr("gcs_autotune.design.proposal.polish", lambda problem, chosen, duration: chosen)
-    monkeypatch.setattr("gcs_autotune.report.html.draw_pictures", lambda story: ())
+    monkeypatch.setattr("gcs_autotune.report.tune.page.draw_pictures", lambda story: ())
