@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gcs_autotune.axes import position_axis
+from gcs_autotune.axes import axis_kind, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
@@ -108,7 +108,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _movements(voyage: Voyage, now: Observation) -> str:
-    axis, d, speed = voyage.axis, position_axis(voyage.axis.dof), voyage.speed
+    axis, d, speed = voyage.axis, axis_kind(voyage.axis.name), voyage.speed
     step = voyage.settings.step if voyage.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if voyage.law.controls_velocity else shown

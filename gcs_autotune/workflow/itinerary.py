@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gcs_autotune.axes import position_axis
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.manoeuvres import LEVELS
 from gcs_autotune.watch import Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
@@ -83,7 +83,7 @@ def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
     """Return seconds of holding, the step and the step back."""
     each = settings.step_duration
     if each is None:
-        each = position_axis(dof).step_duration if not moving else SPEED_STEP if dof == "surge" else RATE_STEP
+        each = axis_kind(settings.axis).step_duration if not moving else SPEED_STEP if dof == "surge" else RATE_STEP
     return HOLD + 2.0 * each
 
 

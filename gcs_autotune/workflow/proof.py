@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_autotune.axes import position_axis
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Actuator
 from gcs_autotune.design.laws.about_speed import holding
 from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
@@ -108,7 +108,7 @@ class Proof:
 
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
     """Return the heading or depth step, at *speed* [m/s]."""
-    d = position_axis(axis.dof)
+    d = axis_kind(axis.name)
     step = StepSettings(
         signal=d.excitation.signal,
         size=settings.step if settings.step is not None else d.step,
