@@ -19,8 +19,8 @@ from benchmarks.blind.sizes import RECIPES
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.base_model import base_limits, plain_form, scene_of
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.sname import DOFS
 
 __all__ = ["fit_truth", "main"]

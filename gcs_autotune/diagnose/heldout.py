@@ -13,7 +13,8 @@ from scipy.special import logsumexp
 
 from gcs_autotune.diagnose.result import Gain
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
-from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.likelihood import Residual
+from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.sname import SIGNALS
 
@@ -58,7 +59,7 @@ class Fold:
 class HeldOut:
     """Residuals of a model on data it has not seen, ``complete`` False when it ran away somewhere."""
 
-    rests: tuple[Rest, ...]
+    rests: tuple[Residual, ...]
     complete: bool
 
 
@@ -144,7 +145,7 @@ def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> 
 
     refit : the model is fitted anew on each fold, beginning at *fitted*; False: it is taken as it is.
     """
-    rests: list[Rest] = []
+    rests: list[Residual] = []
     complete = True
     parts = parts.set_right(problem, fitted)
     for k, (fold, initial, states) in enumerate(zip(parts.folds, parts.starts, parts.tests, strict=True)):
@@ -163,7 +164,7 @@ def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> 
     return HeldOut(tuple(rests), complete)
 
 
-def rms_of(rests: Sequence[Rest]) -> dict[str, float]:
+def rms_of(rests: Sequence[Residual]) -> dict[str, float]:
     """Return the root mean square of what is left, per signal."""
     squares: dict[str, list[Array]] = {}
     for rest in rests:
@@ -172,7 +173,7 @@ def rms_of(rests: Sequence[Rest]) -> dict[str, float]:
     return {n: float(np.sqrt(np.mean(np.concatenate(s)))) if sum(map(len, s)) else math.nan for n, s in squares.items()}
 
 
-def blocks(before: Sequence[Rest], after: Sequence[Rest]) -> tuple[list[tuple[str, float, float, int]], int]:
+def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[tuple[str, float, float, int]], int]:
     """Return per block: signal, sum of squares before, after, and samples; cut alike for both."""
     total = sum(len(r.judged) for r in before)
     size = max(FEWEST, total // BLOCKS)
@@ -230,7 +231,7 @@ def p_value(
     return float(min(1.0, tried * math.exp(-float(np.clip(e, 0.0, 700.0)))))
 
 
-def ratio_interval(before: Sequence[Rest], after: Sequence[Rest], seed: int = 0) -> tuple[float, float]:
+def ratio_interval(before: Sequence[Residual], after: Sequence[Residual], seed: int = 0) -> tuple[float, float]:
     """Return the 95 % interval of the ratio of rms errors, by drawing blocks with replacement."""
     rows, _ = blocks(before, after)
     a, b = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])

@@ -15,9 +15,10 @@ from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Sig
 from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance, Leftover
-from gcs_autotune.identify.colour import autocorrelation
-from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.likelihood import Residual
+from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.result import Doubt, Trace
+from gcs_autotune.identify.whiteness import autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -349,12 +350,12 @@ def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
     return tuple(found)
 
 
-def _left(rest: Rest) -> Array:
+def _left(rest: Residual) -> Array:
     left: Array = rest.measured - rest.predicted
     return left
 
 
-def _autocorrelation(rests: Sequence[Rest]) -> tuple[Array, Array]:
+def _autocorrelation(rests: Sequence[Residual]) -> tuple[Array, Array]:
     longest = max(rests, key=lambda r: len(r.t))
     e, t = _left(longest), longest.t
     lags = min(LAGS, len(e) // 3)
@@ -385,14 +386,14 @@ def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[
     return {n: (np.concatenate([a for a, _ in p]), np.concatenate([b for _, b in p]), units[n]) for n, p in xs.items()}
 
 
-def _one_step(rests: Sequence[Rest]) -> tuple[Array, Array]:
+def _one_step(rests: Sequence[Residual]) -> tuple[Array, Array]:
     """Return the one-step residual: how far each sample is from where the one before it was heading."""
     longest = max(rests, key=lambda r: len(r.t))
     steps: Array = np.diff(_left(longest))
     return longest.t[1:], steps
 
 
-def _spectrum(rests: Sequence[Rest]) -> tuple[Array, Array] | None:
+def _spectrum(rests: Sequence[Residual]) -> tuple[Array, Array] | None:
     longest = max(rests, key=lambda r: len(r.t))
     t, e = longest.t, _left(longest)
     if len(t) < 32:
@@ -403,7 +404,7 @@ def _spectrum(rests: Sequence[Rest]) -> tuple[Array, Array] | None:
     return f[1:], power[1:]
 
 
-def _cross(problem: Problem, rests: Sequence[Rest]) -> Mapping[str, tuple[Array, Array]]:
+def _cross(problem: Problem, rests: Sequence[Residual]) -> Mapping[str, tuple[Array, Array]]:
     longest = max(rests, key=lambda r: len(r.t))
     t, e = longest.t, _left(longest)
     e = e - e.mean()

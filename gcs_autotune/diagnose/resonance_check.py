@@ -24,7 +24,8 @@ from scipy.optimize import minimize
 
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.effects import ExtendedSimulator, Leftover, Passage, rung
-from gcs_autotune.identify.extended.fitting import Fitted, Problem, judged_by
+from gcs_autotune.identify.likelihood import judged_by
+from gcs_autotune.identify.problem import Fitted, Problem
 
 __all__ = ["memories", "resonance_checks"]
 

@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channel
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.identify.base_model import fit_base, given_base
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form

@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.experiments.scales import scales_of
-from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
-from gcs_autotune.identify.coupled.objective import CoupledObjective
 from gcs_autotune.identify.information import Subject, information_on, subject_of
 from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.identify.likelihood import Limits, Objective
+from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.rounds import alternate
+from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
@@ -107,15 +108,15 @@ def profile(fit: Fit, trials: Trial | Sequence[Trial], name: str, *, level: floa
     return Profile(name, subject.units[place], estimate, level, threshold, values, deviance, low, high)
 
 
-def _likeliest(subject: Subject) -> tuple[Subject, dict[str, Law], float]:
+def _likeliest(subject: Subject) -> tuple[Subject, dict[str, NoiseModel], float]:
     """Return the subject at its maximum of likelihood, the noise there, and the least cost."""
     objective = subject.objective()
     wide = np.full(objective.size, np.inf)
-    found = alternate(objective, objective.pack(), gaussian_laws(subject.noise), -wide, wide, ROUNDS)
+    found = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, ROUNDS)
     if found is None:
         raise NotInformative(f"the model '{subject.form.name}' runs away on its runs")
     minimum, laws = found
-    theta, initial = objective.unpack(minimum.x)
+    theta, _, initial, _ = objective.unpack(minimum.x)
     local = objective.at(minimum.x, laws)
     assert local is not None
     return replace(subject, theta=theta, initial=initial), laws, local.cost
@@ -127,7 +128,7 @@ class _Walker:
 
     subject: Subject
     place: int
-    laws: dict[str, Law]
+    laws: dict[str, NoiseModel]
     least: float
     raised: float
 
@@ -170,12 +171,13 @@ class _Walker:
         own = subject.free[self.place]
         theta[subject.form.parameters.index(own)] = value * subject.signs[self.place]
         others = tuple(n for n in subject.free if n != own)
-        objective = CoupledObjective(subject.form, subject.records, others, theta, initial)
+        objective = Objective(Problem(subject.form, subject.records, None, Limits({}, {}), others), theta, initial)
         wide = np.full(objective.size, np.inf)
-        found = descend(partial(objective.at, laws=self.laws), objective.pack(), -wide, wide)
+        found = descend(partial(objective.at, noise=self.laws), objective.pack(), -wide, wide)
         if found is None:
             return math.inf, None
-        return max(0.0, found.cost - self.least) / self.raised, objective.unpack(found.x)
+        there, _, states, _ = objective.unpack(found.x)
+        return max(0.0, found.cost - self.least) / self.raised, (there, states)
 
 
 def _crossing(inner: tuple[float, float], outer: tuple[float, float], threshold: float) -> float:

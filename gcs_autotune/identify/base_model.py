@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.smoothing import first_levels_of
 from gcs_autotune.identify.coupled.start import ground_of
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
+from gcs_autotune.identify.first_look import first_levels
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.preparation import INPUTS
+from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
@@ -194,7 +194,7 @@ def scene_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] 
             n: max(float(np.abs(s.inputs[:, s.input_names.index(n)]).max()) for s in segments) for n in form.inputs
         },
         spread={n: max(float(np.std(v)), 1e-12) for n, v in values.items()},
-        level=first_levels_of(segments),
+        level=first_levels(segments),
         channels=frozenset(joined),
         interval=float(np.median(steps)),
         pace=float(np.clip(max(paces, default=1.0), 1e-2, 1e3)),

@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.uncertainty import PHYSICAL, cramer_rao
-from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
-from gcs_autotune.identify.coupled.output_error import solve_coupled
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import AxisFit, Fit
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
+from gcs_autotune.identify.solution import solve_form
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
@@ -65,10 +66,10 @@ class Subject:
         """Values (p,) under the fit's names."""
         return self.signs * self.theta[self.places]
 
-    def objective(self, free: Sequence[str] | None = None) -> CoupledObjective:
+    def objective(self, free: Sequence[str] | None = None) -> Objective:
         """Return the output-error cost of *free* (form's names; all fitted ones when None) and the initial states."""
         names = self.free if free is None else tuple(free)
-        return CoupledObjective(self.form, self.records, names, self.theta, self.initial)
+        return Objective(Problem(self.form, self.records, None, Limits({}, {}), names), self.theta, self.initial)
 
     def motion(self, record: int) -> tuple[Array, Array]:
         """Return stamps (s,) and simulated states (s, n) of one record.
@@ -116,7 +117,7 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
         raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = ground_of(form, records, model_delay(form, theta))
-    found = solve_coupled(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
+    found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
         raise NotInformative(f"the model '{form.name}' runs away on run '{records[0].run}': its drag destabilises it")
     noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
@@ -257,13 +258,17 @@ def information_on(subject: Subject) -> Information:
     p = len(subject.free)
     _, weight = objective.known()
     rows = []
-    for i, columns in enumerate(objective.columns_of):
-        J = np.vstack([r.jacobian / subject.noise[r.signal.name] for r in found if r.record == i])
-        known = np.zeros((len(columns), len(columns)))
-        np.fill_diagonal(known, np.sqrt(weight[columns]))
-        J = np.vstack([J, known[np.diag(known) > 0.0]])
-        rows.append(root_of(_without(J[:, :p], J[:, p:])))
-    root = root_of(np.vstack(rows)) * subject.signs
+    end = objective.size - objective.dated  # the shift of stamps, which all segments share, comes last
+    for i, columns in enumerate(objective.columns):
+        J = np.vstack([r.jacobian / subject.noise[r.signal] for r in found if r.segment == i])
+        own = (columns >= p) & (columns < end)
+        known = np.diag(np.sqrt(weight[columns]))[own & (weight[columns] > 0.0)]
+        J = np.vstack([J, known])
+        rows.append(root_of(_without(J[:, ~own], J[:, own])))
+    if objective.dated:
+        rows.append(np.append(np.zeros(p), np.sqrt(weight[-1]))[None, :])
+    root = root_of(np.vstack(rows))
+    root = root_of(_without(root[:, :p], root[:, p:])) * subject.signs
     return Information(subject.names, subject.values, root)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.colour import Remainder, remainder_of
+from gcs_autotune.identify.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 

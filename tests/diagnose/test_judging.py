@@ -27,8 +27,9 @@ from gcs_autotune.diagnose.score import (
 )
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
-from gcs_autotune.identify.extended.fitting import Fitted, Problem, Rest
+from gcs_autotune.identify.likelihood import Residual
 from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.segment import Segment
 
 # --- evidence --------------------------------------------------------------------------------
@@ -148,13 +149,13 @@ def test_of_causes_as_likely_the_more_usual_comes_first_and_a_likelier_one_befor
 # --- unseen data --------------------------------------------------------------------------------
 
 
-def rest(judged: Sequence[float], *, signal: str = "r", fold: int = 0, penalty: float = 0.0) -> Rest:
+def rest(judged: Sequence[float], *, signal: str = "r", fold: int = 0, penalty: float = 0.0) -> Residual:
     values = np.array(judged, dtype=np.float64)
     nothing = np.zeros(len(values))
-    return Rest(0, signal, nothing, nothing, nothing, values, penalty, fold)
+    return Residual(0, signal, nothing, nothing, nothing, values, penalty, fold)
 
 
-def held(*rests: Rest, complete: bool = True) -> HeldOut:
+def held(*rests: Residual, complete: bool = True) -> HeldOut:
     return HeldOut(rests, complete)
 
 
@@ -174,7 +175,7 @@ def luck(before: HeldOut, after: HeldOut, *, numbers: int = 0, tried: int = 1, r
     return p_value(before, after, {"r": 0.5, "psi": 0.5}, raised, numbers, tried)
 
 
-def many(values: Sequence[float], n: int = 10, **options: Any) -> Rest:
+def many(values: Sequence[float], n: int = 10, **options: Any) -> Residual:
     return rest([*values] * n, **options)
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from gcs_autotune.identify.colour import (
+from gcs_autotune.identify.whiteness import (
     SIGNIFICANCE,
     all_white,
     autocorrelation,

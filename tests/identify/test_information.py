@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
-from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
-from gcs_autotune.identify.axis.objective import information_of, timing_of
-from gcs_autotune.identify.axis.residuals import Residual
+from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Residual, StampPrior, information_of
+from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.simulators import ExplicitForm
+from gcs_autotune.sname import DOFS
 
 N, P = 60, 3
 
@@ -20,16 +21,16 @@ def residual(name: str, seed: int) -> Residual:
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(N)
     error = 0.3 + 0.2 * rng.normal(size=N)
-    return Residual(0, Signal(name, t, error, 1.0), error, rng.normal(size=(N, 7)))
+    return Residual(0, name, t, error, np.zeros(N), error, rng.normal(size=(N, 7)), 1.0)
 
 
-def whole(residuals: list[Residual], columns: list[np.ndarray], laws: dict[str, Law]) -> np.ndarray:
+def whole(residuals: list[Residual], columns: list[np.ndarray], laws: dict[str, NoiseModel]) -> np.ndarray:
     """The information of the parameters and of every noise level together, sample by sample."""
     names = list(laws)
     total = np.zeros((P + len(names), P + len(names)))
     for own, J in zip(residuals, columns, strict=True):
-        level = P + names.index(own.signal.name)
-        for row, (truth, both, sigma) in zip(J, laws[own.signal.name].information(own.error), strict=True):
+        level = P + names.index(own.signal)
+        for row, (truth, both, sigma) in zip(J, laws[own.signal].information(own.judged), strict=True):
             total[:P, :P] += truth * np.outer(row, row)
             total[:P, level] += both * row
             total[level, :P] += both * row
@@ -37,7 +38,16 @@ def whole(residuals: list[Residual], columns: list[np.ndarray], laws: dict[str, 
     return total
 
 
-LAWS = cast(dict[str, Law], {"psi": Rounded(0.3, 1.0, 5.0), "r": Rounded(0.5, 1.0, 5.0)})
+FORM, LIMITS = ExplicitForm.of(DOFS["yaw"]), Limits({}, {})
+
+
+def segment(dating: float) -> Segment:
+    t = 0.1 * np.arange(N)
+    signals = {"psi": Signal("psi", t, np.sin(t), 0.0)}
+    return Segment("run", "run", t, np.ones((N, 1)), ("N",), ("N m",), signals, dating=dating)
+
+
+LAWS = cast(dict[str, NoiseModel], {"psi": Rounded(0.3, 1.0, 5.0), "r": Rounded(0.5, 1.0, 5.0)})
 
 
 def test_noise_levels_that_are_unknown_take_away_what_they_share_with_the_parameters() -> None:
@@ -60,18 +70,18 @@ def test_a_noise_level_of_gaussian_noise_takes_nothing() -> None:
 def test_a_signal_that_no_residual_has_says_nothing() -> None:
     own = residual("r", 4)
     J = own.jacobian[:, :P]
-    laws: dict[str, Law] = {"r": Gaussian(0.5), "psi": Gaussian(0.1)}
+    laws: dict[str, NoiseModel] = {"r": Gaussian(0.5), "psi": Gaussian(0.1)}
     assert information_of([own], [J], laws) == pytest.approx(J.T @ J / 0.25)
 
 
-@pytest.mark.parametrize(("datings", "std"), [((0.0, 0.004), 0.008), ((0.02, 0.004), 0.04)])
-def test_a_time_shift_may_be_twice_what_the_stamps_of_the_worst_run_allow(
-    datings: tuple[float, float], std: float
-) -> None:
-    found = timing_of([cast(Segment, SimpleNamespace(dating=d)) for d in datings], 0.1)
-    assert found is not None
-    assert (found.mean, found.std) == (0.1, pytest.approx(std))
+@pytest.mark.parametrize(("stamps", "std"), [(WEAK, 0.04), (DIAGNOSTIC, 0.02)])
+def test_a_time_shift_may_be_what_the_stamps_of_the_worst_run_allow(stamps: StampPrior, std: float) -> None:
+    """Twice of it where no delay is looked for, which weighs next to nothing; as much in a diagnosis."""
+    runs = [segment(dating) for dating in (0.02, 0.004)]
+    assert Problem(FORM, runs, None, LIMITS, ("b", "a"), stamps=stamps).shift_std == pytest.approx(std)
 
 
-def test_exact_stamps_leave_no_time_shift() -> None:
-    assert timing_of([cast(Segment, SimpleNamespace(dating=0.0))], 0.1) is None
+def test_exact_stamps_leave_no_time_shift_nor_does_a_delay_that_is_fitted() -> None:
+    assert Problem(FORM, [segment(0.0)], None, LIMITS, ("b", "a")).shift_std == 0.0
+    assert Problem(FORM, [segment(0.01)], None, LIMITS, ("b", "a")).shift_std > 0.0
+    assert Problem(FORM, [segment(0.01)], None, LIMITS, ("b", "a", "delay")).shift_std == 0.0

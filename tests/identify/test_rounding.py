@@ -9,8 +9,8 @@ import pytest
 from axis_plants import DEG, Relay
 
 from gcs_autotune.identify import cramer_rao, fit_axis
-from gcs_autotune.identify.axis.likelihood import FINEST, Gaussian, Rounded
-from gcs_autotune.identify.axis.residuals import quanta_of
+from gcs_autotune.identify.first_look import quanta_of
+from gcs_autotune.identify.noise import FINEST, Gaussian, Rounded
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
@@ -94,7 +94,7 @@ def test_noise_is_found_below_the_step_but_never_below_the_floor() -> None:
 
 def test_a_coarse_compass_is_recognised_and_a_fine_one_is_not(clean: list[Trial]) -> None:
     def quanta(quantum: float) -> dict[str, float]:
-        return quanta_of(prepare(coarse(clean[0], 1, quantum=quantum), "yaw"), ("psi",))
+        return quanta_of(prepare(coarse(clean[0], 1, quantum=quantum), "yaw"))
 
     assert quanta(QUANTUM) == {"psi": pytest.approx(QUANTUM)}
     assert quanta(0.8 * SIGMA) == {}

@@ -202,7 +202,7 @@ def test_a_late_gyro_that_nobody_knows_of_stays_out_of_the_fit_and_that_is_said(
 def test_a_fit_that_does_not_know_how_sure_it_is_still_compares_the_gyro(
     trial: Trial, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(agreement, "inflated", lambda solution: np.full_like(solution.whole, np.nan))
+    monkeypatch.setattr(agreement, "_raised_covariance", lambda solution: np.full_like(solution.whole, np.nan))
     assert "r" in fit_axis(trial).extra["signals"]
     turned = with_rate(trial, lambda rate: replace(rate, values=1.3 * rate.values))
     assert "its scale differs" in fit_axis(turned).extra["signals_left_out"]["r"]

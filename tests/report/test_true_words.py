@@ -14,9 +14,9 @@ from gcs_autotune.design.result import Margins
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, fit
-from gcs_autotune.identify.colour import remainder_of
 from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Parameter, Trace
+from gcs_autotune.identify.whiteness import remainder_of
 from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
 from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
 from gcs_autotune.report.study.study import verdict_headline

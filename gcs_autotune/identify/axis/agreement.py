@@ -7,7 +7,7 @@ the corrections ``x`` of the position's fit, which costs as much as the covarian
     minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
 
 one Gauss-Newton step of the joint fit of both channels. Input changes that may have come a loop of the autopilot
-earlier or later (:mod:`gcs_autotune.identify.axis.redating`) are among ``x``. The standard errors are those of the
+earlier or later (:mod:`gcs_autotune.identify.stamp_correction`) are among ``x``. The standard errors are those of the
 difference between the two channels: the comparison (Hausman1978) of two estimates, asked along the directions in which
 velocities go wrong.
 """
@@ -15,15 +15,15 @@ velocities go wrong.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.redating import by_shifts
-from gcs_autotune.identify.axis.uncertainty import inflated
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import EXPLICIT
+from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.stamp_correction import switches_of
 from gcs_autotune.models.simulation import simulate_explicit
 
 __all__ = ["Agreement", "agreement"]
@@ -66,7 +66,7 @@ def agreement(records: Sequence[Segment], solution: Solution) -> Agreement | Non
     """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
-    fitted = np.vstack([p.J for p in parts]) @ _root(inflated(solution))
+    fitted = np.vstack([p.J for p in parts]) @ _root(_raised_covariance(solution))
     known = np.hstack([fitted, _side_by_side([p.shifts for p in parts])])
     known = known[:, np.isfinite(known).all(axis=0)]  # what the fit does not know at all cannot be corrected by it
     table = np.column_stack([nu, -slope, np.ones_like(nu)])
@@ -95,20 +95,28 @@ def _compared(records: Sequence[Segment], i: int, solution: Solution) -> _Compar
     t = record.velocity.t
     keep = t >= float(record.main.t[0])
     stamps = np.union1d(record.main.t[:1], t[keep])
-    p = np.concatenate([solution.theta, solution.initial[i]])
+    theta = solution.theta + np.array([0.0, 0.0, 0.0, 0.0, solution.shift])
+    p = np.concatenate([theta, solution.initial[i]])
     motion, at = simulate_explicit(p, record.t_in, record.tau, stamps), np.searchsorted(stamps, t[keep])
     nu, by = motion.nu[at], motion.nu_by[at]
-    shifts = by_shifts(record, solution.theta, solution.initial[i], t[keep])
+    seen = replace(record, signals={**record.signals, record.velocity.name: record.velocity.since(float(stamps[0]))})
+    switches = switches_of(solution.form, seen, theta, solution.initial[i])
     states = np.zeros((len(nu), 2 * len(records)))
     states[:, 2 * i : 2 * i + 2] = by[:, 5:]
+    late = [by[:, EXPLICIT.index("delay")][:, None]] if solution.shift_std > 0.0 else []
     return _Compared(
         record.velocity.values[keep] - nu,
         nu,
-        _acceleration(solution.theta, record, t[keep], nu),
-        np.hstack([by[:, :5][:, solution.free], states]),
-        shifts.velocity * record.slack[shifts.which],
+        _acceleration(theta, record, t[keep], nu),
+        np.hstack([by[:, [EXPLICIT.index(n) for n in solution.free]], states, *late]),
+        switches.by[record.velocity.name] * record.slack[switches.which],
         float(np.median(np.diff(t))),
     )
+
+
+def _raised_covariance(solution: Solution) -> Array:
+    raised: Array = solution.whole * np.outer(solution.raised, solution.raised)
+    return raised
 
 
 def _acceleration(theta: Array, record: Segment, t: Array, nu: Array) -> Array:

@@ -14,17 +14,15 @@ from gcs_autotune.identify.axis.case import Case, named_parameters, two_experime
 from gcs_autotune.identify.axis.doubts import Findings, collect
 from gcs_autotune.identify.axis.evidence import craft_covariance
 from gcs_autotune.identify.axis.fit_doubts import fit_doubts
-from gcs_autotune.identify.axis.objective import DELAY, Bounds
-from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.redating import redated
 from gcs_autotune.identify.axis.signals import first_names, objection, wanted_names
-from gcs_autotune.identify.axis.start import DELAYS, bounds_of, misfit, start_from_cycles, start_from_scan
+from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
-from gcs_autotune.identify.axis.uncertainty import inflation, whiteness
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Parameter, Status, Trace
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.sname import SIGNALS
+from gcs_autotune.identify.solution import Solution, fit_percents, traces_of
+from gcs_autotune.identify.stamp_correction import corrected
+from gcs_autotune.identify.whiteness import whiteness
 
 __all__ = ["fit_by_output_error"]
 
@@ -51,13 +49,13 @@ def fit_by_output_error(case: Case) -> AxisFit:
     start = _start(case, estimates, bounds)
     names, left_out, start, records = _signals(case, start, bounds)
     chosen = select(records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
-    better = redated(records, chosen.solution)
+    better = corrected(records, [r.only(names) for r in chosen.records], chosen.solution)
     if better is not None:
         start = chosen.solution.theta
         chosen = select(better, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
     _check_that_input_explains(case.records, chosen)
     solution = chosen.solution
-    estimates = [iso.estimate(c, float(solution.craft[DELAY])) for c in case.cycles]
+    estimates = [iso.estimate(c, solution.value("delay")) for c in case.cycles]
     return _assembled(case, chosen, estimates, two_experiment_decision(estimates), names, left_out, bounds)
 
 
@@ -88,7 +86,7 @@ def _signals(
         return names, {}, start, records
     structure = case.structure or "affine"
     first = select(records, names, start, bounds, structure, case.delay, None, robust=case.robust)
-    better = redated(records, first.solution)
+    better = corrected(records, [r.only(names) for r in first.records], first.solution)
     if better is not None:
         records, start = better, first.solution.theta
         first = select(records, names, start, bounds, structure, case.delay, None, robust=case.robust)
@@ -104,10 +102,10 @@ def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) ->
     n = solution.n / chosen.correlation
     gain = 0.0
     for r in solution.residuals:
-        degree = 1 if r.signal.name == records[0].dof.position else 0
-        t = r.signal.t - r.signal.t[0]
-        line = r.signal.values - np.polyval(np.polyfit(t, r.signal.values, degree), t)
-        floor = max(float(r.error @ r.error), 1e-300)
+        degree = 1 if r.signal == records[0].dof.position else 0
+        t = r.t - r.t[0]
+        line = r.measured - np.polyval(np.polyfit(t, r.measured, degree), t)
+        floor = max(float(r.judged @ r.judged), 1e-300)
         gain += len(t) / chosen.correlation * math.log(max(float(line @ line), 1e-300) / floor)
     if gain < 3.0 * math.log(max(n, 2.0)) + 6.0:
         raise NotInformative(
@@ -138,27 +136,26 @@ def _assembled(
     bounds: Bounds,
 ) -> AxisFit:
     solution, records = chosen.solution, chosen.records
-    factors = inflation(solution)
     covariance = craft_covariance(solution, chosen.rival, chosen.correlation)
-    model = model_of(records[0], solution.craft)
+    model = model_of(records[0], solution.theta)
     if "a" in solution.at_bound or "c" in solution.at_bound:
         _admit_unresolved_inertia(covariance, model.alpha)
     parameters = named_parameters(model, covariance, _status(case, chosen))
     _check_that_something_is_known(records, parameters)
-    main = solution.residuals[0].signal.name
-    rms, fit_percent = solution.rms(main), _fit_percent(solution, main)
+    main = solution.residuals[0].signal
+    rms, fit_percent = solution.rms(main), fit_percents(solution).get(main, 0.0)
     findings = Findings(case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent)
-    doubts = (*collect(findings), *fit_doubts(chosen, case, bounds, names))
+    doubts = (*collect(findings), *fit_doubts(chosen, case, bounds))
     extra: dict[str, Any] = {
         "signals": list(names),
         "signals_left_out": left_out,
-        "std_inflation": float(factors.max()),
+        "std_inflation": float(solution.factors.max()),
         "residual_correlation_time": chosen.correlation,
         "delay_evidence": chosen.delay_evidence,
-        "time_shift": float(solution.theta[DELAY] - solution.craft[DELAY]),
+        "time_shift": solution.shift,
         "whiteness_p": min(whiteness(s) for s in solution.scores),
-        "sigma": {k: law.sigma for k, law in solution.laws.items()},
-        "quantum": {k: law.quantum for k, law in solution.laws.items()},
+        "sigma": {k: law.sigma for k, law in solution.models.items()},
+        "quantum": {k: law.quantum for k, law in solution.models.items()},
     }
     return AxisFit(
         dof=records[0].dof.name,
@@ -176,7 +173,7 @@ def _assembled(
         iso=tuple(estimates),
         decision=decision,
         candidates=chosen.candidates,
-        traces=_traces(records, solution, main, float(factors.max())),
+        traces=_traces(records, solution, main),
         extra=extra,
     )
 
@@ -191,34 +188,9 @@ def _status(case: Case, chosen: Selection) -> list[Status]:
     bound = chosen.solution.at_bound
     drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
     inertia: Status = "at_bound" if "a" in bound or "c" in bound else "fitted"
-    delay: Status = "fitted" if chosen.solution.delay_fitted else "absent" if case.delay is None else "fixed"
+    delay: Status = "fitted" if "delay" in chosen.solution.free else "absent" if case.delay is None else "fixed"
     return [inertia, *drag, "fitted", delay]
 
 
-def _fit_percent(solution: Solution, name: str) -> float:
-    mine = [r for r in solution.residuals if r.signal.name == name]
-    power = sum(float(np.var(r.signal.values)) * len(r.error) for r in mine)
-    left = sum(float(r.error @ r.error) for r in mine)
-    return 100.0 * (1.0 - math.sqrt(left / power)) if power > 0.0 else 0.0
-
-
-def _traces(records: Sequence[Segment], solution: Solution, name: str, factor: float) -> tuple[Trace, ...]:
-    traces = []
-    for r, rows in zip(solution.residuals, solution.rows, strict=True):
-        if r.signal.name != name:
-            continue
-        noise = solution.noise[name]
-        spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows) * factor**2
-        band = 1.96 * noise * np.sqrt(1.0 + np.maximum(spread, 0.0))
-        traces.append(
-            Trace(
-                records[r.record].name,
-                r.signal.t,
-                r.signal.values,
-                r.signal.values - r.error,
-                band,
-                r.signal.name,
-                SIGNALS[r.signal.name][0],
-            )
-        )
-    return tuple(traces)
+def _traces(segments: Sequence[Segment], solution: Solution, name: str) -> tuple[Trace, ...]:
+    return tuple(t for t in traces_of(segments, solution, float(solution.factors.max())) if t.signal == name)

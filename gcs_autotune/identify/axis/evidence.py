@@ -26,22 +26,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.uncertainty import inflation, physical_covariance, physical_values
+from gcs_autotune.identify.axis.uncertainty import explicit_covariance, physical_covariance, physical_values
 from gcs_autotune.identify.result import Decision, Structure
+from gcs_autotune.identify.solution import Solution
 
-__all__ = ["UNDECIDED", "bic", "choose", "craft_covariance", "damps", "disadvantage", "possible_second_drag"]
+__all__ = ["UNDECIDED", "choose", "craft_covariance", "damps", "disadvantage", "possible_second_drag"]
 
 Array = NDArray[np.float64]
 
 UNDECIDED = 2.0
 """Difference of the criterion below which nothing is decided: the simpler structure, or the linear one, is kept."""
-
-
-def bic(solution: Solution, correlation: float) -> float:
-    """Return the criterion of a solution whose residuals have this *correlation* time [samples]."""
-    n = solution.n / correlation
-    return -2.0 * solution.log_likelihood / correlation + solution.parameters * math.log(n)
 
 
 def choose(
@@ -90,7 +84,7 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
         return covariance
     share = 1.0 / (1.0 + math.exp(0.5 * disadvantage(solution, rival, correlation, 2.0)))
     own, other = np.diag(covariance), np.diag(_physical(rival))
-    apart = physical_values(rival.craft) - physical_values(solution.craft)
+    apart = physical_values(rival.theta) - physical_values(solution.theta)
     wanted = (1.0 - share) * own + share * (other + apart**2)
     both = (own > 0.0) & (other > 0.0)
     factors = np.where(both, np.sqrt(np.maximum(wanted, own) / np.where(both, own, 1.0)), 1.0)
@@ -100,19 +94,15 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
 
 def damps(solution: Solution) -> bool:
     """Whether no drag is negative beyond two standard errors."""
-    std = np.sqrt(np.diag(solution.covariance))
+    std = np.sqrt(np.diag(explicit_covariance(solution, raised=False)))
     return bool(np.all(solution.theta[1:3] >= -2.0 * std[1:3]))
 
 
 def _both_drags_are_real(solution: Solution) -> bool:
     """Whether both drags damp and stand two standard errors above zero."""
-    std = np.sqrt(np.diag(solution.covariance)) * inflation(solution)
+    std = np.sqrt(np.diag(explicit_covariance(solution)))
     return bool(solution.theta[1] > 2.0 * std[1] > 0.0 and solution.theta[2] > 2.0 * std[2] > 0.0)
 
 
 def _physical(solution: Solution) -> Array:
-    factors = inflation(solution)
-    raised = solution.covariance * np.outer(factors, factors)
-    if not solution.delay_fitted:
-        raised[4, :] = raised[:, 4] = 0.0
-    return physical_covariance(solution.craft, raised)
+    return physical_covariance(solution.theta, explicit_covariance(solution))

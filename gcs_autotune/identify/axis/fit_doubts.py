@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.evidence import UNDECIDED
-from gcs_autotune.identify.axis.objective import Bounds
-from gcs_autotune.identify.axis.output_error import Solution, solve
+from gcs_autotune.identify.axis.start import Bounds
 from gcs_autotune.identify.axis.structure import Selection
-from gcs_autotune.identify.axis.uncertainty import autocorrelation, inflation, is_white
+from gcs_autotune.identify.axis.uncertainty import explicit_covariance
 from gcs_autotune.identify.consistency import Estimate, apart_doubts, runs_apart
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.simulators import EXPLICIT
+from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.whiteness import autocorrelation
 
 __all__ = ["fit_doubts"]
 
@@ -28,7 +33,7 @@ RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
 """Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
 
 
-def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
+def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     """Return what is doubtful about the chosen fit."""
     solution, found = chosen.solution, []
     if not solution.converged:
@@ -44,7 +49,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
     second_drag = _second_drag(chosen, case)
     if second_drag is not None:
         found.append(second_drag)
-    if solution.delay_fitted:
+    if "delay" in solution.free:
         found.append(
             Doubt(
                 "delay-fitted",
@@ -65,7 +70,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
             )
         )
     colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
-    if colour > COLOUR and not is_white(solution):
+    if colour > COLOUR and not solution.white:
         found.append(
             Doubt(
                 "residuals-not-white",
@@ -76,8 +81,8 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, 
         )
     outliers = _outliers(solution)
     found += [outliers] if outliers is not None else []
-    apart = _runs_apart(chosen, case, bounds, names)
-    disagree = _runs_disagree(chosen, bounds, names) if not apart else None
+    apart = _runs_apart(chosen, case, bounds)
+    disagree = _runs_disagree(chosen, bounds) if not apart else None
     return [*found, *apart, *([disagree] if disagree is not None else [])]
 
 
@@ -101,11 +106,13 @@ def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
 def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
     """A delay that would change the inertia, can be neither proved nor excluded (likelihood ratio at 10 %)."""
     tried = chosen.with_delay
-    if tried is None or chosen.solution.delay_fitted:
+    if tried is None or "delay" in chosen.solution.free:
         return None
     ratio = chosen.delay_evidence + math.log(tried.n / chosen.correlation)
     change = float(chosen.solution.theta[0] / tried.theta[0]) - 1.0
-    spread = 3.0 * math.sqrt(chosen.solution.covariance[0, 0]) / abs(float(chosen.solution.theta[0]))
+    spread = (
+        3.0 * math.sqrt(explicit_covariance(chosen.solution, raised=False)[0, 0]) / abs(float(chosen.solution.theta[0]))
+    )
     if ratio < 2.7 or abs(change) < max(DELAY_CHANGE, spread):
         return None
     return Doubt(
@@ -118,10 +125,10 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
 def _outliers(solution: Solution) -> Doubt | None:
     share = 0.0
     for r in solution.residuals:
-        law = solution.laws[r.signal.name]
-        rough = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
+        law = solution.models[r.signal]
+        rough = max(1.4826 * float(np.median(np.abs(r.judged))), r.step, 1e-300)
         reach = 0.5 * law.quantum + 6.0 * law.sigma if law.quantum > 0.0 else 6.0 * rough
-        share = max(share, float(np.mean(np.abs(r.error) > reach)))
+        share = max(share, float(np.mean(np.abs(r.judged) > reach)))
     if share <= 0.005:
         return None
     return Doubt(
@@ -131,50 +138,50 @@ def _outliers(solution: Solution) -> Doubt | None:
     )
 
 
-def _runs_apart(chosen: Selection, case: Case, bounds: Bounds, names: tuple[str, ...]) -> list[Doubt]:
+def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     """Compare what each run says alone with what the others say, all with the drag structure chosen."""
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
-    craft = np.flatnonzero(chosen.solution.free[:3])
+    craft = [EXPLICIT.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
 
     def estimate(runs: tuple[int, ...]) -> Estimate | None:
-        found = _solved(chosen, bounds, names, [i for run in runs for i in stretches[run]])
+        found = _solved(chosen, bounds, [i for run in runs for i in stretches[run]])
         if found is None or found.at_bound:
             return None
-        factors = inflation(found)[craft]
-        return Estimate(found.theta[craft], found.covariance[np.ix_(craft, craft)] * np.outer(factors, factors))
+        return Estimate(found.theta[craft], explicit_covariance(found)[np.ix_(craft, craft)])
 
     if len(case.names) < 2 or not all(stretches):
         return []
     return apart_doubts(runs_apart(case.names, estimate))
 
 
-def _solved(chosen: Selection, bounds: Bounds, names: tuple[str, ...], which: Sequence[int]) -> Solution | None:
+def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution | None:
     """Fit some of the stretches, structure, delay and noise as in the common fit."""
-    common, records = chosen.solution, [chosen.records[i] for i in which]
-    measured = {n for r in records for n in r.signals}
+    common, segments = chosen.solution, [chosen.records[i].only(tuple(chosen.solution.models)) for i in which]
+    measured = {n for s in segments for n in s.signals}
+    free = [n for n in common.free if n != "delay"]
+    problem = Problem(common.form, [replace(s, dating=0.0) for s in segments], None, bounds.limits, free)
     return solve(
-        records,
-        names,
-        common.theta,
-        np.array([*common.free[:4], False]),
-        bounds,
-        initial=common.initial[list(which)],
-        noise={n: common.noise[n] for n in names if n in measured},
+        problem,
+        common.theta + np.array([0.0, 0.0, 0.0, 0.0, common.shift]),
+        [common.initial[i] for i in which],
+        levels={n: level for n, level in common.noise.items() if n in measured},
         quanta=common.quanta,
+        rounds=NOISE_ROUNDS if len(measured) > 1 else 1,
+        effort=None,
     )
 
 
-def _runs_disagree(chosen: Selection, bounds: Bounds, names: tuple[str, ...]) -> Doubt | None:
+def _runs_disagree(chosen: Selection, bounds: Bounds) -> Doubt | None:
     """Fit every stretch by itself and compare its inertia with the common one."""
     if len(chosen.records) < 2:
         return None
     common, odd = chosen.solution, []
     for i, record in enumerate(chosen.records):
-        alone = _solved(chosen, bounds, names, [i])
+        alone = _solved(chosen, bounds, [i])
         if alone is None:
             continue
         difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)
-        sigma = math.sqrt(alone.covariance[0, 0]) * float(inflation(alone)[0]) / abs(float(alone.theta[0]))
+        sigma = math.sqrt(explicit_covariance(alone)[0, 0]) / abs(float(alone.theta[0]))
         if difference > max(RUN_SPREAD, RUN_SIGMA * sigma):
             odd.append(f"{record.name} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
     if not odd:

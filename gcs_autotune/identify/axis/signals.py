@@ -14,9 +14,9 @@ import numpy as np
 
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify.axis.agreement import agreement
-from gcs_autotune.identify.axis.output_error import Solution
-from gcs_autotune.identify.axis.uncertainty import autocorrelation
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.whiteness import autocorrelation
 
 __all__ = ["KINDS", "first_names", "objection", "wanted_names"]
 

@@ -8,17 +8,18 @@ local minimum, and nothing has to be differentiated.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.objective import Bounds
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import IsoEstimate
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.simulation import simulate_explicit
 
-__all__ = ["DELAYS", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
+__all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,24 @@ SAMPLES = 400
 
 LONGEST_DELAY = 2.0
 """Longest delay fitted [s]. Chosen: beyond it a telemetry link is broken, not slow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What the data can resolve at all.
+
+    Largest drag rate [1/s] (``a``, and ``c`` at the typical *speed* [rad/s or m/s]), largest delay [s].
+    """
+
+    rate: float
+    delay: float
+    speed: float
+
+    @property
+    def limits(self) -> Limits:
+        """The limits of the explicit parameters."""
+        steep = self.rate / self.speed
+        return Limits({"a": -self.rate, "c": -steep, "delay": 0.0}, {"a": self.rate, "c": steep, "delay": self.delay})
 
 
 def bounds_of(records: Sequence[Segment]) -> Bounds:

@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.evidence import bic, choose, damps, possible_second_drag
-from gcs_autotune.identify.axis.objective import Bounds, Timing, timing_of
-from gcs_autotune.identify.axis.output_error import Solution, solve
-from gcs_autotune.identify.axis.residuals import quanta_of
-from gcs_autotune.identify.axis.start import start_from_scan
-from gcs_autotune.identify.axis.uncertainty import correlation_time, inflation, is_white
+from gcs_autotune.identify.axis.evidence import choose, damps, possible_second_drag
+from gcs_autotune.identify.axis.start import Bounds, start_from_scan
+from gcs_autotune.identify.axis.uncertainty import explicit_covariance
+from gcs_autotune.identify.first_look import first_levels, first_states, quanta_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Candidate, Decision, Structure
+from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
+from gcs_autotune.identify.solution import Solution, solve
 from gcs_autotune.models import SingleDof
 
 __all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]
@@ -95,19 +97,20 @@ def select(
         When no candidate can be simulated at all.
     """
     base: Structure = structure or "affine"
-    fitter = _Fitter(records, names, bounds, robust, quanta_of(records, names), timing_of(records, delay or 0.0))
+    quanta = quanta_of([r.only(names) for r in records])
+    fitter = _Fitter(records, tuple(names), bounds, robust, quanta)
     fitter, first, tried, correlation, evidence = _with_delay(fitter, base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
     if structure is None:
         other: Structure
         for other in ("linear", "nonlinear"):
-            found = fitter.fit(other, first.theta, first.delay_fitted, first)
+            found = fitter.fit(other, first.theta, "delay" in first.free, first)
             if found is None or not found.converged or not damps(found):
-                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), first.delay_fitted, None)
+                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), "delay" in first.free, None)
                 found = _better(found, again)
             if found is not None:
                 solutions[other] = found
-    criterion = {s: bic(f, correlation) for s, f in solutions.items()}
+    criterion = {s: f.bic(correlation) for s, f in solutions.items()}
     chosen, undecided = (structure, False) if structure is not None else choose(solutions, criterion, decision)
     candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())
     return Selection(
@@ -127,29 +130,26 @@ def select(
 @dataclass(frozen=True, slots=True)
 class _Fitter:
     records: Sequence[Segment]
-    names: Sequence[str]
+    names: tuple[str, ...]
     bounds: Bounds
     robust: bool
     quanta: Mapping[str, float]
-    timing: Timing | None
 
     def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
         """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
-        free = np.array([*FREE[structure], with_delay])
-        theta = _translated(theta, structure, self.bounds.speed)
-        initial = None if near is None else near.initial
-        noise = None if near is None else near.noise
+        free = [n for n, on in zip(EXPLICIT, (*FREE[structure], with_delay), strict=True) if on]
+        segments = [r.only(self.names) for r in self.records]
+        levels = first_levels(segments) if near is None else near.noise
         return solve(
-            self.records,
-            self.names,
-            theta,
-            free,
-            self.bounds,
-            initial=initial,
-            noise=noise,
+            Problem(ExplicitForm.of(self.records[0].dof), segments, None, self.bounds.limits, free),
+            _translated(theta, structure, self.bounds.speed),
+            first_states(segments) if near is None else near.initial,
+            levels=levels,
             quanta=self.quanta,
-            timing=None if with_delay else self.timing,
+            shift=0.0 if near is None else near.shift,
             robust=self.robust,
+            rounds=NOISE_ROUNDS if len(levels) > 1 or self.robust else 1,
+            effort=None,
         )
 
     def must_fit(self, structure: Structure, theta: Array) -> Solution:
@@ -180,19 +180,19 @@ def _with_delay(
     """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
     if delay is not None:
         plain = fitter.without(delay).must_fit(base, np.array([*start[:4], delay]))
-        return fitter.without(delay), plain, None, correlation_time(plain), 0.0
+        return fitter.without(delay), plain, None, plain.correlation, 0.0
     step = float(np.median(np.diff(fitter.records[0].main.t)))
     begin = min(max(float(start[4]), step), fitter.bounds.delay)
     late, plain, lagged = _lagged_fit(fitter, base, start, begin)
     if lagged is not None:
-        correlation = correlation_time(lagged)
-        evidence = bic(plain, correlation) - bic(lagged, correlation)
-        std = math.sqrt(lagged.covariance[4, 4]) * float(inflation(lagged)[4])
+        correlation = lagged.correlation
+        evidence = plain.bic(correlation) - lagged.bic(correlation)
+        std = math.sqrt(float(explicit_covariance(lagged)[4, 4]))
         if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
             return late, lagged, lagged, correlation, evidence
     begin_again = np.array([*plain.theta[:4], 0.0])
     whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
-    return fitter, whole, lagged, correlation_time(whole), 0.0 if lagged is None else evidence
+    return fitter, whole, lagged, whole.correlation, 0.0 if lagged is None else evidence
 
 
 def _lagged_fit(
@@ -207,7 +207,7 @@ def _lagged_fit(
         late = fitter.without(margin)
         plain = late.must_fit(base, np.array([*start[:4], 0.0]))
         lagged = late.fit(base, np.array([*plain.theta[:4], begin]), True, plain)
-        if not is_white(lagged or plain):
+        if not (lagged or plain).white:
             lagged = _better(lagged, _scanned_fit(late, base))
         if lagged is None or "delay" in lagged.at_bound:
             return late, plain, None
@@ -242,8 +242,8 @@ def _better(one: Solution | None, other: Solution | None) -> Solution | None:
 def _candidate(record: Segment, structure: Structure, solution: Solution, bic: float) -> Candidate:
     return Candidate(
         structure=structure,
-        model=model_of(record, solution.craft),
-        rms=solution.rms(solution.residuals[0].signal.name),
+        model=model_of(record, solution.theta),
+        rms=solution.rms(solution.residuals[0].signal),
         log_likelihood=solution.log_likelihood,
         free_parameters=solution.parameters,
         bic=bic,

@@ -1,12 +1,4 @@
-"""How sure a fit is: physical covariance, correlated residuals, and the bound no method can beat.
-
-Standard errors come from the Fisher information with the estimated noise. When the residuals are not white
-the information is overstated: each standard error is then raised to that of the sandwich estimator
-``C (sum_k w_k Gamma_k) C`` (Newey1987), whose ``Gamma_k`` are the autocovariances of the scores up to
-``2*sqrt(n)`` samples with Bartlett weights. Correlations between parameters stay those of the Fisher information.
-"Residual" here is the standardised score: for Gaussian noise error over noise; for a rounding sensor the errors
-themselves repeat with the limit cycle, their scores are white when the model is right.
-"""
+"""How sure a fit of one degree of freedom is in physical parameters, and the bound no method can beat."""
 
 from __future__ import annotations
 
@@ -16,30 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import colour
-from gcs_autotune.identify.axis.likelihood import Gaussian, Law, Rounded
-from gcs_autotune.identify.axis.objective import Timing, information_of, timing_of
-from gcs_autotune.identify.axis.output_error import Solution, solve
-from gcs_autotune.identify.axis.residuals import Residual
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.colour import all_white, autocorrelation, scores_covariance, whiteness
+from gcs_autotune.identify.first_look import first_states
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.likelihood import Objective, information_of
+from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
 from gcs_autotune.identify.preparation import prepare
+from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
+from gcs_autotune.identify.solution import Solution, solve
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.trial import Trial
 
 __all__ = [
-    "autocorrelation",
-    "correlation_time",
     "cramer_rao",
-    "inflated",
-    "inflation",
-    "is_white",
+    "explicit_covariance",
     "physical_covariance",
     "physical_values",
-    "whiteness",
 ]
 
 Array = NDArray[np.float64]
@@ -61,39 +49,12 @@ def physical_values(theta: Array) -> Array:
     return np.array([1.0 / b, a / b, c / b, d / b, delay])
 
 
-def is_white(solution: Solution) -> bool:
-    """Return whether no signal of any stretch is coloured (Bonferroni over the stretches)."""
-    return all_white(solution.scores)
-
-
-def correlation_time(solution: Solution) -> float:
-    """Return how many samples make one independent one; see :func:`gcs_autotune.identify.colour.correlation_time`."""
-    return colour.correlation_time(solution.scores)
-
-
-def inflation(solution: Solution) -> Array:
-    """Return the factors (5,), 1 or more, by which coloured residuals raise the standard errors of theta."""
-    factors = np.ones(5)
-    factors[solution.free] = _raised(solution)[: int(solution.free.sum())]
-    return factors
-
-
-def inflated(solution: Solution) -> Array:
-    """Return the covariance of all that was fitted, in the columns of ``solution.whole``, raised likewise."""
-    factors = _raised(solution)
-    covariance: Array = factors[:, None] * solution.whole * factors
+def explicit_covariance(solution: Solution, *, raised: bool = True) -> Array:
+    """Return the covariance (5, 5) of (b, a, c, d, T), zero where not fitted; *raised* for coloured residuals."""
+    covariance, k = np.zeros((len(EXPLICIT),) * 2), len(solution.free)
+    places = [EXPLICIT.index(n) for n in solution.free]
+    covariance[np.ix_(places, places)] = solution.covariance if raised else solution.whole[:k, :k]
     return covariance
-
-
-def _raised(solution: Solution) -> Array:
-    """Return the factor of every fitted number, initial states included."""
-    fisher = np.diag(solution.whole)
-    if is_white(solution):
-        return np.ones(len(fisher))
-    S = scores_covariance([rows * own[:, None] for own, rows in zip(solution.scores, solution.rows, strict=True)])
-    sandwich = np.diag(solution.whole @ S @ solution.whole)
-    ratio = np.sqrt(np.maximum(sandwich, 0.0) / np.where(fisher > 0.0, fisher, np.inf))
-    return np.maximum(1.0, ratio)
 
 
 def cramer_rao(
@@ -125,50 +86,46 @@ def cramer_rao(
     name = records[0].main.name
     given = noise_std if isinstance(noise_std, Mapping) else {name: noise_std}
     steps = quantum if isinstance(quantum, Mapping) else {name: quantum}
-    timing = timing_of(records, model.delay)
-    found = _with_states_fitted(model, records, given, {n: q for n, q in steps.items() if q > 0.0}, timing)
-    laws = {n: _law(given[n], steps.get(n, 0.0), found, n) for n in found.laws}
+    segments = [s.only(tuple(given)) for s in records]
+    quanta = {n: q for n, q in steps.items() if q > 0.0}
+    found = _with_states_fitted(model, segments, given, quanta)
+    noise = {n: _noise_model(given[n], steps.get(n, 0.0), found, n) for n in found.models}
+    dated = found.shift_std > 0.0
     wanted = [n for n in PHYSICAL if n in free]
-    shift = [] if timing is None or "delay" in wanted else ["delay"]
-    columns = [_physical_columns(r, found, [*wanted, *shift], len(records)) for r in found.residuals]
+    nuisance = ["delay"] if dated and "delay" not in wanted else []
+    theta = found.theta + np.array([0.0, 0.0, 0.0, 0.0, found.shift])
+    everything = Problem(ExplicitForm.of(segments[0].dof), segments, None, bounds_of(segments).limits)
+    objective = Objective(everything, theta, found.initial)
+    residuals = objective.residuals(objective.pack()) or ()
+    by_physical = _explicit_by_physical(theta)[:, [PHYSICAL.index(n) for n in (*wanted, *nuisance)]]
+    wide = [objective.wide(r) for r in residuals]
+    columns = [np.hstack([J[:, : len(EXPLICIT)] @ by_physical, J[:, len(EXPLICIT) :]]) for J in wide]
     used = np.any(np.vstack(columns) != 0.0, axis=0)
     used[: len(wanted)] = True
-    information = information_of(found.residuals, [c[:, used] for c in columns], laws)
-    if timing is not None:
-        at = [*wanted, *shift].index("delay")
-        information[at, at] += timing.std**-2
+    information = information_of(residuals, [c[:, used] for c in columns], noise)
+    if dated:
+        at = [*wanted, *nuisance].index("delay")
+        information[at, at] += found.shift_std**-2
     variance = np.diag(inverse_of(information))[: len(wanted)]
     return dict(zip(wanted, np.sqrt(variance).tolist(), strict=True))
 
 
-def _physical_columns(residual: Residual, found: Solution, wanted: Sequence[str], runs: int) -> Array:
-    """Return the residual's Jacobian (n, wanted + 2 runs) by the wanted physical parameters and the initial states."""
-    initial = np.zeros((len(residual.error), 2 * runs))
-    initial[:, 2 * residual.record : 2 * residual.record + 2] = residual.jacobian[:, 5:]
-    physical = residual.jacobian[:, :5] @ _explicit_by_physical(found.theta)
-    return np.hstack([physical[:, [PHYSICAL.index(n) for n in wanted]], initial])
-
-
 def _with_states_fitted(
-    model: SingleDof,
-    records: Sequence[Segment],
-    noise: Mapping[str, float],
-    quanta: Mapping[str, float],
-    timing: Timing | None,
+    model: SingleDof, segments: Sequence[Segment], noise: Mapping[str, float], quanta: Mapping[str, float]
 ) -> Solution:
-    """Return the solution of *model* as it is, only the initial states (and the time shift) fitted."""
-    theta, fixed = np.array(explicit_parameters(model)), np.zeros(5, dtype=bool)
-    found = solve(records, tuple(noise), theta, fixed, bounds_of(records), noise=noise, quanta=quanta, timing=timing)
+    """Return the solution of *model* as it is, only the initial states (and the shift of stamps) fitted."""
+    problem = Problem(ExplicitForm.of(segments[0].dof), segments, None, bounds_of(segments).limits, ())
+    theta, rounds = np.array(explicit_parameters(model)), NOISE_ROUNDS if len(noise) > 1 else 1
+    found = solve(problem, theta, first_states(segments), levels=noise, quanta=quanta, rounds=rounds, effort=None)
     if found is None:
         raise NotInformative("the model runs away on these inputs: its drag destabilises it, no bound exists")
     return found
 
 
-def _law(sigma: float, quantum: float, found: Solution, name: str) -> Law:
+def _noise_model(sigma: float, quantum: float, found: Solution, name: str) -> NoiseModel:
     if quantum <= 0.0:
         return Gaussian(sigma)
-    span = max(float(np.ptp(r.signal.values)) for r in found.residuals if r.signal.name == name)
-    return Rounded(sigma, quantum, span)
+    return Rounded(sigma, quantum, max(float(np.ptp(r.measured)) for r in found.residuals if r.signal == name))
 
 
 def _explicit_by_physical(theta: Array) -> Array:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.output_error import Solution, solve
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.axis.uncertainty import autocorrelation, whiteness
+from gcs_autotune.identify.first_look import first_levels, first_states
 from gcs_autotune.identify.preparation import prepare
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import AxisFit, Trace
+from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import ExplicitForm
+from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.whiteness import autocorrelation, whiteness
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import explicit_parameters
 from gcs_autotune.sname import SIGNALS
@@ -85,20 +89,28 @@ def run_signals(model: SingleDof, record: Segment, names: Sequence[str]) -> list
     return [
         Trace(
             record.name,
-            r.signal.t,
-            r.signal.values,
-            r.signal.values - r.error,
-            np.full(len(r.error), 1.96 * found.rms(r.signal.name)),
-            r.signal.name,
-            SIGNALS[r.signal.name][0],
+            r.t,
+            r.measured,
+            r.predicted,
+            np.full(len(r.t), 1.96 * found.rms(r.signal)),
+            r.signal,
+            SIGNALS[r.signal][0],
         )
         for r in found.residuals
     ]
 
 
 def _with_initial_state(model: SingleDof, record: Segment, names: tuple[str, ...]) -> Solution:
-    theta = np.array(explicit_parameters(model))
-    found = solve([record], names, theta, np.zeros(5, dtype=bool), bounds_of([record]))
+    segments = [replace(record.only(names), dating=0.0)]
+    problem = Problem(ExplicitForm.of(record.dof), segments, None, bounds_of(segments).limits, ())
+    found = solve(
+        problem,
+        np.array(explicit_parameters(model)),
+        first_states(segments),
+        levels=first_levels(segments),
+        rounds=NOISE_ROUNDS if len(names) > 1 else 1,
+        effort=None,
+    )
     if found is None:
         raise NotInformative(f"the model runs away on run '{record.run}': its drag destabilises it at these speeds")
     return found

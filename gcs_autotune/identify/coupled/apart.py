@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.rounds import Effort
+from gcs_autotune.identify.reweighting import Effort
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.solution import Solution, solve_form
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["run_apart"]
@@ -37,7 +37,7 @@ MISFIT = 1.5
 """And the odd run, simulated with what the others say, misses by this many times their noise at least."""
 
 
-def run_apart(solution: CoupledSolution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
+def run_apart(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
     """Return a doubt that names the run which does not belong to the rest, None when all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
@@ -66,9 +66,7 @@ def run_apart(solution: CoupledSolution, records: Sequence[Segment], limits: Lim
     )
 
 
-def _two_apart(
-    solution: CoupledSolution, records: Sequence[Segment], runs: Sequence[str], limits: Limits
-) -> Doubt | None:
+def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[str], limits: Limits) -> Doubt | None:
     """Of two runs none can be called the odd one; they can only be called different."""
     relief = np.inf
     for run in runs:
@@ -85,13 +83,13 @@ def _two_apart(
     )
 
 
-def _strangeness(solution: CoupledSolution, records: Sequence[Segment], runs: Sequence[str]) -> list[float]:
+def _strangeness(solution: Solution, records: Sequence[Segment], runs: Sequence[str]) -> list[float]:
     """Return minus the logarithm of each run's chance, residuals' correlation allowed for."""
     k, total, parts = len(solution.free), None, []
     for run in runs:
         mine = [i for i, r in enumerate(records) if r.run == run]
-        J = np.vstack([J for r, J in zip(solution.residuals, solution.rows, strict=True) if r.record in mine])
-        e = np.concatenate([s for r, s in zip(solution.residuals, solution.scores, strict=True) if r.record in mine])
+        J = np.vstack([J for r, J in zip(solution.residuals, solution.rows, strict=True) if r.segment in mine])
+        e = np.concatenate([s for r, s in zip(solution.residuals, solution.scores, strict=True) if r.segment in mine])
         states = J[:, k:][:, np.any(J[:, k:] != 0.0, axis=0)]
         if states.shape[1]:
             basis, _ = np.linalg.qr(states)
@@ -115,23 +113,19 @@ def _strangeness(solution: CoupledSolution, records: Sequence[Segment], runs: Se
     return found
 
 
-def _fitted(
-    solution: CoupledSolution, records: Sequence[Segment], chosen: Sequence[int], limits: Limits
-) -> CoupledSolution | None:
+def _fitted(solution: Solution, records: Sequence[Segment], chosen: Sequence[int], limits: Limits) -> Solution | None:
     chosen_records = [records[i] for i in chosen]
     levels = {n: v for n, v in solution.noise.items() if any(n in r.signals for r in chosen_records)}
     initial = [solution.initial[i] for i in chosen]
-    return solve_coupled(solution.form, chosen_records, solution.theta, initial, limits, levels=levels, effort=QUICK)
+    return solve_form(solution.form, chosen_records, solution.theta, initial, limits, levels=levels, effort=QUICK)
 
 
-def _misfit(alone: CoupledSolution, solution: CoupledSolution, records: Sequence[Segment], own: Sequence[int]) -> float:
+def _misfit(alone: Solution, solution: Solution, records: Sequence[Segment], own: Sequence[int]) -> float:
     """Return by how many times *alone*'s noise the runs *own* are missed with its parameters, states fitted."""
     initial = [solution.initial[i] for i in own]
     levels = {n: v for n, v in alone.noise.items() if any(n in records[i].signals for i in own)}
     chosen = [records[i] for i in own]
-    found = solve_coupled(
-        alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=(), effort=QUICK
-    )
+    found = solve_form(alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=(), effort=QUICK)
     if found is None:
         return float("inf")
     return max((found.noise[n] / alone.noise[n] for n in found.noise if n in alone.noise), default=0.0)

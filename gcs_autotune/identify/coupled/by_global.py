@@ -14,11 +14,11 @@ from gcs_autotune.identify.coupled.global_search import box_of, search
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.local import Local, local_fit
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.solution import Solution, solve_form
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["OPTIONS", "fit_by_global_search"]
@@ -58,9 +58,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
     ground = ground_of(form, records)
     found = search(ground, box_of(ground, limits), budget=budget, seed=seed)
-    polished = solve_coupled(
-        form, records, found.theta, ground.initial, limits, levels=ground.levels, robust=case.robust
-    )
+    polished = solve_form(form, records, found.theta, ground.initial, limits, levels=ground.levels, robust=case.robust)
     if polished is None:
         raise NotInformative(
             f"no model '{form.name}' could be simulated on run '{records[0].run}': both global searches found only "
@@ -75,7 +73,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     return fit_of(case, Delayed(Local(polished, records), 0.0), limits, "global", extra)
 
 
-def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> CoupledSolution | None:
+def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Solution | None:
     """Return the local fit from the regression's start: with many parameters no affordable search comes near it."""
     try:
         found = local_fit(form, records, limits, robust=robust, whole=True)

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.residuals import rounding_error
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.delay import Delayed, fit_with_delay
 from gcs_autotune.identify.coupled.fit_doubts import doubts_of, fit_percent_of
 from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import local_fit
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution
-from gcs_autotune.identify.result import Fit, Parameter, Status, Trace
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.first_look import quanta_of
+from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.result import Fit, Parameter, Status
+from gcs_autotune.identify.reweighting import rounding_error
+from gcs_autotune.identify.solution import solve, traces_of
+from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.models.coupled import CoupledModel, Form
-from gcs_autotune.sname import SIGNALS
 
 __all__ = ["fit_coupled_by_output_error", "fit_of", "with_known_delay"]
 
@@ -44,7 +46,28 @@ def fit_coupled_by_output_error(case: CoupledCase) -> Fit:
         if horizon is not None:
             records = tuple(piece for record in records for piece in record.within(horizon))
         chosen = Delayed(local_fit(form, records, limits, robust=case.robust, whole=horizon is not None), 0.0)
-    return fit_of(case, chosen, limits, "output-error")
+    return fit_of(case, _finished(chosen, limits, robust=case.robust), limits, "output-error")
+
+
+def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
+    """Return the fit with changes of the inputs at the loops it points to, and coarse sensors taken as rounding."""
+    local = chosen.local
+    better = None if local.pieces else corrected(local.records, local.records, local.solution)
+    segments = local.records if better is None else better
+    quanta = quanta_of(segments)
+    if better is None and not quanta:
+        return chosen
+    solution = local.solution
+    found = solve(
+        Problem(solution.form, segments, None, limits, solution.free),
+        solution.theta,
+        solution.initial,
+        levels=solution.noise,
+        quanta=quanta,
+        shift=solution.shift,
+        robust=robust,
+    )
+    return chosen if found is None else replace(chosen, local=replace(local, solution=found, records=segments))
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:
@@ -90,7 +113,7 @@ def fit_of(
         used=case.names,
         noise=solution.noise,
         doubts=doubts_of(case, chosen, limits),
-        traces=_traces(records, solution),
+        traces=traces_of(records, solution),
         extra={
             "signals": list(solution.noise),
             "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
@@ -98,18 +121,8 @@ def fit_of(
             "residual_correlation_time": solution.correlation,
             "log_likelihood": solution.log_likelihood,
             "delay_evidence": chosen.evidence,
+            "time_shift": solution.shift,
+            "quantum": dict(solution.quanta),
             **(extra or {}),
         },
     )
-
-
-def _traces(records: Sequence[Segment], solution: CoupledSolution) -> tuple[Trace, ...]:
-    traces = []
-    factor = float(solution.factors.max(initial=1.0))
-    for r, rows in zip(solution.residuals, solution.rows, strict=True):
-        name = r.signal.name
-        spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows, optimize=True) * factor**2
-        band = 1.96 * solution.noise[name] * np.sqrt(1.0 + np.maximum(spread, 0.0))
-        fitted = r.signal.values - r.error
-        traces.append(Trace(records[r.record].name, r.signal.t, r.signal.values, fitted, band, name, SIGNALS[name][0]))
-    return tuple(traces)

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.structure import DELAY_EVIDENCE, FIRST_MARGIN, SEARCHED_DELAYS
 from gcs_autotune.identify.coupled.local import MISFIT, SKETCH, Local, local_fit
-from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
-from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.likelihood import Limits, Objective
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["Delayed", "fit_with_delay"]
@@ -71,26 +72,26 @@ def _again(plain: Local, records: Sequence[Segment], limits: Limits, robust: boo
         return plain
     form, solution = plain.solution.form, plain.solution
     initial = ground_of(form, records).initial
-    found = solve_coupled(
+    found = solve_form(
         form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust, effort=SKETCH
     )
     return None if found is None else Local(found, tuple(records))
 
 
-def _one_step(plain: CoupledSolution, records: Sequence[Segment]) -> tuple[float, float]:
+def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float]:
     """Return the delay of one Gauss-Newton step from none, and by how much the cost would fall."""
     form = plain.form.freeing("delay")
-    theta = np.array([*plain.theta[: len(plain.form.free)], 0.0, *plain.theta[len(plain.form.free) :]])
-    objective = CoupledObjective(form, tuple(records), form.free, theta, plain.initial)
-    local = objective.at(objective.pack(), plain.laws)
+    theta = np.array([*plain.theta[: len(plain.form.free)], plain.shift, *plain.theta[len(plain.form.free) :]])
+    objective = Objective(Problem(form, records, None, Limits({}, {})), theta, plain.initial)
+    local = objective.at(objective.pack(), plain.models)
     if local is None:
         return 0.0, 0.0
     step = -inverse_of(local.curvature) @ local.gradient
     at = form.free.index("delay")
-    return float(step[at]), float(-local.gradient @ step)
+    return plain.shift + float(step[at]), float(-local.gradient @ step)
 
 
-def _lagged(form: Form, without: Local, limits: Limits, hint: float, robust: bool) -> CoupledSolution | None:
+def _lagged(form: Form, without: Local, limits: Limits, hint: float, robust: bool) -> Solution | None:
     """Return the best fit with a delay, from the hint and from a regression at each of some delays."""
     freed, plain, records = form.freeing("delay"), without.solution, without.records
     p = len(form.free)
@@ -100,21 +101,19 @@ def _lagged(form: Form, without: Local, limits: Limits, hint: float, robust: boo
         starts.append((ground.regression.solve(limits), ground.initial))
     scored = []
     for theta, initial in starts:
-        objective = CoupledObjective(freed, records, freed.free, theta, tuple(initial))
-        local = objective.at(objective.pack(), plain.laws)
+        objective = Objective(Problem(freed, records, None, limits), theta, initial)
+        local = objective.at(objective.pack(), plain.models)
         scored.append(np.inf if local is None else local.cost)
-    best: CoupledSolution | None = None
+    best: Solution | None = None
     for i in np.argsort(scored)[:2]:
         if not np.isfinite(scored[i]):
             continue
         theta, initial = starts[i]
-        found = solve_coupled(freed, records, theta, initial, limits, levels=plain.noise, robust=robust, effort=SKETCH)
+        found = solve_form(freed, records, theta, initial, limits, levels=plain.noise, robust=robust, effort=SKETCH)
         if found is not None and (best is None or found.log_likelihood > best.log_likelihood):
             best = found
     if best is None or best.log_likelihood <= plain.log_likelihood:
         return best
     effort = THOROUGH if best.white else MISFIT
-    last = solve_coupled(
-        freed, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort
-    )
+    last = solve_form(freed, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort)
     return best if last is None or last.log_likelihood < best.log_likelihood else last

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs_autotune.identify.colour import autocorrelation
 from gcs_autotune.identify.coupled.apart import run_apart
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.delay import Delayed
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import CoupledSolution
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.solution import Solution, fit_percents
+from gcs_autotune.identify.whiteness import autocorrelation
 
 __all__ = ["doubts_of", "fit_percent_of", "general_doubts"]
 
@@ -39,7 +39,7 @@ def doubts_of(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt
     return tuple({(d.slug, d.cause): d for d in found}.values())
 
 
-def general_doubts(solution: CoupledSolution, *, robust: bool = False) -> list[Doubt]:
+def general_doubts(solution: Solution, *, robust: bool = False) -> list[Doubt]:
     """Return what is doubtful about any solution, whatever its parameters mean."""
     asked = (
         _not_converged(solution),
@@ -53,24 +53,13 @@ def general_doubts(solution: CoupledSolution, *, robust: bool = False) -> list[D
     return [doubt for doubt in asked if doubt is not None]
 
 
-def fit_percent_of(solution: CoupledSolution) -> float:
+def fit_percent_of(solution: Solution) -> float:
     """Return 100 (1 - rms/std) averaged over signals."""
-    shares = list(_shares(solution).values())
+    shares = list(fit_percents(solution).values())
     return float(np.mean(shares)) if shares else 0.0
 
 
-def _shares(solution: CoupledSolution) -> dict[str, float]:
-    shares = {}
-    for name in solution.laws:
-        own = [r for r in solution.residuals if r.signal.name == name]
-        power = sum(float(np.var(r.signal.values)) * len(r.error) for r in own)
-        left = sum(float(r.error @ r.error) for r in own)
-        if power > 0.0:
-            shares[name] = 100.0 * (1.0 - float(np.sqrt(left / power)))
-    return shares
-
-
-def _not_converged(solution: CoupledSolution) -> Doubt | None:
+def _not_converged(solution: Solution) -> Doubt | None:
     if solution.converged:
         return None
     return Doubt(
@@ -89,7 +78,7 @@ def _pieces(chosen: Delayed) -> Doubt | None:
     )
 
 
-def _at_bound(solution: CoupledSolution) -> Doubt | None:
+def _at_bound(solution: Solution) -> Doubt | None:
     if not solution.at_bound:
         return None
     names = ", ".join(solution.at_bound)
@@ -100,7 +89,7 @@ def _at_bound(solution: CoupledSolution) -> Doubt | None:
     )
 
 
-def _not_excited(solution: CoupledSolution) -> Doubt | None:
+def _not_excited(solution: Solution) -> Doubt | None:
     if not solution.blind:
         return None
     return Doubt(
@@ -110,7 +99,7 @@ def _not_excited(solution: CoupledSolution) -> Doubt | None:
     )
 
 
-def _together(solution: CoupledSolution) -> Doubt | None:
+def _together(solution: Solution) -> Doubt | None:
     k = len(solution.free)
     covariance = solution.whole[:k, :k]
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -128,7 +117,7 @@ def _together(solution: CoupledSolution) -> Doubt | None:
     )
 
 
-def _reversed(solution: CoupledSolution) -> Doubt | None:
+def _reversed(solution: Solution) -> Doubt | None:
     """Gains called ``k_*`` are positive when labels, wiring and signs are as the form has them."""
     std = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     value = {n: float(solution.theta[solution.form.parameters.index(n)]) for n in solution.free}
@@ -154,10 +143,10 @@ def _delay(chosen: Delayed) -> Doubt | None:
     )
 
 
-def _poor(solution: CoupledSolution) -> Doubt | None:
+def _poor(solution: Solution) -> Doubt | None:
     if solution.white:
         return None
-    poor = [f"{name} ({share:.0f} %)" for name, share in _shares(solution).items() if share < POOR]
+    poor = [f"{name} ({share:.0f} %)" for name, share in fit_percents(solution).items() if share < POOR]
     if not poor:
         return None
     return Doubt(
@@ -167,7 +156,7 @@ def _poor(solution: CoupledSolution) -> Doubt | None:
     )
 
 
-def _coloured(solution: CoupledSolution) -> Doubt | None:
+def _coloured(solution: Solution) -> Doubt | None:
     colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
     if colour <= COLOUR or solution.white:
         return None
@@ -178,13 +167,13 @@ def _coloured(solution: CoupledSolution) -> Doubt | None:
     )
 
 
-def _outliers(solution: CoupledSolution, *, robust: bool) -> Doubt | None:
+def _outliers(solution: Solution, *, robust: bool) -> Doubt | None:
     if robust:
         return None
     share = 0.0
     for r in solution.residuals:
-        rough = max(1.4826 * float(np.median(np.abs(r.error))), r.signal.step, 1e-300)
-        share = max(share, float(np.mean(np.abs(r.error) > FAR * rough)))
+        rough = max(1.4826 * float(np.median(np.abs(r.judged[r.known]))), r.step, 1e-300)
+        share = max(share, float(np.mean(np.abs(r.judged[r.known]) > FAR * rough)))
     if share <= 0.005:
         return None
     return Doubt(

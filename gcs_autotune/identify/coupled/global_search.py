@@ -8,19 +8,20 @@ the cost is the concentrated Gaussian log-likelihood, so that neither units nor 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
-from gcs_autotune.identify.axis.likelihood import gaussian_laws
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, physical
-from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits
 from gcs_autotune.identify.coupled.start import Ground
 from gcs_autotune.identify.least_squares import descend
-from gcs_autotune.identify.rounds import likeliest
+from gcs_autotune.identify.likelihood import Limits, Objective
+from gcs_autotune.identify.noise import gaussian_noise
+from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.reweighting import likeliest
 from gcs_autotune.models.coupled import Simulator
 from gcs_autotune.models.coupled.derivatives import inertia_of
 from gcs_autotune.slow_imports import scipy_stats
@@ -109,13 +110,17 @@ class _Cost:
     ground: Ground
     spent: int = 0
     simulator: Simulator = field(init=False)
-    objective: CoupledObjective = field(init=False)
+    objective: Objective = field(init=False)
 
     def __post_init__(self) -> None:
         g = self.ground
         self.simulator = Simulator(g.form, patience=PATIENCE)
-        self.objective = CoupledObjective(
-            g.form, g.records, g.form.free, g.regression.theta, g.initial, fixed_states=True, patience=PATIENCE
+        self.objective = Objective(
+            Problem(g.form, [replace(r, dating=0.0) for r in g.records], None, Limits({}, {})),  # polished later
+            g.regression.theta,
+            g.initial,
+            fixed_states=True,
+            patience=PATIENCE,
         )
 
     def theta(self, values: Array) -> Array:
@@ -185,8 +190,8 @@ def _descended(cost: _Cost, start: Array, box: Box) -> Array:
         cost.spent += 1
         if residuals is None:
             return x
-        laws = likeliest(residuals, gaussian_laws(cost.ground.levels))
-        found = descend(partial(cost.objective.at, laws=laws), x, box.low, box.high, trials=TRIALS)
+        laws = likeliest(residuals, gaussian_noise(cost.ground.levels))
+        found = descend(partial(cost.objective.at, noise=laws), x, box.low, box.high, trials=TRIALS)
         if found is None:
             return x
         cost.spent += found.iterations

@@ -8,7 +8,7 @@ import numpy as np
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.objective import Limits
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, STATES, inertia_of
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.objective import Limits
-from gcs_autotune.identify.coupled.output_error import THOROUGH, CoupledSolution, solve_coupled
 from gcs_autotune.identify.coupled.start import ground_of
-from gcs_autotune.identify.rounds import Effort
+from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.reweighting import Effort
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["MISFIT", "SKETCH", "Local", "local_fit"]
@@ -39,7 +39,7 @@ BETTER = 3.0
 class Local:
     """A fit and the records it was made on; ``pieces``: cut short, because no fit held over whole runs."""
 
-    solution: CoupledSolution
+    solution: Solution
     records: tuple[Segment, ...]
     pieces: bool = False
 
@@ -57,10 +57,10 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
         No model of this form can be simulated on these runs.
     """
     ground = ground_of(form, records)
-    best: CoupledSolution | None = None
+    best: Solution | None = None
     sketch = PATIENT if whole else SKETCH
     for theta in ground.starts(limits):
-        found = solve_coupled(
+        found = solve_form(
             form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=sketch
         )
         if found is None:
@@ -76,7 +76,7 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
         begin = ground.regression.solve(sturdy)
         better = ground.on_pieces(begin, sturdy)
         begin = begin if better is None else better[0]
-        cut = solve_coupled(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust, effort=MISFIT)
+        cut = solve_form(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust, effort=MISFIT)
         if cut is not None and (best is None or BETTER * _excess(cut, ground.levels) < _excess(best, ground.levels)):
             return Local(cut, pieces, pieces=True)
     if best is None:
@@ -85,12 +85,10 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
             "values in the form, or check that inputs and outputs belong together"
         )
     effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT
-    last = solve_coupled(
-        form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort
-    )
+    last = solve_form(form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort)
     return Local(best if last is None or last.log_likelihood < best.log_likelihood else last, tuple(records))
 
 
-def _excess(solution: CoupledSolution, levels: Mapping[str, float]) -> float:
+def _excess(solution: Solution, levels: Mapping[str, float]) -> float:
     """Return how many times its level the worst fitted signal is missed."""
     return max(solution.noise[n] / level for n, level in levels.items())

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from gcs_autotune.identify.coupled.objective import Limits
 from gcs_autotune.identify.coupled.smoothing import Motion
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL

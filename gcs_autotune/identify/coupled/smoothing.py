@@ -5,19 +5,17 @@ Rough on purpose: only start values come from here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.residuals import roughness
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.program import states_of
 from gcs_autotune.sname import DOFS
 
-__all__ = ["Motion", "first_levels_of", "smoothed_motion"]
+__all__ = ["Motion", "smoothed_motion"]
 
 Array = NDArray[np.float64]
 
@@ -117,10 +115,3 @@ def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], fl
     c = (inverse @ (transposed @ signal.values[at][:, :, None]))[:, :, 0]
     left = (signal.values - c[:, 0]) / np.maximum(1.0 - inverse[:, 0, 0], 1e-6)
     return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(left**2))
-
-
-def first_levels_of(records: Sequence[Segment]) -> dict[str, float]:
-    """Return noise levels to begin with, per signal name: the scatter about a parabola through neighbours."""
-    names = dict.fromkeys(n for r in records for n in r.signals)
-    rough = {n: [roughness(r.signals[n]) for r in records if n in r.signals] for n in names}
-    return {n: max(float(np.mean(levels)), 1e-9) for n, levels in rough.items()}

@@ -10,12 +10,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.likelihood import gaussian_laws
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.coupled.objective import CoupledObjective, Limits, first_input
 from gcs_autotune.identify.coupled.regression import Regression, regression_of
-from gcs_autotune.identify.coupled.smoothing import Motion, first_levels_of, smoothed_motion
+from gcs_autotune.identify.coupled.smoothing import Motion, smoothed_motion
+from gcs_autotune.identify.first_look import first_levels
 from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.identify.likelihood import Limits, Objective, first_input
+from gcs_autotune.identify.noise import gaussian_noise
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import inertia_of
@@ -102,9 +104,9 @@ class Ground:
         cost; None if even these fail.
         """
         pieces, initial = self.pieces()
-        objective = CoupledObjective(self.form, pieces, self.form.free, theta, initial, fixed_states=True)
-        at = partial(objective.at, laws=gaussian_laws(self.levels, robust=True))
-        found = descend(at, objective.pack(), *objective.limits(limits), trials=trials, tolerance=ROUGH)
+        objective = Objective(Problem(self.form, pieces, None, limits), theta, initial, fixed_states=True)
+        at = partial(objective.at, noise=gaussian_noise(self.levels, robust=True))
+        found = descend(at, objective.pack(), *objective.limits(), trials=trials, tolerance=ROUGH)
         return None if found is None else (objective.unpack(found.x)[0], found.cost)
 
     def _plain(self, limits: Limits) -> Array:
@@ -121,7 +123,7 @@ def ground_of(form: Form, records: Sequence[Segment], delay: float | None = None
     motions = tuple(smoothed_motion(form, record, known) for record in records)
     initial = tuple(_lagged(m.X[0].copy(), r, form) for r, m in zip(records, motions, strict=True))
     regression = regression_of(form, motions, delay)
-    rough = first_levels_of(records)
+    rough = first_levels(records)
     spread = {n: max(float(np.std(r.signals[n].values)) for r in records if n in r.signals) for n in rough}
     levels = {n: max(level, SHARE * spread[n]) for n, level in rough.items()}
     return Ground(form, tuple(records), motions, regression, initial, rough, levels)

@@ -9,19 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
-from gcs_autotune.identify.axis.residuals import rounding_error
 from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
 from gcs_autotune.identify.coupled.fit_doubts import fit_percent_of, general_doubts
-from gcs_autotune.identify.coupled.output_error import CoupledSolution
 from gcs_autotune.identify.extended.climb import with_effects
 from gcs_autotune.identify.extended.doubts import effect_doubts
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.solution import solution_of
-from gcs_autotune.identify.extended.wish import Wish, label_of
+from gcs_autotune.identify.extended.wish import Wish
 from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status, Trace
+from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
+from gcs_autotune.identify.reweighting import rounding_error
+from gcs_autotune.identify.solution import Solution, solution_of, traces_of
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
-from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = ["ExtendedCase", "fit_with_effects"]
@@ -90,7 +88,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
         used=tuple(run.name for run in case.runs),
         noise=solution.noise,
         doubts=tuple({(d.slug, d.cause): d for d in doubts}.values()),
-        traces=_traces(problem, fitted, solution),
+        traces=traces_of(problem.segments, solution),
         extra={
             "signals": list(solution.noise),
             "inputs": dict(problem.scene.inputs),
@@ -103,7 +101,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
     )
 
 
-def _parameters(scene: DataSummary, fitted: Fitted, solution: CoupledSolution) -> tuple[Mapping[str, Parameter], Array]:
+def _parameters(scene: DataSummary, fitted: Fitted, solution: Solution) -> tuple[Mapping[str, Parameter], Array]:
     """Return all numbers with units, standard errors and Cramer-Rao bounds, and their covariance (p, p)."""
     form = fitted.form
     normalised = form.normalised or set(scene.inputs.values()) == {"1"}
@@ -130,19 +128,3 @@ def _parameters(scene: DataSummary, fitted: Fitted, solution: CoupledSolution) -
         std = float("nan") if name in learnt else float(np.sqrt(covariance[i, i]))
         parameters[name] = Parameter(name, values[name], units[name], std, status, bounds.get(name, float("nan")))
     return parameters, covariance
-
-
-def _traces(problem: Problem, fitted: Fitted, solution: CoupledSolution) -> tuple[Trace, ...]:
-    """Return fit against measurement; samples a disturbance accounts for wholly have the band of the noise alone."""
-    traces, rows = [], iter(solution.rows)
-    factor = float(solution.factors.max(initial=1.0))
-    for rest in fitted.rests:
-        good = np.isfinite(rest.judged)
-        band = np.full(len(rest.t), 1.96 * solution.noise[rest.signal])
-        if good.any():
-            J = next(rows)
-            spread = np.einsum("ij,jk,ik->i", J, solution.whole, J, optimize=True) * factor**2
-            band[good] *= np.sqrt(1.0 + np.maximum(spread, 0.0))
-        run, unit = problem.segments[rest.segment].run, SIGNALS[rest.signal][0]
-        traces.append(Trace(run, rest.t, rest.measured, rest.predicted, band, rest.signal, unit))
-    return tuple(traces)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
 from gcs_autotune.identify.extended.wish import Wish
+from gcs_autotune.identify.problem import Fitted, Problem
 
 __all__ = ["with_effects"]
 

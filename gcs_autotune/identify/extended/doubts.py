@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify.extended.fitting import Fitted, Problem
-from gcs_autotune.identify.extended.wish import label_of
+from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Parameter
 
 __all__ = ["effect_doubts"]

@@ -7,8 +7,8 @@ import numpy as np
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.base_model import base_limits, scene_of
-from gcs_autotune.identify.extended.fitting import Problem
 from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial

@@ -23,12 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.axis.likelihood import Law, gaussian_laws
-from gcs_autotune.identify.colour import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
-from gcs_autotune.identify.coupled.objective import CoupledObjective
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.likelihood import Limits, Objective
+from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.models.coupled import Form
 
 __all__ = ["Agreement", "Estimate", "Joint", "Part", "agreements", "combined", "fit_jointly"]
@@ -131,8 +132,8 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Place:
-    objective: CoupledObjective
-    laws: Mapping[str, Law]
+    objective: Objective
+    laws: Mapping[str, NoiseModel]
     columns: NDArray[np.int64]
 
 
@@ -168,17 +169,17 @@ def _local(places: Sequence[_Place], vector: Array) -> Local | None:
     return Local(cost, gradient, curvature)
 
 
-def _slow_laws(place: _Place, x: Array) -> dict[str, Law]:
+def _slow_laws(place: _Place, x: Array) -> dict[str, NoiseModel]:
     """Return the noise laws of one part with the noise at low frequency in place of the standard deviation."""
     residuals = place.objective.residuals(x[place.columns]) or []
     levels = {}
     for name, law in place.laws.items():
-        own = [r.error for r in residuals if r.signal.name == name]
+        own = [r.judged for r in residuals if r.signal == name]
         length = sum(len(e) for e in own)
         spread = np.sqrt(sum(float(e @ e) for e in own) / length)
         longer = sum(len(e) * _correlated_length(e) for e in own) / length
         levels[name] = max(float(spread), law.std) * float(np.sqrt(longer))
-    return gaussian_laws(levels, robust=False)
+    return gaussian_noise(levels, robust=False)
 
 
 def _correlated_length(error: Array) -> float:
@@ -198,8 +199,8 @@ def _covariance(places: Sequence[_Place], x: Array, k: int) -> Array:
     influence = []
     for place in places:
         for residual in place.objective.residuals(x[place.columns]) or []:
-            slope = place.laws[residual.signal.name].terms(residual.error).slope
-            own = place.columns[place.objective.columns_of[residual.record]]
+            slope = place.laws[residual.signal].terms(residual.judged).slope
+            own = place.columns[place.objective.columns[residual.segment]]
             influence.append((residual.jacobian * slope[:, None]) @ whole[np.ix_(own, np.arange(k))])
     found = scores_covariance(influence)
     raised = np.sqrt(np.maximum(1.0, np.diag(found) / np.diag(whole)[:k]))
@@ -216,11 +217,11 @@ def _placed(parts: Sequence[Part], names: Sequence[str], start: Mapping[str, flo
             [start[part.names[form.free.index(n)]] if n in form.free else form.known[n] for n in form.parameters]
         )
         initial = ground_of(form, part.records).initial
-        objective = CoupledObjective(form, part.records, form.free, theta, initial)
+        objective = Objective(Problem(form, part.records, None, Limits({}, {})), theta, initial)
         own = objective.size - len(form.free)
         shared = np.array([names.index(n) for n in part.names], dtype=np.int64)
         columns = np.concatenate([shared, used + np.arange(own)])
-        places.append(_Place(objective, gaussian_laws(part.noise, robust=False), columns))
+        places.append(_Place(objective, gaussian_noise(part.noise, robust=False), columns))
         states.append(objective.pack()[len(form.free) :])
         used += own
     return places, np.concatenate([np.array([start[n] for n in names]), *states])

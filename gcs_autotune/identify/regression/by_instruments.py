@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.colour import scores_covariance
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
@@ -31,6 +30,7 @@ from gcs_autotune.identify.regression.solver import Estimate, information
 from gcs_autotune.identify.regression.spread import NoiseDraw, excess_doubt, raised
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.whiteness import scores_covariance
 
 __all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
 

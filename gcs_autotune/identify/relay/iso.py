@@ -6,7 +6,7 @@ integrators and delays turn it.
 
 Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay
 (6.31), real switching value (6.5). The answer is approximate, because only the first harmonic is balanced;
-:mod:`gcs_autotune.identify.axis.output_error` starts from it. Between the structures two limit cycles decide,
+output error (:mod:`gcs_autotune.identify.solution`) starts from it. Between the structures two limit cycles decide,
 (7.1)-(7.2): the one whose coefficient scatters less between them describes the craft better; the scatter of ``alpha``,
 which is the same in both, measures how sure one can be.
 """

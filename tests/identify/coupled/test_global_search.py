@@ -12,9 +12,9 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import limits_of
-from gcs_autotune.identify.coupled.output_error import solve_coupled
 from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.preparation import prepare_form
+from gcs_autotune.identify.solution import solve_form
 from gcs_autotune.models.coupled import form_from
 from gcs_autotune.trial import Channel, Trial
 
@@ -43,7 +43,7 @@ def test_it_finds_the_truth_where_a_local_fit_from_a_bad_start_does_not(run: Tri
     ground = ground_of(FORM, records)
     limits = limits_of(FORM, CoupledCase(FORM, records, 0.0, False, (run.name,)))
     start = np.array([bad[n] for n in FORM.parameters])
-    local = solve_coupled(FORM, records, start, ground.initial, limits, levels=ground.levels)
+    local = solve_form(FORM, records, start, ground.initial, limits, levels=ground.levels)
     assert local is None or local.noise["phi"] > 0.03
 
     found = fit(run, replace(FORM, start=bad), "global", delay=0.0, budget=600)

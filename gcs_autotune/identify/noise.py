@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
-__all__ = ["FINEST", "STRAY", "Gaussian", "Law", "Rounded", "Terms", "gaussian_laws"]
+__all__ = ["FINEST", "STRAY", "Gaussian", "NoiseModel", "Rounded", "Terms", "gaussian_noise"]
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Terms(NamedTuple):
     curvature: Array
 
 
-class Law(Protocol):
+class NoiseModel(Protocol):
     """The distribution of one kind of signal's measurement error."""
 
     @property
@@ -79,7 +79,7 @@ class Law(Protocol):
     def log_likelihood(self, error: Array) -> float:
         """Return the logarithm of the density (or, with rounding, the probability) of *error*."""
 
-    def likeliest(self, error: Array, level: float) -> Law:
+    def likeliest(self, error: Array, level: float) -> NoiseModel:
         """Return the law that makes *error* likeliest; *level* is its standard deviation, not too small."""
 
 
@@ -101,23 +101,23 @@ class Gaussian:
         return self.sigma
 
     def terms(self, error: Array) -> Terms:
-        """As :class:`Law`; the constant of the density is left out."""
+        """As :class:`NoiseModel`; the constant of the density is left out."""
         weight = np.full(len(error), self.sigma**-2)
         if self.robust:
             weight /= np.sqrt(1.0 + (error / (2.0 * self.sigma)) ** 2)
         return Terms(weight * error**2, weight * error, weight)
 
     def information(self, error: Array) -> Array:
-        """As :class:`Law`."""
+        """As :class:`NoiseModel`."""
         return np.tile([self.sigma**-2, 0.0, 2.0], (len(error), 1))
 
     def log_likelihood(self, error: Array) -> float:
-        """As :class:`Law`, whatever the weights."""
+        """As :class:`NoiseModel`, whatever the weights."""
         constant = math.log(self.sigma) + 0.5 * math.log(2.0 * math.pi)
         return -len(error) * constant - 0.5 * float(error @ error) / self.sigma**2
 
     def likeliest(self, error: Array, level: float) -> Gaussian:
-        """As :class:`Law`."""
+        """As :class:`NoiseModel`."""
         return replace(self, sigma=level)
 
 
@@ -145,7 +145,7 @@ class Rounded:
         return STRAY * self.quantum / (self.span + self.quantum)
 
     def terms(self, error: Array) -> Terms:
-        """As :class:`Law`; the curvature is that of the cell's own probability times the share it has in the whole.
+        """As :class:`NoiseModel`; the curvature is that of the cell's own probability times its share of the whole.
 
         That share is what an EM step would give it, so the curvature is never negative, even for outliers.
         """
@@ -162,7 +162,7 @@ class Rounded:
         return Terms(-2.0 * np.log(whole), own * slope, own * curvature)
 
     def information(self, error: Array) -> Array:
-        """As :class:`Law`, summed over the cells within reach of the truth."""
+        """As :class:`NoiseModel`, summed over the cells within reach of the truth."""
         reach = math.ceil(TAIL * self.sigma / self.quantum) + 1
         centre = error - self.quantum * np.round(error / self.quantum)
         edges = (centre[:, None] + self.quantum * (np.arange(-reach, reach + 2) - 0.5)) / self.sigma
@@ -174,11 +174,11 @@ class Rounded:
         return np.column_stack([np.sum(p / whole, axis=1) for p in products])
 
     def log_likelihood(self, error: Array) -> float:
-        """As :class:`Law`."""
+        """As :class:`NoiseModel`."""
         return -0.5 * float(self.terms(error).deviance.sum())
 
     def likeliest(self, error: Array, level: float) -> Rounded:
-        """As :class:`Law`; ``sigma`` is at least :data:`FINEST` steps and at most twice *level* or the step."""
+        """As :class:`NoiseModel`; ``sigma`` is at least :data:`FINEST` steps and at most twice *level* or the step."""
 
         def with_noise(log_sigma: float) -> Rounded:
             return replace(self, sigma=math.exp(log_sigma))
@@ -200,7 +200,7 @@ class Rounded:
         return low, high, cell
 
 
-def gaussian_laws(levels: Mapping[str, float], *, robust: bool = False) -> dict[str, Law]:
+def gaussian_noise(levels: Mapping[str, float], *, robust: bool = False) -> dict[str, NoiseModel]:
     """Return a Gaussian law for each name in *levels*."""
     return {name: Gaussian(level, robust) for name, level in levels.items()}
 

@@ -11,11 +11,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.likelihood import Law
-from gcs_autotune.identify.axis.residuals import Residual, rounding_error
 from gcs_autotune.identify.least_squares import Local, Minimum, descend
+from gcs_autotune.identify.likelihood import Residual
+from gcs_autotune.identify.noise import NoiseModel
 
-__all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest"]
+__all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest", "rounding_error"]
 
 Array = NDArray[np.float64]
 
@@ -48,22 +48,28 @@ class Effort:
 class Cost(Protocol):
     """What :func:`alternate` minimises: minus twice a log-likelihood of one vector, given the noise."""
 
-    def at(self, x: Array, laws: Mapping[str, Law]) -> Local | None:
+    def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
         """Return cost, gradient and curvature at *x*, None when it has no value there."""
 
-    def residuals(self, x: Array) -> list[Residual] | None:
+    def residuals(self, x: Array) -> Sequence[Residual] | None:
         """Return the residuals at *x*, None when there are none."""
 
 
 def alternate(
-    cost: Cost, x: Array, laws: Mapping[str, Law], low: Array, high: Array, rounds: int, effort: Effort | None = None
-) -> tuple[Minimum, dict[str, Law]] | None:
+    cost: Cost,
+    x: Array,
+    laws: Mapping[str, NoiseModel],
+    low: Array,
+    high: Array,
+    rounds: int,
+    effort: Effort | None = None,
+) -> tuple[Minimum, dict[str, NoiseModel]] | None:
     """Fit *x* within its limits, then the noise of every law, *rounds* times at most; None when *x* has no value."""
     found: Minimum | None = None
     first = laws
     for turn in range(rounds):
         now, last = laws, turn == rounds - 1
-        at = partial(cost.at, laws=now)
+        at = partial(cost.at, noise=now)
         if effort is None or (last and effort.exact):
             nearer = descend(at, x, low, high)
         else:
@@ -75,7 +81,7 @@ def alternate(
         settled = all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws)
         settled = settled and (effort is None or not effort.exact or nearer.converged)
         if settled and effort is not None and effort.exact and not last:
-            found = descend(partial(cost.at, laws=laws), x, low, high) or found
+            found = descend(partial(cost.at, noise=laws), x, low, high) or found
         astray = effort is not None and turn >= 1 and max(laws[n].sigma / first[n].sigma for n in laws) > effort.astray
         if settled or astray:
             break
@@ -84,17 +90,19 @@ def alternate(
 
 def errors_of(residuals: Sequence[Residual], name: str) -> Array:
     """Return measured minus simulated of all signals called *name*, one after the other."""
-    return np.concatenate([r.error for r in residuals if r.signal.name == name])
+    return np.concatenate([r.judged[r.known] for r in residuals if r.signal == name])
 
 
-def likeliest(residuals: Sequence[Residual], laws: Mapping[str, Law], spent: float = 0.0) -> dict[str, Law]:
+def likeliest(
+    residuals: Sequence[Residual], laws: Mapping[str, NoiseModel], spent: float = 0.0
+) -> dict[str, NoiseModel]:
     """Return the laws with their noise re-estimated, *spent* degrees of freedom shared out by sample counts."""
-    total = sum(len(r.error) for r in residuals)
+    total = sum(int(r.known.sum()) for r in residuals)
     found = {}
     for name, law in laws.items():
         errors = errors_of(residuals, name)
         left = max(len(errors) * (1.0 - spent / total), 1.0)
-        swing = max(float(np.ptp(r.signal.values)) for r in residuals if r.signal.name == name)
+        swing = max(float(np.ptp(r.measured)) for r in residuals if r.signal == name)
         spread = (
             MAD * float(np.median(np.abs(errors))) * math.sqrt(len(errors))
             if law.robust
@@ -103,3 +111,8 @@ def likeliest(residuals: Sequence[Residual], laws: Mapping[str, Law], spent: flo
         level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * swing, 1e-300)
         found[name] = law.likeliest(errors, level)
     return found
+
+
+def rounding_error(residuals: Sequence[Residual], name: str) -> float:
+    """Return the rounding error of the coarsest sensor called *name*: ``step/sqrt(12)``."""
+    return max((r.step for r in residuals if r.signal == name), default=0.0) / math.sqrt(12.0)

@@ -1,0 +1,382 @@
+"""The likelihood of any fit: of parameters, effects, initial states and the shift of stamps.
+
+The vector is the free base parameters, the free parameters of effects, every segment's free initial states, and last,
+where changes of the inputs are dated midway between two messages (decision 3), one shift of all their stamps. A
+misdating is neither an effect nor inertia; what tells it from a delay is only that it is small, which is known
+beforehand (:class:`StampPrior`).
+
+Noise comes in one of two ways. :meth:`Objective.at` takes :class:`.noise.NoiseModel` as they are (Gaussian, robust,
+rounded), for fits that find them in turn with the vector (:mod:`.reweighting`). :meth:`Objective.concentrated` has
+Gaussian levels at their best at every step, ``sum_s n_s log(RSS_s / n_s)``, whose Gauss-Newton step is that of least
+squares weighted with ``n_s / RSS_s``: costs of models with different effects can then be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, Leftover
+from gcs_autotune.identify.least_squares import Local
+from gcs_autotune.identify.noise import NoiseModel
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+
+if TYPE_CHECKING:
+    from gcs_autotune.identify.problem import Problem
+
+__all__ = [
+    "DIAGNOSTIC",
+    "WEAK",
+    "Limits",
+    "Objective",
+    "Residual",
+    "StampPrior",
+    "first_input",
+    "information_of",
+    "judged_by",
+]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+REMEMBERED = 3
+"""Vectors whose residuals are kept: every round of the noise begins where the one before ended."""
+
+LAGGED = 1.0
+"""Standard deviation of a lagged input's first value about the input itself, in units of that input's range."""
+
+
+@dataclass(frozen=True, slots=True)
+class StampPrior:
+    """Standard deviation of the shift of stamps, and how far it may go, in units of ``Segment.dating``."""
+
+    std: float
+    reach: float
+
+
+WEAK = StampPrior(2.0, 8.0)
+"""Of an identification. Chosen: the shift may well stand at the very end of what the stamps allow, and twice that is
+weak enough not to pull it back by a tenth of its standard error."""
+
+DIAGNOSTIC = StampPrior(1.0, 1.5)
+"""Of a diagnosis, where a delay is among the causes looked for and must not be taken by the shift: to the end of what
+the messages allow, and a little beyond for an autopilot that acts on its next loop only."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Smallest and largest value allowed per parameter name; unlimited where not named."""
+
+    low: Mapping[str, float]
+    high: Mapping[str, float]
+
+    def of(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return both (p,) in the order of *names*."""
+        low = np.array([self.low.get(n, -np.inf) for n in names])
+        return low, np.array([self.high.get(n, np.inf) for n in names])
+
+    def within(self, other: Limits) -> Limits:
+        """Return the limits that respect both, these first where they contradict each other."""
+        low, high = dict(self.low), dict(self.high)
+        for name in {*other.low, *other.high}:
+            least = max(self.low.get(name, -np.inf), other.low.get(name, -np.inf))
+            most = min(self.high.get(name, np.inf), other.high.get(name, np.inf))
+            if least < most:
+                low[name], high[name] = least, most
+        return Limits(low, high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residual:
+    """What is left of one signal of one segment: stamps, measured, predicted (n,), and the residual as ``judged``.
+
+    Without disturbances among the effects ``judged`` is measured minus predicted; they may explain some of it, and NaN
+    marks what they account for wholly. ``jacobian`` (n, k) of the prediction in the segment's own columns (none where
+    no sensitivities were asked for); ``step`` of the sensor's scale; ``penalty`` what a judging disturbance adds to
+    minus twice the log-likelihood, ``fold`` which part was left out.
+    """
+
+    segment: int
+    signal: str
+    t: Array
+    measured: Array
+    predicted: Array
+    judged: Array
+    jacobian: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    step: float = 0.0
+    penalty: float = 0.0
+    fold: int = 0
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which samples (n,) count."""
+        return np.isfinite(self.judged)
+
+
+class Objective:
+    """The cost of one choice of free numbers, as a function of one packed vector.
+
+    Parameters
+    ----------
+    theta : (p,) all base parameters in the form's order: what is not free stays. initial : (n,) states per segment,
+        likewise. effects : in the order in which they act. shift [s] : where the shift of stamps begins.
+    fixed_effects, fixed_states : effects' parameters, initial states stay as given.
+    patience : steps per stamp of a simulation; what is stiffer is no craft whose samples these are.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        theta: Array,
+        initial: Sequence[Array],
+        effects: Sequence[EffectInstance] = (),
+        *,
+        shift: float = 0.0,
+        fixed_effects: bool = False,
+        fixed_states: bool = False,
+        patience: int | None = None,
+    ) -> None:
+        self.problem, self.theta, self.initial, self.effects = problem, theta, tuple(initial), tuple(effects)
+        self.shift, self.dated = shift, problem.dating > 0.0
+        self.levels: dict[str, float] = {}
+        self._recent: dict[bytes, tuple[Residual, ...] | None] = {}
+        form, free = problem.form, problem.free
+        self.free_effects = tuple(
+            (i, name)
+            for i, own in enumerate(self.effects)
+            for name in own.values
+            if not fixed_effects and name not in EFFECTS[own.slug].fixed and not EFFECTS[own.slug].is_disturbance
+            if (own.slug, own.place, name) not in problem.held
+        )
+        typical = [] if problem.summary is None else self._typical(problem.summary)
+        self.places = np.array([form.parameters.index(n) for n in free], dtype=np.int64)
+        self.shared = used = len(free) + len(self.free_effects)
+        by_names: dict[tuple[str, ...], SegmentSimulator] = {}
+        self.simulators: list[SegmentSimulator] = []
+        self.columns: list[Index] = []
+        self.state_places: list[Index] = []
+        for segment in problem.segments:
+            names = () if fixed_states else free_states(form, self.effects, segment)
+            if names not in by_names:
+                by_names[names] = simulator_of(
+                    form,
+                    self.effects,
+                    free,
+                    self.free_effects,
+                    names,
+                    typical=typical,
+                    scene=problem.summary,
+                    dated=self.dated,
+                    patience=patience,
+                )
+            simulator = by_names[names]
+            self.simulators.append(simulator)
+            self.columns.append(np.concatenate([np.arange(self.shared), used + np.arange(len(names))]))
+            self.state_places.append(np.array([simulator.states.index(n) for n in names], dtype=np.int64))
+            used += len(names)
+        self.size = used + self.dated
+        if self.dated:
+            self.columns = [np.append(own, used) for own in self.columns]
+
+    def _typical(self, scene: DataSummary) -> list[float]:
+        sizes = [typical_of(own, scene) for own in self.effects]
+        return [sizes[i][name] for i, name in self.free_effects]
+
+    def pack(self) -> Array:
+        """Return the vector (q,) of the numbers given."""
+        own = [self.effects[i].values[n] for i, n in self.free_effects]
+        states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
+        return np.concatenate([self.theta[self.places], own, *states, [self.shift] if self.dated else []])
+
+    def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...], float]:
+        """Undo :meth:`pack`: all parameters, effects, initial states per segment, the shift of stamps [s]."""
+        p = len(self.places)
+        theta = self.theta.copy()
+        theta[self.places] = x[:p]
+        values: list[dict[str, float]] = [{} for _ in self.effects]
+        for (i, name), value in zip(self.free_effects, x[p : self.shared].tolist(), strict=True):
+            values[i][name] = value
+        effects = tuple(e.with_values(v) for e, v in zip(self.effects, values, strict=True))
+        initial = []
+        for x_0, at, columns in zip(self.initial, self.state_places, self.columns, strict=True):
+            mine = x_0.copy()
+            mine[at] = x[columns[self.shared : self.shared + len(at)]]
+            initial.append(mine)
+        return theta, effects, tuple(initial), float(x[-1]) if self.dated else 0.0
+
+    def limits(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest vector allowed."""
+        low, high = self.problem.edges(self.effects, self.free_effects)
+        rest = np.full(self.size - self.shared, np.inf)
+        if self.dated:
+            rest[-1] = self.problem.stamps.reach * self.problem.dating
+        return np.concatenate([low, -rest]), np.concatenate([high, rest])
+
+    def residuals(self, x: Array) -> tuple[Residual, ...] | None:
+        """Return the residuals with Jacobians; None when a simulation runs away. The last places are remembered."""
+        key = x.tobytes()
+        if key not in self._recent:
+            while len(self._recent) >= REMEMBERED:
+                del self._recent[next(iter(self._recent))]
+            self._recent[key] = self.predicted(x, sensitivities=True)
+        return self._recent[key]
+
+    def predicted(self, x: Array, *, sensitivities: bool) -> tuple[Residual, ...] | None:
+        """Return the residuals at *x*, with Jacobians if asked; None when a simulation runs away."""
+        theta, effects, initial, shift = self.unpack(x)
+        found = []
+        for i, segment in enumerate(self.problem.segments):
+            motion = self.simulators[i].predict(theta, effects, initial[i], segment, shift, sensitivities=sensitivities)
+            if motion is None:
+                return None
+            for name, signal in segment.signals.items():
+                prediction, by = motion[name]
+                error, fee = signal.values - prediction, 0.0
+                if effects:
+                    left = Leftover(segment.run, name, signal.t, error, signal.values, self._level(name))
+                    error, by, fee = judged_by(effects, left, by)
+                found.append(Residual(i, name, signal.t, signal.values, prediction, error, by, signal.step, fee))
+        return tuple(found)
+
+    def _level(self, name: str) -> float:
+        known = 1.0 if self.problem.summary is None else self.problem.summary.level.get(name, 1.0)
+        return self.levels.get(name, known)
+
+    def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
+        """Return cost, gradient and curvature at *x* with this *noise* per signal; None when a simulation runs away."""
+        found = self.residuals(x)
+        if found is None:
+            return None
+        prior, weight = self.known()
+        off = x - prior
+        cost, gradient, curvature = float(weight @ off**2), weight * off, np.diag(weight)
+        for residual in found:
+            error, J, own = residual.judged, residual.jacobian, self.columns[residual.segment]
+            if not (good := residual.known).all():
+                error, J = error[good], J[good]
+            terms = noise[residual.signal].terms(error)
+            cost += float(terms.deviance.sum()) + residual.penalty
+            gradient[own] -= J.T @ terms.slope
+            curvature[np.ix_(own, own)] += J.T @ (terms.curvature[:, None] * J)
+        return Local(cost, gradient, curvature)
+
+    def concentrated(self, x: Array, floors: Mapping[str, float]) -> Local | None:
+        """Return cost, gradient and curvature at *x* with every noise level at its best, above *floors* per signal."""
+        found = self.residuals(x)
+        if found is None:
+            return None
+        sums, counts = sums_of(found)
+        prior, weight = self.known()
+        off = x - prior
+        cost, gradient, curvature = float(weight @ off**2), weight * off, np.diag(weight)
+        for name, total in sums.items():
+            n, floor = counts[name], floors[name]
+            cost += n * np.log((total + n * floor**2) / n / floor**2)
+        for residual in found:
+            n, floor = counts[residual.signal], floors[residual.signal]
+            share = n / (sums[residual.signal] + n * floor**2)
+            good = residual.known
+            e, J, own = residual.judged[good], residual.jacobian[good], self.columns[residual.segment]
+            cost += residual.penalty
+            gradient[own] -= share * (J.T @ e)
+            curvature[np.ix_(own, own)] += share * (J.T @ J)
+        if not np.isfinite(cost) or not np.all(np.isfinite(gradient)):
+            return None
+        return Local(float(cost), gradient, curvature)
+
+    def learn(self, x: Array, floors: Mapping[str, float]) -> None:
+        """Let disturbances learn from what is left over at *x*, which becomes the point this objective is about."""
+        theta, effects, initial, shift = self.unpack(x)
+        craft = tuple(e for e in effects if not EFFECTS[e.slug].is_disturbance)
+        plain = Objective(self.problem, theta, initial, craft, shift=shift, fixed_effects=True)
+        found = plain.predicted(plain.pack(), sensitivities=False)
+        if found is None:
+            return
+        sums, counts = sums_of(found)
+        levels = {n: max(float(np.sqrt(sums[n] / max(counts[n], 1))), floors[n]) for n in sums}
+        runs = self.problem.segments
+        left = [Leftover(runs[r.segment].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in found]
+        self.effects = tuple(EFFECTS[e.slug].learn(e, left) if EFFECTS[e.slug].is_disturbance else e for e in effects)
+        self._recent.clear()
+        self.theta, self.initial, self.shift, self.levels = theta, initial, shift, levels
+
+    def known(self) -> tuple[Array, Array]:
+        """Return what is known before the data: expected value and information of each element of the vector.
+
+        Of the shift of stamps, which is about none; and of lagged inputs: each begins near the input in force.
+        """
+        prior, weight = np.zeros(self.size), np.zeros(self.size)
+        for segment, simulator, columns in zip(self.problem.segments, self.simulators, self.columns, strict=True):
+            for name, at in zip(simulator.free_states, columns[self.shared :], strict=False):
+                if name.startswith("lagged "):
+                    channel = segment.input_names.index(name.removeprefix("lagged "))
+                    own = segment.inputs[:, channel]
+                    prior[at] = first_input(segment)[channel]
+                    weight[at] = (LAGGED * max(float(np.ptp(own)), 1e-9)) ** -2
+        if self.dated:
+            weight[-1] = self.problem.shift_std**-2
+        return prior, weight
+
+    def wide(self, residual: Residual) -> Array:
+        """Return a residual's Jacobian (n, size) in the columns of the whole vector, of the samples that count."""
+        good = residual.known
+        table = np.zeros((int(good.sum()), self.size))
+        table[:, self.columns[residual.segment]] = residual.jacobian[good]
+        return table
+
+
+def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, int]]:
+    """Return sum of squares and number of the samples that count, per signal."""
+    sums: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for residual in residuals:
+        good = residual.judged[residual.known]
+        sums[residual.signal] = sums.get(residual.signal, 0.0) + float(good @ good)
+        counts[residual.signal] = counts.get(residual.signal, 0) + len(good)
+    return sums, counts
+
+
+def judged_by(effects: Sequence[EffectInstance], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    """Return a residual (n,), its derivatives (n, k) and the penalty as all disturbances among *effects* leave them."""
+    fee = 0.0
+    for own in effects:
+        if EFFECTS[own.slug].is_disturbance:
+            error, columns, more = EFFECTS[own.slug].judge(own, left, columns)
+            left, fee = _with_error(left, error), fee + more
+    return left.error, columns, fee
+
+
+def _with_error(left: Leftover, error: Array) -> Leftover:
+    return Leftover(left.run, left.signal, left.t, error, left.measured, left.level)
+
+
+def first_input(segment: Segment) -> Array:
+    """Return the inputs (m,) in force at the segment's start."""
+    row = int(np.searchsorted(segment.t_in, segment.start, side="right")) - 1
+    first: Array = segment.inputs[max(row, 0)]
+    return first
+
+
+def information_of(residuals: Sequence[Residual], columns: Sequence[Array], noise: Mapping[str, NoiseModel]) -> Array:
+    """Return the expected information (p, p) of numbers whose Jacobians are *columns* (n, p) each.
+
+    The noise levels are unknown too: what they take away, ``I_ps I_ss^-1 I_sp``, is taken off.
+    """
+    p = columns[0].shape[1]
+    total = np.zeros((p, p))
+    for name, model in noise.items():
+        mixed, own = np.zeros(p), 0.0
+        for residual, J in zip(residuals, columns, strict=True):
+            if residual.signal == name:
+                by_truth, by_both, by_sigma = model.information(residual.judged[residual.known]).T
+                total += J.T @ (by_truth[:, None] * J)
+                mixed += J.T @ by_both
+                own += float(by_sigma.sum())
+        if own > 0.0:
+            total -= np.outer(mixed, mixed) / own
+    return total

@@ -1,0 +1,256 @@
+"""What is to be fitted, before any numbers: segments and a form, ready for any effects; and what a fit leaves.
+
+In :meth:`Problem.fit` every noise level is at its best at every step (:meth:`.Objective.concentrated`), so that costs
+of models with different effects can be compared. Initial states are fitted per segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, in_order
+from gcs_autotune.identify.least_squares import descend, inverse_of
+from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models.coupled import CoupledModel, Form
+
+__all__ = ["Fitted", "Problem", "label_of"]
+
+Array = NDArray[np.float64]
+
+FLOOR = 1e-3
+"""Least noise level, in shares of a signal's standard deviation: what is smaller is nobody's trouble on the water."""
+
+ANGLES, TURN = ("phi", "theta", "psi"), 2.0
+"""A heading that goes round and round is not measured the worse for it: its spread counts up to this [rad]."""
+
+WAYS = {"x": ("u", "v"), "y": ("u", "v"), "z": ("w",)}
+STRIDE = 20
+"""Nor is a position for a long way gone: it counts up to what its velocities change it by in so many samples."""
+
+TOLERANCE = 1e-8
+"""Relative decrease of the cost that ends a search; the cost is some ten times the number of samples."""
+
+LESSONS = 3
+"""Rounds of fitting and learning where a disturbance is learnt from what is left over."""
+
+
+class Problem:
+    """Segments and a form, ready to fit with any effects.
+
+    Parameters
+    ----------
+    scene : what effects are told of the runs; None where none will be fitted. limits : of the base's parameters.
+    free : base parameters to fit (all free ones when None).
+    held : numbers of effects that stay as they are: (slug, place, name).
+    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a scene. With a
+        free delay there is no shift: the two are one number.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        segments: Sequence[Segment],
+        scene: DataSummary | None,
+        limits: Limits,
+        free: Sequence[str] | None = None,
+        held: Collection[tuple[str, str, str]] = (),
+        stamps: StampPrior | None = None,
+    ) -> None:
+        self.form = form
+        self.segments = tuple(segments)
+        self.summary = scene
+        self.limits = limits
+        self.free = tuple(form.free if free is None else free)
+        self.held = frozenset(held)
+        self.stamps = stamps or (WEAK if scene is None else DIAGNOSTIC)
+        self.floors = {} if scene is None else {n: FLOOR * min(s, _way(n, scene)) for n, s in scene.spread.items()}
+        dating = max((s.dating for s in self.segments), default=0.0)
+        self.dating = 0.0 if "delay" in self.free else dating
+
+    @property
+    def scene(self) -> DataSummary:
+        """What effects are told of the runs."""
+        assert self.summary is not None, "effects cannot be fitted without it"
+        return self.summary
+
+    @property
+    def shift_std(self) -> float:
+        """Standard deviation [s] with which the shift of stamps is known to be none; 0 when stamps are exact."""
+        return self.stamps.std * self.dating
+
+    def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
+        """Return the same problem on other segments (or with other base parameters free)."""
+        chosen = self.free if free is None else free
+        return Problem(self.form, segments, self.summary, self.limits, chosen, self.held, self.stamps)
+
+    def holding(self, free: Sequence[str], held: Collection[tuple[str, str, str]]) -> Problem:
+        """Return the same problem with the base parameters *free* only, and the numbers *held* of effects known."""
+        return Problem(self.form, self.segments, self.summary, self.limits, free, held, self.stamps)
+
+    def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
+        """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""
+        low, high = self.limits.of(self.free)
+        if not free_effects:
+            return low, high
+        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, self.scene) for i, _ in free_effects]
+        pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(own, free_effects, strict=True)]
+        return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
+
+    def fit(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        initial: Sequence[Array],
+        *,
+        trials: int = 30,
+        fixed_effects: bool = False,
+        learn: bool = True,
+        shift: float = 0.0,
+    ) -> Fitted | None:
+        """Fit from these values on; None when the motion runs away at the start already."""
+        objective = Objective(self, theta, initial, in_order(effects), shift=shift, fixed_effects=fixed_effects)
+        low, high = objective.limits()
+        x = np.clip(objective.pack(), low, high)
+        learns = learn and any(EFFECTS[e.slug].is_disturbance for e in objective.effects)
+        if learns:
+            objective.learn(x, self.floors)
+        cost = partial(objective.concentrated, floors=self.floors)
+        minimum = descend(cost, x, low, high, trials=trials, tolerance=TOLERANCE)
+        if minimum is None:
+            return None
+        if learns:
+            for _ in range(LESSONS if trials > 1 else 0):
+                objective.learn(minimum.x, self.floors)
+                again = descend(cost, minimum.x, low, high, trials=trials, tolerance=TOLERANCE)
+                if again is None:
+                    break
+                minimum = again
+        return _fitted(self, objective, minimum.x, minimum.converged)
+
+    def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...]]:
+        """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
+        objective = Objective(self, fitted.theta, fitted.initial, fitted.effects, shift=fitted.shift)
+        theta, effects, initial, _ = objective.unpack(np.clip(objective.pack() + by, *objective.limits()))
+        return theta, effects, initial
+
+    def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
+        """Return initial states of any segments, read off their first samples."""
+        from gcs_autotune.identify.coupled.start import ground_of
+
+        return ground_of(self.form, segments).initial
+
+    def states(
+        self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0
+    ) -> Fitted | None:
+        """Fit the initial states (and the shift of input stamps) only: how a given model predicts these segments."""
+        alone = self.on(self.segments, free=())
+        return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
+
+
+def _fitted(problem: Problem, objective: Objective, x: Array, converged: bool) -> Fitted | None:
+    """Return the fit that ended at *x*."""
+    residuals = objective.residuals(x)
+    if residuals is None:
+        return None
+    sums, counts = sums_of(residuals)
+    floors = problem.floors
+    levels = {n: float(np.sqrt(s / max(counts[n], 1) + floors[n] ** 2)) for n, s in sums.items()}
+    prior, weight = objective.known()
+    cost = sum(r.penalty for r in residuals) + float(weight @ (x - prior) ** 2)
+    cost += sum(counts[n] * np.log(levels[n] ** 2 / floors[n] ** 2) for n in sums)
+    theta, effects, initial, shift = objective.unpack(x)
+    return Fitted(
+        form=problem.form,
+        theta=theta,
+        effects=effects,
+        initial=initial,
+        cost=float(cost),
+        levels=levels,
+        rests=tuple(replace(r, jacobian=np.zeros((len(r.t), 0))) for r in residuals),
+        free=problem.free,
+        free_effects=objective.free_effects,
+        jacobian=np.vstack([objective.wide(r) / levels[r.signal] for r in residuals]),
+        samples=sum(counts.values()),
+        converged=converged,
+        shift=shift,
+        slack=problem.shift_std,
+    )
+
+
+def label_of(own: EffectInstance, name: str) -> str:
+    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
+    return f"{own.slug}@{own.place}.{name}"
+
+
+def _way(signal: str, scene: DataSummary) -> float:
+    """Return up to where the spread of a signal counts."""
+    if signal in ANGLES:
+        return TURN
+    speed = float(np.hypot.reduce([scene.spread.get(v, 0.0) for v in WAYS.get(signal, ())]))
+    return STRIDE * scene.interval * speed if speed > 0.0 else np.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A fitted model.
+
+    ``theta`` (p,), ``effects``, ``initial`` (n,) per segment; ``cost`` minus twice the log-likelihood (up to a
+    constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
+    were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
+    for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated midway turned
+    out too early, the last column of ``jacobian`` when there are such; known beforehand to be 0 +- ``slack``.
+    """
+
+    form: Form
+    theta: Array
+    effects: tuple[EffectInstance, ...]
+    initial: tuple[Array, ...]
+    cost: float
+    levels: Mapping[str, float]
+    rests: tuple[Residual, ...]
+    free: tuple[str, ...]
+    free_effects: tuple[tuple[int, str], ...]
+    jacobian: Array
+    samples: int
+    converged: bool
+    shift: float = 0.0
+    slack: float = 0.0
+
+    @property
+    def model(self) -> ExtendedModel:
+        """The model."""
+        values = dict(zip(self.form.parameters, self.theta.tolist(), strict=True))
+        return ExtendedModel(CoupledModel(self.form, values), self.effects)
+
+    @property
+    def shared(self) -> Array:
+        """The fitted numbers (f,): base parameters, then those of the effects."""
+        places = [self.form.parameters.index(n) for n in self.free]
+        return np.concatenate([self.theta[places], [self.effects[i].values[n] for i, n in self.free_effects]])
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers were fitted besides initial states."""
+        return len(self.free) + len(self.free_effects)
+
+    @property
+    def residual(self) -> Array:
+        """All finite judged residuals over their noise levels (n,), in the order of ``jacobian``."""
+        return np.concatenate([r.judged[np.isfinite(r.judged)] / self.levels[r.signal] for r in self.rests])
+
+    def covariance(self, raised: float = 1.0) -> Array:
+        """Return the covariance of the fitted numbers, times *raised* for coloured residuals."""
+        return raised * inverse_of(self.information(raised))
+
+    def information(self, raised: float = 1.0) -> Array:
+        """Return the information matrix (q, q), that of what is known of the shift beforehand taken times *raised*."""
+        information = np.asarray(self.jacobian.T @ self.jacobian)
+        if self.slack:
+            information[-1, -1] += raised / self.slack**2
+        return information

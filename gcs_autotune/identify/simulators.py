@@ -1,0 +1,259 @@
+"""What a likelihood asks of a model: a segment's signals, and their derivatives by everything that may be fitted.
+
+Three kernels answer: the exact one of one degree of freedom, that of coupled forms, and that with effects around it. To
+a likelihood all are a form (names of parameters and states) and a :class:`SegmentSimulator`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, horizon
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models.coupled import Form, Simulator
+from gcs_autotune.models.coupled.kernel import COS_PSI, ETA, NEAR, SIN_PHI, SIN_PSI, SIN_THETA
+from gcs_autotune.models.coupled.program import program_of
+from gcs_autotune.models.simulation import simulate_explicit
+from gcs_autotune.sname import DOFS, Dof
+
+__all__ = ["EXPLICIT", "ExplicitForm", "Predicted", "SegmentSimulator", "free_states", "simulator_of", "typical_of"]
+
+Array = NDArray[np.float64]
+Predicted = dict[str, tuple[Array, Array]]
+
+PATIENCE = 30
+"""Steps per stamp of a simulation without effects; what is stiffer is no craft whose samples these are."""
+
+EXPLICIT = ("b", "a", "c", "d", "delay")
+"""Parameters of :class:`ExplicitForm`, in this order."""
+
+_POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
+
+
+class SegmentSimulator(Protocol):
+    """A form, with effects or without, made ready for one choice of free numbers."""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state vector."""
+
+    @property
+    def free_states(self) -> tuple[str, ...]:
+        """Names of the initial states that derivatives are given by."""
+
+    def predict(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        segment: Segment,
+        shift: float,
+        *,
+        sensitivities: bool,
+    ) -> Predicted | None:
+        """Return every signal at its own stamps (n,) with its Jacobian; None when the motion runs away.
+
+        The Jacobian's columns: free base parameters, free parameters of effects, free initial states, and last, if it
+        was asked for, the shift [s] by which the inputs come later than stamped.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class ExplicitForm(Form):
+    """One degree of freedom: ``nu_dot = b*tau(t - delay) - a*nu - c*|nu|*nu + d``, of :mod:`..models.simulation`.
+
+    In these numbers the motion is nearly linear, and limits on rates are limits on numbers.
+    """
+
+    def __post_init__(self) -> None:
+        """Names here are no derivatives, nothing is checked."""
+
+    @classmethod
+    def of(cls, dof: Dof) -> ExplicitForm:
+        """Return the form of *dof*."""
+        return cls(f"{dof.name}/explicit", dof.name, (dof.name,), EXPLICIT, {}, {})
+
+
+class AxisSimulator:
+    """The exact kernel of one degree of freedom; later stamps are a longer delay."""
+
+    def __init__(self, form: ExplicitForm, free: Sequence[str], free_states: Sequence[str], *, dated: bool) -> None:
+        dof = DOFS[form.dofs[0]]
+        self.states = (dof.position, dof.velocity)
+        self.free_states = tuple(free_states)
+        states = [len(EXPLICIT) + self.states.index(n) for n in free_states]
+        self._columns = [*(EXPLICIT.index(n) for n in free), *states, *([EXPLICIT.index("delay")] if dated else [])]
+        self._position = dof.position
+
+    def predict(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        segment: Segment,
+        shift: float,
+        *,
+        sensitivities: bool,
+    ) -> Predicted | None:
+        """As :class:`SegmentSimulator`; derivatives come in any case."""
+        numbers = np.concatenate([theta, x_0])
+        if segment.dating:
+            numbers[EXPLICIT.index("delay")] += shift
+        motion = simulate_explicit(numbers, segment.t_in, segment.tau, segment.stamps)
+        if not motion.finite:
+            return None
+        found = {}
+        for name, at in segment.at.items():
+            position = name == self._position
+            value, by = (motion.eta, motion.eta_by) if position else (motion.nu, motion.nu_by)
+            found[name] = (value[at], by[at][:, self._columns])
+        return found
+
+
+class FormSimulator:
+    """A coupled form without effects. Of the shift of stamps the kernel knows the derivative: that of a delay."""
+
+    def __init__(
+        self, form: Form, free: Sequence[str], free_states: Sequence[str], *, dated: bool, patience: int | None
+    ) -> None:
+        self.free_states = tuple(free_states)
+        self._dated, self._count = dated, len(free)
+        whole = form.freeing("delay") if dated and "delay" not in form.parameters else form
+        self._places = [whole.parameters.index(n) for n in form.parameters]
+        self._size = len(whole.parameters)
+        wanted = (*free, "delay") if dated else tuple(free)
+        self._simulator = Simulator(
+            whole, wanted, self.free_states, patience=PATIENCE if patience is None else patience
+        )
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """As :class:`SegmentSimulator`."""
+        return self._simulator.states
+
+    def predict(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        segment: Segment,
+        shift: float,
+        *,
+        sensitivities: bool,
+    ) -> Predicted | None:
+        """As :class:`SegmentSimulator`."""
+        values = np.zeros(self._size)
+        values[self._places] = theta
+        t_in = segment.t_in + shift if shift and segment.dating else segment.t_in
+        found = self._simulator.run(values, x_0, t_in, segment.inputs, segment.stamps, sensitivities=sensitivities)
+        if found is None:
+            return None
+        predicted = {}
+        for name, at in segment.at.items():
+            value, by = self._simulator.outputs(values, *found, name)
+            by = by[at]
+            if self._dated and sensitivities:
+                late = by[:, self._count : self._count + 1] * float(segment.dating > 0.0)
+                by = np.hstack([by[:, : self._count], by[:, self._count + 1 :], late])
+            predicted[name] = (value[at], by)
+        return predicted
+
+
+class EffectSimulator:
+    """A coupled form with effects. The shift of stamps by a difference as long as that of the effect ``input-delay``:
+    the two must not look different."""
+
+    def __init__(self, simulator: ExtendedSimulator, scene: DataSummary, *, dated: bool) -> None:
+        self._simulator, self._dated, self._step = simulator, dated, STEP * horizon(scene)[1]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """As :class:`SegmentSimulator`."""
+        return self._simulator.states
+
+    @property
+    def free_states(self) -> tuple[str, ...]:
+        """As :class:`SegmentSimulator`."""
+        return self._simulator.free_states
+
+    def predict(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        x_0: Array,
+        segment: Segment,
+        shift: float,
+        *,
+        sensitivities: bool,
+    ) -> Predicted | None:
+        """As :class:`SegmentSimulator`."""
+        found = self._simulator.run(theta, effects, x_0, segment.passage_at(shift), sensitivities=sensitivities)
+        if found is None or not (sensitivities and self._dated):
+            return found
+        later = self._simulator.run(theta, effects, x_0, segment.passage_at(shift + self._step))
+        if later is None:
+            return None
+        return {n: (y, np.column_stack([by, (later[n][0] - y) / self._step])) for n, (y, by) in found.items()}
+
+
+def simulator_of(
+    form: Form,
+    effects: Sequence[EffectInstance],
+    free: Sequence[str],
+    free_effects: Sequence[tuple[int, str]],
+    states: Sequence[str],
+    *,
+    typical: Sequence[float],
+    scene: DataSummary | None,
+    dated: bool,
+    patience: int | None,
+) -> SegmentSimulator:
+    """Return what simulates *form* with *effects*; with a *scene* always as one to which effects may be added."""
+    if isinstance(form, ExplicitForm):
+        return AxisSimulator(form, free, states, dated=dated)
+    if scene is None:
+        return FormSimulator(form, free, states, dated=dated, patience=patience)
+    return EffectSimulator(ExtendedSimulator(form, effects, free, free_effects, states, typical), scene, dated=dated)
+
+
+def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment) -> tuple[str, ...]:
+    """Return the initial states to fit: all that some measured signal depends on."""
+    if isinstance(form, ExplicitForm):
+        dof = DOFS[form.dofs[0]]
+        return (dof.position, dof.velocity) if dof.position in segment.signals else (dof.velocity,)
+    form = ExtendedSimulator(form, effects).form if effects else form
+    measured = set(segment.signals)
+    program = program_of(form)
+    sines = {SIN_PHI: 3, SIN_THETA: 4, SIN_PSI: 5, COS_PSI: 5, NEAR: 2}
+    codes = {int(c) for c in program.factors.ravel()}
+    restoring = {sines.get(c, c - ETA) for c in codes if ETA <= c < ETA + 6 or c in sines}
+    current = {"V_x", "V_y"} & set(form.parameters) and {"u", "v"} & measured
+    wanted = []
+    for name in Simulator(form).states:
+        if name not in _POSITIONS:
+            wanted.append(name)
+            continue
+        used = name in measured or _POSITIONS.index(name) in restoring
+        if name == "psi":
+            used = used or bool(current) or bool({"x", "y"} & measured)
+        if name in ("phi", "theta") and program.spatial:
+            used = used or bool(set(_POSITIONS) & measured)
+        if used:
+            wanted.append(name)
+    return tuple(wanted)
+
+
+def typical_of(own: EffectInstance, scene: DataSummary) -> dict[str, float]:
+    """Return the size of each parameter of an effect: the largest of its starts, or of its value."""
+    entry = EFFECTS[own.slug]
+    starts = entry.starts(own.place, scene)
+    sizes = {}
+    for name in own.values:
+        largest = max((abs(s.get(name, 0.0)) for s in starts), default=0.0)
+        sizes[name] = max(largest, abs(own.values[name])) or 1.0
+    return sizes

@@ -1,0 +1,172 @@
+"""At which of the autopilot's loops did an input change, where the stamps leave several?
+
+Messages 40 ms apart on a 20 ms loop leave two: such a change is dated between them and is 10 ms wrong, others of the
+same run are right. That colours the residuals, doubles the standard errors, and on a precise gyro looks like a fault
+of the gyro's. The record itself tells: every doubtful change gets a time shift of its own beside the fitted numbers
+(one Gauss-Newton step of the joint fit), and is moved to the loop the shift points to when the next one is
+three standard errors less likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EffectInstance
+from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.preparation import WITHIN_LOOP
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import simulator_of
+from gcs_autotune.identify.solution import Solution
+from gcs_autotune.models.coupled import Form
+
+__all__ = ["Switches", "corrected", "switches_of"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST = 120
+"""Doubtful changes beyond which nothing is tried: that is no relay, and each costs a simulation."""
+
+WIDE = 2.0
+"""Standard deviation of a shift before the data, in units of what the stamps allow: weak, as for the common one."""
+
+SURELY = 9.0
+"""Difference of squared standard errors by which a loop must be likelier than the next: three standard errors."""
+
+ROUNDS = 5
+
+NUDGE = 1e-4
+"""Seconds by which a change is moved for its derivative: short against a loop, long against rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Switches:
+    """How every signal of a segment (n,) answers to a later stamp of each doubtful change: ``by`` (n, k) per signal,
+    and ``which`` changes (k,) these are."""
+
+    by: dict[str, Array]
+    which: Index
+
+    @property
+    def finite(self) -> bool:
+        """Whether no simulation ran away."""
+        return all(bool(np.isfinite(table).all()) for table in self.by.values())
+
+
+def switches_of(
+    form: Form,
+    segment: Segment,
+    theta: Array,
+    initial: Array,
+    shift: float = 0.0,
+    effects: Sequence[EffectInstance] = (),
+) -> Switches:
+    """Return the derivatives of the motion from *initial*, the state at ``segment.start``."""
+    delay = float(theta[form.parameters.index("delay")]) if "delay" in form.parameters else 0.0
+    at = segment.t_in + delay + shift
+    which = np.flatnonzero((segment.slack > 0.0) & (at > segment.start) & (at < segment.stamps[-1]))
+    if len(which) > MOST:
+        which = which[:0]
+    simulator = simulator_of(form, effects, (), (), (), typical=(), scene=None, dated=False, patience=None)
+
+    def moved(j: int, by: float) -> Segment:
+        t_in = segment.t_in.copy()
+        t_in[j] += by
+        return replace(segment, t_in=t_in)
+
+    here = simulator.predict(theta, effects, initial, segment, shift, sensitivities=False)
+    by = {n: np.full((len(s.t), len(which)), np.nan) for n, s in segment.signals.items()}
+    for column, j in enumerate(which):
+        after = simulator.predict(theta, effects, initial, moved(int(j), NUDGE), shift, sensitivities=False)
+        if here is None or after is None:
+            break
+        for name, table in by.items():
+            table[:, column] = (after[name][0] - here[name][0]) / NUDGE
+    return Switches(by, which)
+
+
+def corrected(segments: Sequence[Segment], fitted: Sequence[Segment], solution: Solution) -> tuple[Segment, ...] | None:
+    """Return *segments* with those changes moved whose loop is clear from *solution*; None when there is none such.
+
+    *fitted* are the segments *solution* was made on: they may begin later and hold fewer signals, nothing else.
+    """
+    if not any(s.slack.any() for s in fitted):
+        return None
+    tables = [
+        switches_of(solution.form, s, solution.theta, x_0, solution.shift)
+        for s, x_0 in zip(fitted, solution.initial, strict=True)
+    ]
+    sizes = [len(t.which) for t in tables]
+    if not sum(sizes) or not all(t.finite for t in tables):
+        return None
+    found = _moves(fitted, solution, tables)
+    if not np.isfinite(found).any():
+        return None
+    return tuple(
+        _moved(segment, table.which, moves)
+        for segment, table, moves in zip(segments, tables, np.split(found, np.cumsum(sizes)[:-1]), strict=True)
+    )
+
+
+def _moves(segments: Sequence[Segment], solution: Solution, tables: Sequence[Switches]) -> Array:
+    """Return the move [s] of every doubtful change, NaN for those that stay doubtful."""
+    offsets = np.concatenate([[0], np.cumsum([len(t.which) for t in tables])])
+    slack = np.concatenate([s.slack[t.which] for s, t in zip(segments, tables, strict=True)])
+    loop = np.concatenate([np.full(len(t.which), s.loop) for s, t in zip(segments, tables, strict=True)])
+    columns = []
+    for residual, rows in zip(solution.residuals, solution.rows, strict=True):
+        own = np.zeros((len(rows), int(offsets[-1])))
+        by = tables[residual.segment].by[residual.signal][residual.known]
+        own[:, offsets[residual.segment] : offsets[residual.segment + 1]] = by / solution.models[residual.signal].std
+        columns.append(own)
+    S, J, score = np.vstack(columns), np.vstack(solution.rows), np.concatenate(solution.scores)
+    found = np.full(len(slack), np.nan)
+    for _ in range(ROUNDS):
+        open_ = np.isnan(found)
+        if not open_.any():
+            break
+        left = score - S[:, ~open_] @ found[~open_]
+        mean, std = _posterior(J, S[:, open_], left, WIDE * slack[open_], solution)
+        nearest = _nearest(mean, std, slack[open_], loop[open_])
+        if np.isnan(nearest).all():
+            break
+        found[open_] = nearest
+    return found
+
+
+def _posterior(J: Array, S: Array, score: Array, wide: Array, solution: Solution) -> tuple[Array, Array]:
+    """Return the shifts and their standard errors, everything that was fitted left free to move with them."""
+    p, table = J.shape[1], np.hstack([J, S])
+    known = np.zeros(len(wide) + p)
+    known[p:] = wide**-2.0
+    if solution.shift_std > 0.0:
+        known[p - 1] = solution.shift_std**-2
+    covariance = inverse_of(table.T @ table + np.diag(known))
+    x = covariance @ (table.T @ score)
+    rest = score - table @ x
+    scatter = float(rest @ rest) / max(len(rest) - p, 1)
+    return x[p:], np.sqrt(scatter * np.diag(covariance)[p:])
+
+
+def _nearest(mean: Array, std: Array, slack: Array, loop: Array) -> Array:
+    """Return the loop each shift points to, relative to the stamp, NaN where two are about as likely."""
+    found = np.full(len(mean), np.nan)
+    for i in range(len(mean)):
+        places = np.arange(-slack[i], slack[i] + 0.5 * loop[i], loop[i])
+        away = np.sort(((mean[i] - places) / std[i]) ** 2)
+        if len(away) > 1 and away[1] - away[0] > SURELY:
+            found[i] = places[np.argmin(np.abs(mean[i] - places))]
+    return found
+
+
+def _moved(segment: Segment, which: Index, moves: Array) -> Segment:
+    clear = np.isfinite(moves)
+    t_in, slack = segment.t_in.copy(), segment.slack.copy()
+    t_in[which[clear]] += moves[clear]
+    slack[which[clear]] = 0.0
+    dating = segment.dating if slack.any() else min(segment.dating, WITHIN_LOOP * segment.loop)
+    return replace(segment, t_in=t_in, slack=slack, dating=dating)
