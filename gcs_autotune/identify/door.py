@@ -22,6 +22,7 @@ from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.preparation import guess_dof, prepare, prepare_form
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import FORMS, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
@@ -162,7 +163,7 @@ def _fit_coupled(
         options=options,
     )
     found = with_bounds(chosen.coupled(case), runs)
-    return _with_doubts(found, [*doubts, *(d for r in records for d in r.notes)])
+    return _with_doubts(found, [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)])
 
 
 def fit_axis(
@@ -207,7 +208,9 @@ def fit_axis(
             options=options,
         )
     )
-    return _with_doubts(with_bounds(found, runs), [*doubts, *(d for r in records for d in r.notes)])
+    return _with_doubts(
+        with_bounds(found, runs), [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
+    )
 
 
 _Kind = TypeVar("_Kind", bound=Fit)
@@ -218,6 +221,30 @@ def _with_doubts(fit: _Kind, doubts: Sequence[Doubt]) -> _Kind:
     known = {(d.slug, d.cause) for d in fit.doubts}
     new = {(d.slug, d.cause): d for d in doubts if (d.slug, d.cause) not in known}
     return replace(fit, doubts=(*new.values(), *fit.doubts)) if new else fit
+
+
+def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[Doubt]:
+    """Return a doubt for what these runs, or the question, ask of *method* and it cannot take."""
+    found = []
+    dating = max(s.dating for s in segments)
+    if dating > 0.0 and "stamps" not in method.bears:
+        found.append(
+            Doubt(
+                "stamps-taken-as-exact",
+                f"the stamps of the inputs may all be off by up to {1000.0 * dating:.0f} ms, which {method.name} "
+                "cannot account for: its standard errors leave that out",
+                "compare with output-error, which fits the shift",
+            )
+        )
+    if loss == "soft_l1" and "robust" not in method.bears:
+        found.append(
+            Doubt(
+                "outliers-not-weighed",
+                f"{method.name} has no robust loss: every sample counted in full",
+                "take output-error, or mend the sensor",
+            )
+        )
+    return found
 
 
 def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:

@@ -27,6 +27,7 @@ METHODS: Mapping[str, Method] = {
             axis=fit_by_output_error,
             coupled=fit_coupled_by_output_error,
             options=limits.OPTIONS,
+            bears=frozenset({"stamps", "rounding", "robust", "delay", "effects"}),
         ),
         Method(
             "global",
@@ -34,6 +35,7 @@ METHODS: Mapping[str, Method] = {
             axis=for_axis(by_global.fit_by_global_search),
             coupled=by_global.fit_by_global_search,
             options=by_global.OPTIONS,
+            bears=frozenset({"stamps", "robust"}),
         ),
         Method(
             "prediction-error",
@@ -41,6 +43,7 @@ METHODS: Mapping[str, Method] = {
             axis=for_axis(prediction_error.fit_by_prediction_error),
             coupled=prediction_error.fit_by_prediction_error,
             options=prediction_error.PEM_OPTIONS,
+            bears=frozenset({"stamps"}),
         ),
         Method(
             "ekf",
@@ -48,6 +51,7 @@ METHODS: Mapping[str, Method] = {
             axis=for_axis(ekf.fit_by_ekf),
             coupled=ekf.fit_by_ekf,
             options=ekf.FILTER_OPTIONS,
+            bears=frozenset({"stamps"}),
         ),
         Method(
             "ukf",
@@ -55,6 +59,7 @@ METHODS: Mapping[str, Method] = {
             axis=for_axis(ekf.fit_by_ukf),
             coupled=ekf.fit_by_ukf,
             options=ekf.FILTER_OPTIONS,
+            bears=frozenset({"stamps"}),
         ),
         Method(
             "smoother",
@@ -62,6 +67,7 @@ METHODS: Mapping[str, Method] = {
             axis=for_axis(smoother.fit_by_smoother),
             coupled=smoother.fit_by_smoother,
             options=smoother.SMOOTHER_OPTIONS,
+            bears=frozenset({"stamps"}),
         ),
         Method(
             "least-squares",
@@ -69,6 +75,7 @@ METHODS: Mapping[str, Method] = {
             axis=by_least_squares.fit_axis_by_least_squares,
             coupled=by_least_squares.fit_by_least_squares,
             options=by_least_squares.OPTIONS,
+            bears=frozenset({"stamps", "robust"}),
         ),
         Method(
             "instrumental-variables",
@@ -76,6 +83,7 @@ METHODS: Mapping[str, Method] = {
             axis=by_instruments.fit_axis_by_instruments,
             coupled=by_instruments.fit_by_instruments,
             options=by_instruments.OPTIONS,
+            bears=frozenset({"stamps", "robust"}),
         ),
         Method(
             "recursive-least-squares",
@@ -83,6 +91,7 @@ METHODS: Mapping[str, Method] = {
             axis=by_recursion.fit_axis_by_recursion,
             coupled=by_recursion.fit_by_recursion,
             options=by_recursion.OPTIONS,
+            bears=frozenset({"stamps"}),
         ),
         Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso),
         Method("step", "settled responses to steps of the input (Miskovic2010, table 4.1)", axis=fit_by_steps),

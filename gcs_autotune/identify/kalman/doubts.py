@@ -28,7 +28,9 @@ COLOUR = 0.2
 def filter_doubts(task: Task, last: Passed, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:
     """Return the doubts about a fit whose last pass and last parameter moves (p,) are given."""
     doubts = [*_consistency(task, last)]
-    names = task.bank.free
+    names = [n for n in task.bank.free if not task.is_shift(n)]
+    own = [task.bank.free.index(n) for n in names]
+    moved, std, widest = moved[own], std[own], (task.spread * task.start.scale)[own]
     restless = [n for n, m in zip(names, moved, strict=True) if m > MOVING]
     if restless:
         doubts.append(
@@ -38,7 +40,7 @@ def filter_doubts(task: Task, last: Passed, moved: Array, std: Array, model: Cou
                 "allow more passes, or give start values nearer to the craft",
             )
         )
-    unseen = [n for n, s, w in zip(names, std, task.spread * task.start.scale, strict=True) if s > UNSEEN * w]
+    unseen = [n for n, s, w in zip(names, std, widest, strict=True) if s > UNSEEN * w]
     if unseen:
         doubts.append(
             Doubt(

@@ -20,6 +20,7 @@ from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.smoother import SETTLED, iterate, positive_inertia, settled
 from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_states, task_of
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.settled_stamps import on_settled_stamps
 
 __all__ = ["FILTER_OPTIONS", "fit_by_ekf", "fit_by_ukf"]
 
@@ -47,8 +48,9 @@ def fit_by_ekf(case: CoupledCase) -> Fit:
     return _fit(case, "ekf", sigma=False)
 
 
+@on_settled_stamps
 def fit_by_ukf(case: CoupledCase) -> Fit:
-    """Fit by the sigma-point filter; see :mod:`.sigma`."""
+    """Fit by the sigma-point filter; see :mod:`.sigma`. Its points cannot carry a shift of stamps."""
     return _fit(case, "ukf", sigma=True)
 
 

@@ -80,8 +80,18 @@ class _Likelihood:
         return Levels(noise, together[m:], np.zeros(0))
 
     def at(self, point: _Point, *, full: bool = False) -> Passed | None:
-        """Return the filter's pass at *point*."""
-        return self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
+        """Return the filter's pass at *point*, what is known of a shift of stamps in its log likelihood."""
+        passed = self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
+        if passed is None or self.task.stamps is None:
+            return passed
+        off, weight = self._shift(point)
+        return replace(passed, log_likelihood=passed.log_likelihood - 0.5 * weight * off**2)
+
+    def _shift(self, point: _Point) -> tuple[float, float]:
+        """Return how far a shift of stamps is from none, and the information known of it beforehand."""
+        at = self.task.bank.free.index("delay")
+        std = self.task.spread * float(self.task.start.scale[at])
+        return float(point.parameters[at]) - float(self.task.stamps or 0.0), std**-2
 
     def score(self, point: _Point, here: Passed, steps: Array) -> tuple[Array, Array]:
         """Return gradient and information by parameters and levels; *steps* (p + l,) are difference lengths."""
@@ -104,6 +114,11 @@ class _Likelihood:
         j, d = np.array(J), np.array(D)
         gradient = -(j @ (e / S)) - 0.5 * d @ ((1.0 - e * e / S) / S)
         information = (j / S) @ j.T + 0.5 * (d / S**2) @ d.T
+        if self.task.stamps is not None:
+            at = self.task.bank.free.index("delay")
+            off, weight = self._shift(point)
+            gradient[at] -= weight * off
+            information[at, at] += weight
         return gradient, information
 
 

@@ -49,18 +49,25 @@ def report(task: Task, method: str, found: Found) -> Fit:
     units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     parameters: dict[str, Parameter] = {}
-    for name in form.parameters:
+    names = [n for n in form.parameters if not task.is_shift(n) or n in task.form.parameters]
+    for name in names:
         unit = form.unit_of(name, units)
-        if name in bank.free:
+        if task.is_shift(name):
+            parameters[name] = Parameter(name, float(task.stamps or 0.0), unit, 0.0, "fixed")
+        elif name in bank.free:
             i = bank.free.index(name)
             value, bound = float(found.parameters[i]), float(found.bounds[i])
             parameters[name] = Parameter(name, value, unit, float(std[i]), "fitted", bound)
         else:
             parameters[name] = Parameter(name, float(form.known[name]), unit, 0.0, "fixed")
-    covariance = np.zeros((len(form.parameters), len(form.parameters)))
-    covariance[np.ix_(bank.places, bank.places)] = found.covariance
-    model = CoupledModel(form, {n: p.value for n, p in parameters.items()})
-    traces, runaway = _free_runs(model, task)
+    sought = [n for n in bank.free if not task.is_shift(n)]
+    at, places = [bank.free.index(n) for n in sought], [names.index(n) for n in sought]
+    covariance = np.zeros((len(names), len(names)))
+    covariance[np.ix_(places, places)] = found.covariance[np.ix_(at, at)]
+    values = {n: p.value for n, p in parameters.items()}
+    model = CoupledModel(task.form, values)
+    shift = {n: float(v) for n, v in zip(bank.free, found.parameters, strict=True) if task.is_shift(n)}
+    traces, runaway = _free_runs(CoupledModel(form, {**values, **shift}), task)
     own = tuple(d for r in case.records for d in r.notes)
     return Fit(
         dof="+".join(form.dofs) if len(form.dofs) > 1 else form.dofs[0],
@@ -79,6 +86,7 @@ def report(task: Task, method: str, found: Found) -> Fit:
                 s: float(np.sqrt(v)) for s, v in zip(bank.states, found.levels.drive, strict=True) if s in "uvwpqr"
             },
             "log_likelihood": found.last.log_likelihood,
+            "time_shift": sum(shift.values()) - (task.stamps or 0.0),
             "innovations": _innovations(task, found.last),
             **found.extra,
         },

@@ -105,7 +105,7 @@ def _rank(ended: Ended) -> tuple[bool, float]:
 def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
     """Run at most *rounds* rounds from *theta*; None when even the first runs away."""
     bank, prior = task.bank, task.prior
-    prior = replace(prior, covariance=WIDE**2 * prior.covariance)
+    prior = replace(prior, covariance=task.widened(WIDE))
     here, paths, levels = theta[bank.places], task.start.paths, task.start.levels
     ended, last, retreats = None, here, 0
     for count in range(1, rounds + 1):

@@ -13,6 +13,8 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
+from gcs_autotune.identify.likelihood import WEAK
+from gcs_autotune.models.coupled import Form
 
 __all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]
 
@@ -34,23 +36,35 @@ REPEAT = 3.0
 class Task:
     """What every method here works on.
 
-    ``tune_noise``, ``tune_drive``: whether levels are estimated or given. ``loose`` (n,): a drive on the high side,
-    which ties the states to the samples.
+    ``form``: what is asked; that of ``bank`` has the shift of input stamps besides, as ``delay``, where these are not
+    exact (decision 3): ``stamps`` [s] is then the delay it is about. ``tune_noise``, ``tune_drive``: whether levels are
+    estimated or given. ``loose`` (n,): a drive on the high side, which ties the states to the samples.
     """
 
     case: CoupledCase
+    form: Form
     bank: Bank
     start: Start
     spread: float
     tune_noise: bool
     tune_drive: bool
     loose: Array
+    stamps: float | None = None
 
     @property
     def prior(self) -> Prior:
         """What is assumed before the first sample."""
         theta = self.start.theta[self.bank.places]
         return Prior(self.start.states, self.start.spread, theta, np.diag((self.spread * self.start.scale) ** 2))
+
+    def widened(self, factor: float) -> Array:
+        """Return the covariance of the prior *factor* times as wide, that of a shift of stamps as it is known."""
+        wide = np.array([1.0 if self.is_shift(n) else factor for n in self.bank.free])
+        return self.prior.covariance * np.outer(wide, wide)
+
+    def is_shift(self, name: str) -> bool:
+        """Whether a name in the state is the shift of input stamps."""
+        return self.stamps is not None and name == "delay"
 
     def theta(self, free: Array) -> Array:
         """Return all parameters with the free ones at *free* (p,)."""
@@ -87,11 +101,17 @@ def task_of(case: CoupledCase) -> Task:
         form = form.fixing({"delay": case.delay})
     if not form.free:
         raise NotInformative(f"form '{form.name}' has no free parameter: there is nothing to identify")
+    dating = max((s.dating for s in case.records), default=0.0)
+    stamps = form.known.get("delay", 0.0) if dating > 0.0 and "delay" not in form.free else None
+    asked = form
+    form = form if stamps is None else form.freeing("delay")
     bank = Bank(form, case.records, form.free)
     given = {**form.start, **_numbers(case.options, "start")}
-    unknown = set(given) - set(form.parameters)
+    unknown = set(given) - set(asked.parameters)
     if unknown:
         raise UsageError(f"start names {', '.join(sorted(unknown))}, which form '{form.name}' does not have")
+    if stamps is not None:
+        given = {**given, "delay": stamps}
     start = begin(bank, given)
     levels, loose = start.levels, start.levels.drive
     noise, drive = _numbers(case.options, "measurement_noise"), case.options.get("state_noise")
@@ -103,8 +123,12 @@ def task_of(case: CoupledCase) -> Task:
     spread = float(case.options.get("spread", 1.0))
     if not spread > 0.0:
         raise UsageError(f"spread must be positive, not {spread}")
+    if stamps is not None:
+        scale = start.scale.copy()
+        scale[bank.free.index("delay")] = WEAK.std * dating / spread
+        start = replace(start, scale=scale)
     tune_noise = not set(bank.signals) <= set(noise)
-    return Task(case, bank, replace(start, levels=levels), spread, tune_noise, drive is None, loose)
+    return Task(case, asked, bank, replace(start, levels=levels), spread, tune_noise, drive is None, loose, stamps)
 
 
 def _numbers(options: Mapping[str, Any], name: str) -> dict[str, float]:

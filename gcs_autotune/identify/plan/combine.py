@@ -171,7 +171,7 @@ def _local(places: Sequence[_Place], vector: Array) -> Local | None:
 
 def _slow_laws(place: _Place, x: Array) -> dict[str, NoiseModel]:
     """Return the noise laws of one part with the noise at low frequency in place of the standard deviation."""
-    residuals = place.objective.residuals(x[place.columns]) or []
+    residuals = place.objective.residuals(x[place.columns]) or ()
     levels = {}
     for name, law in place.laws.items():
         own = [r.judged for r in residuals if r.signal == name]

@@ -30,6 +30,7 @@ from gcs_autotune.identify.regression.solver import Estimate, information
 from gcs_autotune.identify.regression.spread import NoiseDraw, excess_doubt, raised
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.identify.whiteness import scores_covariance
 
 __all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
@@ -49,6 +50,7 @@ HALVINGS = 8
 """How often a step is halved when the model it leads to cannot be simulated."""
 
 
+@on_settled_stamps
 def fit_by_instruments(case: CoupledCase) -> Fit:
     """Fit *case* by refined instrumental variables, from least squares; errors as there."""
     recipe, motions, first, draws = recipe_of(case, robust=case.robust)

@@ -16,6 +16,7 @@ from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.settled_stamps import on_settled_stamps
 
 __all__ = ["OPTIONS", "fit_axis_by_least_squares", "fit_by_least_squares", "refusing_runaways"]
 
@@ -23,6 +24,7 @@ OPTIONS = (*RECIPE_OPTIONS, ("physical", "True: M and D(nu) held positive defini
 """Options of ``fit`` read by this method."""
 
 
+@on_settled_stamps
 def fit_by_least_squares(case: CoupledCase) -> Fit:
     """Fit *case* by least squares; Miskovic2010, eq. (4.10)-(4.22), Miskovic2007 (5)-(11), ZhaoUSV (19)-(26).
 

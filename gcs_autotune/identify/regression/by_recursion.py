@@ -30,6 +30,7 @@ from gcs_autotune.identify.regression.rows import Rows
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.settled_stamps import on_settled_stamps
 
 __all__ = ["OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recursion", "recursive"]
 
@@ -57,6 +58,7 @@ class History:
     stds: Array
 
 
+@on_settled_stamps
 def fit_by_recursion(case: CoupledCase) -> Fit:
     """Fit *case* by recursive least squares; errors as :func:`fit_by_least_squares`.
 

@@ -1,0 +1,45 @@
+"""Input stamps that may all be off (decision 3), for methods that take them as exact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.local import local_fit
+from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.result import Fit
+
+__all__ = ["on_settled_stamps"]
+
+
+def on_settled_stamps(method: Callable[[CoupledCase], Fit]) -> Callable[[CoupledCase], Fit]:
+    """Make a method that takes input stamps as exact one for stamps that may all be off (decision 3).
+
+    Their shift is found by output error and taken off; what is unknown of it is carried to the estimate by fitting once
+    more with the shift moved by its standard error.
+    """
+
+    def fit(case: CoupledCase) -> Fit:
+        form = case.form if not case.delay else case.form.fixing({"delay": case.delay})
+        if not any(s.dating for s in case.records) or "delay" in form.free:
+            return method(case)
+        solution = local_fit(form, case.records, Limits({}, {}), robust=case.robust).solution
+        std = float(np.sqrt(solution.whole[-1, -1]) * solution.raised[-1])
+        best, later = (method(_at_shift(case, s)) for s in (solution.shift, solution.shift + std))
+        pairs = zip(best.parameters.values(), later.parameters.values(), strict=True)
+        moved = np.array([b.value - a.value if a.status == "fitted" else 0.0 for a, b in pairs])
+        covariance = best.covariance + np.outer(moved, moved)
+        stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+        parameters = {n: replace(p, std=s) for (n, p), s in zip(best.parameters.items(), stds, strict=True)}
+        extra = {**best.extra, "time_shift": solution.shift}
+        return replace(best, parameters=parameters, covariance=covariance, extra=extra)
+
+    return fit
+
+
+def _at_shift(case: CoupledCase, shift: float) -> CoupledCase:
+    moved = [replace(s, t_in=s.t_in + shift if s.dating else s.t_in, dating=0.0) for s in case.records]
+    return replace(case, records=tuple(moved))

@@ -1,0 +1,123 @@
+"""What each method can take, held against the table in docs/identify.md: stamps, rounding, outliers, delay, effects."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from axis_plants import DEG, Relay
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify import METHODS, Fit, fit
+from gcs_autotune.identify.method import Bears
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.trial import Channel, Trial
+
+QUICK, STEP, NOISE = (0.031, 0.0, 0.069, 0.003), 0.02, 0.004
+FORM = Form("yaw", "", ("yaw",), ("N_rdot", "N_rr", "N_0"), {}, {"N": (("N", 1.0),)}, coriolis=False)
+GENERAL = [name for name, method in METHODS.items() if method.coupled]
+"""The methods for any input; the others read figures off a manoeuvre."""
+
+COLUMNS = dict(zip(("stamps", "rounding", "outliers", "delay", "effects"), get_args(Bears), strict=True))
+DOCS = Path(__file__).parents[2] / "docs" / "identify.md"
+
+
+def bearing(what: Bears, *, able: bool = True) -> list[str]:
+    return [name for name in GENERAL if (what in METHODS[name].bears) == able]
+
+
+@pytest.fixture(scope="module")
+def calm(record: Callable[..., Trial]) -> list[Trial]:
+    return [record(QUICK, Relay(C, 15 * DEG), 20.0, dt=STEP, name=str(C)) for C in (0.08, 0.16)]
+
+
+@pytest.fixture(scope="module")
+def dated(calm: list[Trial]) -> list[Trial]:
+    """Changes dated half a step too early, as if midway between two messages; heading at a fifth of the rate."""
+    runs = []
+    for seed, trial in enumerate(calm):
+        psi, N = trial["psi"], trial["N"]
+        noise = np.random.default_rng(seed).normal(0.0, NOISE, len(psi.t[::5]))
+        changed = np.concatenate([[False], np.diff(N.values) != 0.0])
+        channels = {
+            "psi": Channel("psi", "rad", psi.t[::5], psi.values[::5] + noise),
+            "N": dataclasses.replace(N, t=N.t - np.where(changed, 0.5 * STEP, 0.0)),
+        }
+        runs.append(Trial(trial.name, channels, meta={"outputs_dated": "midway"}))
+    return runs
+
+
+@pytest.fixture(scope="module")
+def spoilt(calm: list[Trial]) -> Trial:
+    """Every 23rd heading is half a radian off."""
+    psi = calm[1]["psi"]
+    rng = np.random.default_rng(5)
+    values = psi.values[::5] + rng.normal(0.0, NOISE, len(psi.t[::5]))
+    values[11::23] += 0.5
+    return dataclasses.replace(calm[1], channels={"N": calm[1]["N"], "psi": Channel("psi", "rad", psi.t[::5], values)})
+
+
+def test_the_table_in_the_docs_is_that_of_the_code() -> None:
+    rows = [line.strip()[1:-1].split("|") for line in DOCS.read_text(encoding="utf-8").splitlines()]
+    head = next(i for i, row in enumerate(rows) if [c.strip() for c in row] == ["method", *COLUMNS])
+    told = {}
+    for row in rows[head + 2 :]:
+        if len(row) != len(COLUMNS) + 1:
+            break
+        marks = [cell.strip() for cell in row[1:]]
+        for name in row[0].replace("`", "").split(","):
+            told[name.strip()] = {b for b, mark in zip(COLUMNS.values(), marks, strict=True) if mark == "yes"}
+    assert told == {name: set(method.bears) for name, method in METHODS.items()}
+
+
+@pytest.mark.parametrize("form", [False, True], ids=["axis", "form"])
+@pytest.mark.parametrize("name", bearing("stamps"))
+def test_stamps_that_are_early_bias_no_method_that_bears_them(name: str, form: bool, dated: list[Trial]) -> None:
+    found = fit(dated, FORM, name, delay=0.0) if form else fit(dated, "nonlinear", name, dof="yaw", delay=0.0)
+    inertia = found.parameters["N_rdot" if form else "alpha_r"]
+    assert abs(abs(inertia.value) - QUICK[0]) < 4.0 * inertia.std < 0.05 * QUICK[0]
+    assert found.extra["time_shift"] == pytest.approx(0.5 * STEP, abs=0.003)
+    assert "stamps-taken-as-exact" not in {d.slug for d in found.doubts}
+
+
+def test_a_method_that_takes_stamps_as_exact_says_so(dated: list[Trial]) -> None:
+    assert "stamps-taken-as-exact" in {d.slug for d in fit(dated, method="iso", dof="yaw").doubts}
+
+
+@pytest.mark.parametrize("name", bearing("robust"))
+def test_outliers_move_no_method_that_bears_them(name: str, spoilt: Trial) -> None:
+    robust, plain = (
+        fit(spoilt, "nonlinear", name, dof="yaw", delay=0.0, loss=loss).parameters["alpha_r"].value
+        for loss in ("soft_l1", "linear")
+    )
+    assert abs(robust - QUICK[0]) < abs(plain - QUICK[0])
+
+
+@pytest.mark.parametrize("name", bearing("robust", able=False))
+def test_a_method_without_a_robust_loss_says_so(name: str, calm: list[Trial]) -> None:
+    found = fit(calm[0], "nonlinear", name, dof="yaw", delay=0.0, loss="soft_l1")
+    assert "outliers-not-weighed" in {d.slug for d in found.doubts}
+
+
+@pytest.mark.parametrize("form", [False, True], ids=["axis", "form"])
+def test_a_coarse_compass_is_taken_as_rounding_in_every_form(form: bool, calm: list[Trial]) -> None:
+    psi = calm[0]["psi"]
+    coarse = Channel("psi", "rad", psi.t[::5], DEG * np.round(psi.values[::5] / DEG))
+    run = dataclasses.replace(calm[0], channels={"psi": coarse, "N": calm[0]["N"]})
+
+    def of(found: Fit) -> float:
+        return abs(found.parameters["N_rdot" if form else "alpha_r"].value)
+
+    found = fit(run, FORM, delay=0.0) if form else fit(run, "nonlinear", dof="yaw", delay=0.0)
+    assert found.extra["quantum"]["psi"] == pytest.approx(DEG)
+    assert of(found) == pytest.approx(QUICK[0], rel=0.01)
+
+
+@pytest.mark.parametrize("name", bearing("effects", able=False))
+def test_a_method_without_effects_refuses_them(name: str, calm: list[Trial]) -> None:
+    with pytest.raises(UsageError, match="output-error"):
+        fit(calm[0], "nonlinear", name, dof="yaw", effects=["dead-zone@N"])
