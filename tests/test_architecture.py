@@ -1,0 +1,43 @@
+"""The picture of the rooms is that of the imports, and the page names what there is."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+sys.path.insert(0, str(ROOT / "docs"))
+import draw_architecture  # noqa: E402
+
+
+def test_the_picture_is_current():
+    drawn = draw_architecture.PICTURE.read_text(encoding="utf-8")
+    assert drawn == draw_architecture.picture(), "run: python3 docs/draw_architecture.py"
+
+
+def test_every_room_is_told():
+    told = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| room |") : PAGE.index("## From")]))
+    rooms = {p.name for p in (ROOT / "gcs_autotune").iterdir() if (p / "__init__.py").exists()}
+    assert rooms - told == set()
+
+
+@pytest.mark.parametrize("name", re.findall(r"`([\w.]+\.\w+)`", PAGE[PAGE.index("## From") :]))
+def test_each_step_of_the_walks_is_there(name):
+    module, _, rest = name.rpartition(".")
+    try:
+        found = importlib.import_module(f"gcs_autotune.{module}")
+    except ModuleNotFoundError:  # a method: class and room before it
+        module, _, kind = module.rpartition(".")
+        found = getattr(importlib.import_module(f"gcs_autotune.{module}"), kind)
+    assert hasattr(found, rest)
+
+
+def test_an_arrow_is_left_out_only_where_a_longer_way_says_the_same():
+    graph = {"a": {"b", "c", "d"}, "b": {"c"}, "c": set(), "d": set()}
+    assert draw_architecture.needed(graph) == [("a", "b"), ("a", "d"), ("b", "c")]
