@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -250,3 +252,71 @@ def test_a_disk_that_fills_up_does_not_stop_the_giving_back(
     loan.give_back()
     assert held(boat) == pytest.approx(OLD)
     assert len(parameters.session.notes) == 3
+
+
+class Counted:
+    """Parameters behind a link: counts writes and looks; ``lost`` names are answered with silence."""
+
+    def __init__(self) -> None:
+        self.session = SimpleNamespace(operator=SimpleNamespace(shielded=nullcontext), outlast=self.outlast, notes=[])
+        self.held = dict(OLD)
+        self.writes: list[str] = []
+        self.looks = self.waited = 0
+        self.lost: set[str] = set()
+
+    def outlast(self, patience: float) -> bool:
+        self.waited += 1
+        return False
+
+    def read_confirmed(self, names: Iterable[str]) -> dict[str, float]:
+        self.looks += 1
+        return {n: self.held[n] for n in names}
+
+    def write(self, name: str, value: float) -> None:
+        self.writes.append(name)
+        if name in self.lost:
+            raise LinkLost("silence")
+        self.held[name] = value
+
+    def watch(self, names: Iterable[str]) -> None: ...
+
+    def unwatch(self, names: Iterable[str]) -> None: ...
+
+
+def counted(path: Path) -> tuple[ParameterTransaction, Counted]:
+    parameters = Counted()
+    transaction = ParameterTransaction(cast(Parameters, parameters), Journal(path, stamp=lambda: "now"))
+    transaction.set(NEW)
+    parameters.writes.clear()
+    parameters.looks = 0
+    return transaction, parameters
+
+
+def test_giving_back_writes_each_once_last_first_and_looks_once(path: Path) -> None:
+    transaction, parameters = counted(path)
+    transaction.give_back()
+    assert parameters.writes == [FF, INT, P]
+    assert (parameters.looks, parameters.waited) == (1, 0)
+    assert (transaction.written, transaction.old) == ([], {})
+
+
+def test_a_link_that_falls_silent_is_not_written_to_again_before_it_is_waited_for(path: Path) -> None:
+    transaction, parameters = counted(path)
+    parameters.lost = {INT}
+    with pytest.raises(NotAsFound, match="could not put back") as caught:
+        transaction.give_back()
+    assert parameters.writes == [FF, INT, P]
+    assert (parameters.looks, parameters.waited) == (0, 1)
+    assert set(caught.value.differences) == {INT}
+    assert transaction.written == [INT] and Journal.open_debts(path) == {INT: OLD[INT]}
+
+
+def test_a_line_of_a_journal_that_is_json_but_no_event_is_damage(path: Path) -> None:
+    Journal(path, stamp=lambda: "now").leave()
+    good = path.read_text()
+    for line in ("[1, 2]", "7", '"opened"', "null", "{}", '{"event": 3}', '{"name": "P"}'):
+        path.write_text(good + line + "\n" + good)
+        with pytest.raises(BadFile, match="line 2, is damaged"):
+            Journal.read(path)
+        path.write_text(good + line + "\n")
+        assert Journal.read(path).opened, "at its end it is what a power cut left"

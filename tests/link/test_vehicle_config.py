@@ -116,3 +116,16 @@ def test_overrides_that_expire_soon_are_flown_with(expiry: float) -> None:
 def test_a_channel_that_overrides_do_not_reach_is_refused(number: int) -> None:
     with pytest.raises(PreconditionFailed, match=f"RCMAP_ROLL is {number}"):
         read_override_map(told(RCMAP_ROLL=float(number)), ROVER)
+
+
+def test_a_stick_that_counts_from_one_end_is_neutral_in_the_middle_of_its_travel() -> None:
+    """A dive stick trimmed at its low end, not mapped aboard."""
+    (force,) = SUB.from_one_end
+    number = SUB.channels[force]
+    low = {f"RC{number}_MIN": 1050.0, f"RC{number}_TRIM": 1050.0, f"RC{number}_MAX": 1950.0}
+    channel = read_override_map(told(**low), SUB).channels[force][1]
+    assert (channel.low, channel.trim, channel.high) == (1050.0, 1500.0, 1950.0)
+    with pytest.raises(PreconditionFailed, match=rf"Set RC{number}_TRIM 1050, RC{number}_REVERSED 0 and try again"):
+        read_override_map(told(**low, **{f"RC{number}_REVERSED": 1.0}), SUB)
+    with pytest.raises(PreconditionFailed, match=rf"Set RC{number}_TRIM 1050 and try again"):
+        read_override_map(told(**{**low, f"RC{number}_TRIM": 1060.0}), SUB)

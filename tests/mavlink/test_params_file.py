@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -79,3 +80,20 @@ def test_any_bytes_are_parameters_or_a_bad_file(tmp_path_factory: pytest.TempPat
         assert load_params(path)
     except BadFile as error:
         assert "fuzz.param" in str(error)
+
+
+def test_each_kind_is_written_as_its_name_says(tmp_path: Path) -> None:
+    save_params(tmp_path / "a.param", {"P": 0.2, "WP_SPEED": 2.5}, comment="before\nboat 7")
+    assert (tmp_path / "a.param").read_text() == "# before\n# boat 7\nP,0.2\nWP_SPEED,2.5\n"
+    save_params(tmp_path / "a.json", {"P": 0.2}, comment="before")
+    assert json.loads((tmp_path / "a.json").read_text()) == {"schema": 1, "comment": "before", "parameters": {"P": 0.2}}
+
+
+def test_five_columns_are_qgroundcontrols_only_when_they_begin_with_two_ids(tmp_path: Path) -> None:
+    path = tmp_path / "a.params"
+    path.write_text("1\t2\tP\t0.2\t9\n")
+    assert load_params(path) == {"P": 0.2}
+    for line in ("x\t1\tP\t0.2\t9\n", "1\tx\tP\t0.2\t9\n", "1\t1\tP\t0.2\n"):
+        path.write_text(line)
+        with pytest.raises(BadFile, match="line 1"):
+            load_params(path)

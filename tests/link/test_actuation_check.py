@@ -1,0 +1,153 @@
+"""Outputs asked for, overrides looked for, the steering twitched: how often, how long, and when it is given up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import FIRMWARE, ServoMap
+from gcs_autotune.link.vehicle import actuation_check
+from gcs_autotune.link.vehicle.actuation_check import check_outputs_follow, check_overrides_taken, read_outputs
+from gcs_autotune.link.vehicle.setpoint_streamer import FOLLOW_TIMEOUT
+
+
+class Asked:
+    """A session: each request is answered with the next number of SERVO_OUTPUT_RAW of *answers*, on *port*."""
+
+    def __init__(self, answers: list[int], port: int = 0) -> None:
+        self.answers, self.notes, self.waits = answers, list[str](), list[float]()
+        self.message_port, self.requests, self.count = port, 0, 0
+        self.listener: Callable[[Any], None] | None = None
+        self.port = SimpleNamespace(system=255)
+
+    def listen(self, name: str, listener: Callable[[Any], None]) -> Callable[[], None]:
+        assert name == "SERVO_OUTPUT_RAW"
+        self.listener = listener
+        return lambda: setattr(self, "listener", None)
+
+    def request_message(self, number: int) -> None:
+        assert number == 36
+        self.requests += 1
+
+    def wait_for(self, found: Callable[[], Any], timeout: float) -> Any:
+        self.waits.append(timeout)
+        for _ in range(self.answers.pop(0) if self.answers else 0):
+            self.count += 1
+            assert self.listener is not None
+            pulses = {f"servo{n}_raw": 1000 * n + self.count for n in range(1, 9)}
+            self.listener(SimpleNamespace(port=self.message_port, **pulses))
+        return found()
+
+
+SERVOS = cast(ServoMap, SimpleNamespace(forces=lambda raw: {"first": float(raw[0]), "last": float(raw[-1])}))
+
+
+def read(session: Asked) -> dict[str, float]:
+    return read_outputs(cast(Any, session), SERVOS)
+
+
+@pytest.mark.parametrize(
+    ("answers", "requests"),
+    [([2], 1), ([1, 1], 2), ([0, 1, 0, 1], 4), ([5], 1)],
+    ids=["two", "one by one", "gaps", "many"],
+)
+def test_outputs_are_asked_for_until_the_second_is_heard_and_the_newest_is_used(
+    answers: list[int], requests: int
+) -> None:
+    heard = sum(answers)
+    session = Asked(answers)
+    assert read(session) == {"first": 1000.0 + heard, "last": 8000.0 + heard}
+    assert session.requests == requests
+    assert session.listener is None, "it listens no longer"
+
+
+def test_outputs_that_do_not_come_are_asked_for_five_seconds() -> None:
+    session = Asked([])
+    assert read(session) == {}
+    assert session.requests == 10 and sum(session.waits) == 5.0
+    assert read(Asked([1])) == {"first": 1001.0, "last": 8001.0}, "one is better than none"
+    assert read(Asked([3], port=1)) == {}, "the second bank of outputs is another"
+
+
+class Streamer:
+    """What is commanded, and what the outputs show of it a moment later."""
+
+    def __init__(self, *, follows: float = 1.0, late: int = 0, taken: bool = True) -> None:
+        self.clock = ManualClock()
+        self.taken, self.is_obeyed, self.differing = taken, taken, "channel 1 at 1500 us"
+        self.sent: list[float] = []
+        self.rested = 0
+        self.outputs: dict[str, float] = {}
+        self._follows, self._late, self._since = follows, late, 0
+
+    def command(self, command: Any) -> None:
+        self.sent.append(command.N)
+        self._since = 0
+
+    def observe(self) -> None:
+        self.clock.advance_to(self.clock.now() + 0.1)
+        self._since += 1
+        if self._since > self._late:
+            self.outputs["N"] = self._follows * self.sent[-1]
+
+    def probe_override(self) -> bool:
+        return self.taken
+
+    def rest(self) -> None:
+        self.rested += 1
+
+
+def twitch(streamer: Streamer) -> None:
+    check_outputs_follow(cast(Any, streamer), cast(Any, streamer), streamer.observe, "MANUAL")
+
+
+@pytest.mark.parametrize("follows", [1.0, 1.49, 0.51])
+def test_a_steering_that_follows_within_half_a_twitch_is_moved_twice_each_way_and_left_at_rest(follows: float) -> None:
+    streamer = Streamer(follows=follows, late=3)
+    twitch(streamer)
+    assert streamer.sent == [0.05, -0.05, 0.05, -0.05, 0.0]
+
+
+@pytest.mark.parametrize("follows", [0.0, 0.49, 1.51, -1.0])
+def test_one_that_does_not_is_given_up_after_the_time_to_follow_with_what_is_seen(follows: float) -> None:
+    streamer = Streamer(follows=follows)
+    with pytest.raises(PreconditionFailed, match=r"\+5% was sent, RC_CHANNELS shows our overrides, but") as caught:
+        twitch(streamer)
+    assert f"({follows * 0.05:+.0%} in MANUAL)" in str(caught.value)
+    assert FOLLOW_TIMEOUT <= streamer.clock.now() < FOLLOW_TIMEOUT + 0.15
+    deaf = Streamer(late=10_000, taken=False)
+    with pytest.raises(PreconditionFailed, match="neither RC_CHANNELS nor SERVO_OUTPUT_RAW shows it"):
+        twitch(deaf)
+
+
+def look(streamer: Streamer, before: int, after: int, monkeypatch: pytest.MonkeyPatch) -> Asked:
+    session, rc_monitor = Asked([]), SimpleNamespace(count=before)
+    monkeypatch.setattr(streamer, "probe_override", lambda: setattr(rc_monitor, "count", after) or streamer.taken)
+    monkeypatch.setattr(actuation_check, "why_deaf", lambda parameters, firmware, system: f"asked as {system}")
+    check_overrides_taken(
+        cast(Any, session), cast(Any, streamer), cast(Any, rc_monitor), cast(Any, None), FIRMWARE["ardurover"]
+    )
+    return session
+
+
+def test_overrides_that_are_taken_are_let_go_and_awaited_for_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    streamer = Streamer()
+    session = look(streamer, 3, 9, monkeypatch)
+    assert (streamer.rested, session.waits, session.notes) == (1, [1.0], [])
+
+
+def test_overrides_that_are_not_shown_are_refused_with_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(PreconditionFailed, match=r"RC_CHANNELS shows channel 1 at 1500 us\. asked as 255"):
+        look(Streamer(taken=False), 3, 4, monkeypatch)
+
+
+def test_a_vehicle_that_shows_no_channels_is_only_noted(monkeypatch: pytest.MonkeyPatch) -> None:
+    streamer = Streamer(taken=False)
+    session = look(streamer, 3, 3, monkeypatch)
+    assert ["sends no RC_CHANNELS" in note for note in session.notes] == [True]
+    assert streamer.rested == 1

@@ -1,0 +1,134 @@
+"""The watchdog and the clock of boot by number: each limit on both sides, and a simulation that runs ahead."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.errors import TelemetryFault
+from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog, gyro_lag
+
+
+def seen(*stamps: tuple[float, float]) -> tuple[list[bool], str]:
+    """Show a watchdog stamps (our time, its time); return which are to be used, and what it says."""
+    clock = ManualClock()
+    watchdog = Watchdog(clock)
+    used = []
+    for ours, its in stamps:
+        clock.advance_to(ours)
+        used.append(watchdog.see_stamp(its))
+    return used, str(watchdog.fault or "")
+
+
+@pytest.mark.parametrize(
+    ("silence", "gone_on", "has_jumped"), [(0.0, 5.0, False), (0.0, 5.1, True), (10.0, 19.9, False), (10.0, 20.1, True)]
+)
+def test_a_clock_may_go_on_by_five_seconds_and_one_and_a_half_of_the_silence(
+    silence: float, gone_on: float, has_jumped: bool
+) -> None:
+    used, words = seen((1.0, 100.0), (1.0 + silence, 100.0 + gone_on))
+    assert used == [True, True]
+    assert ("jumped from 100.0 s" in words) is has_jumped
+
+
+@pytest.mark.parametrize(("gone_on", "has_jumped"), [(34.9, False), (35.1, True)])
+def test_a_simulation_that_runs_ahead_may_go_on_by_its_own_pace(gone_on: float, has_jumped: bool) -> None:
+    """Four of its seconds in one of ours, seen over five of ours: five more of ours may be thirty of its and five."""
+    ahead = [(0.25 * k, 1.0 * k) for k in range(21)]
+    _, words = seen(*ahead, (10.0, 20.0 + gone_on))
+    assert ("jumped" in words) is has_jumped
+
+
+def test_one_that_runs_behind_keeps_our_pace() -> None:
+    behind = [(1.0 * k, 0.25 * k) for k in range(6)]
+    assert "jumped" not in seen(*behind, (9.0, 1.25 + 10.9))[1]
+    assert "jumped" in seen(*behind, (9.0, 1.25 + 11.1))[1]
+
+
+@pytest.mark.parametrize(
+    ("its", "used", "words"),
+    [
+        (99.1, False, ""),
+        (98.9, True, "its clock ran back: time stamps went from 100.0 s to 98.9 s"),
+        (60.5, True, "its clock ran back"),
+        (59.5, True, "it has rebooted"),
+    ],
+)
+def test_a_stamp_that_is_older_is_late_run_back_or_a_restart(its: float, used: bool, words: str) -> None:
+    found, said = seen((0.0, 100.0), (0.1, its))
+    assert found == [True, used]
+    assert (words in said) is True and bool(said) is bool(words)
+
+
+def test_after_a_restart_its_new_clock_counts_and_the_first_fault_stays() -> None:
+    used, words = seen((0.0, 100.0), (0.1, 2.0), (0.2, 2.1), (0.3, 50.0))
+    assert used == [True] * 4
+    assert "rebooted" in words and "jumped" not in words
+
+
+def test_a_clock_that_stands_for_two_seconds_of_ours_is_a_fault() -> None:
+    assert seen((0.0, 5.0), (1.0, 5.0), (2.0, 5.0)) == ([True, False, False], "")
+    used, words = seen((0.0, 5.0), (1.0, 5.1), (2.9, 5.1), (3.1, 5.1))
+    assert used == [True, True, False, False]
+    assert "stands at 5.10 s" in words
+
+
+def test_what_is_no_number_is_a_fault_and_raised_when_asked() -> None:
+    watchdog = Watchdog(ManualClock())
+    watchdog.check()
+    for bad in (math.nan, math.inf):
+        other = Watchdog(ManualClock())
+        other.see_attitude(1.0, (0.0, bad))
+        with pytest.raises(TelemetryFault, match="not a number"):
+            other.check()
+
+
+@pytest.mark.parametrize(("force", "limit"), [("N", 3.0), ("X", 10.0)])
+def test_an_attitude_is_frozen_only_while_something_works(force: str, limit: float) -> None:
+    for size, is_fault in ((0.05, False), (0.051, True), (-0.051, True)):
+        watchdog = Watchdog(ManualClock())
+        watchdog.see_attitude(0.0, (0.1, 0.2))
+        watchdog.see_outputs(0.0, {force: size})
+        watchdog.see_outputs(1.0, {force: size})  # it goes on: counted from its beginning
+        watchdog.see_attitude(limit + 0.1, (0.1, 0.2))
+        assert (watchdog.fault is not None) is is_fault
+    watchdog = Watchdog(ManualClock())
+    watchdog.see_attitude(0.0, (0.1, 0.2))
+    watchdog.see_outputs(0.0, {force: 0.5})
+    watchdog.see_outputs(1.0, {force: 0.0})
+    watchdog.see_outputs(limit, {force: 0.5})
+    watchdog.see_attitude(limit + 0.1, (0.1, 0.2))
+    assert watchdog.fault is None, "it began anew"
+    watchdog.see_attitude(2.0 * limit - 0.1, (0.1, 0.21))
+    watchdog.see_attitude(3.0 * limit - 0.2, (0.1, 0.21))
+    assert watchdog.fault is None, "it has moved meanwhile"
+
+
+def test_the_counters_of_boot_are_unwrapped_to_the_turn_nearest_to_the_last_stamp() -> None:
+    clock = BootClock()
+    assert not clock.is_set and math.isnan(clock.from_us(5_000_000))
+    turn_ms, turn_us = 2.0**32 * 1e-3, 2.0**32 * 1e-6
+    assert clock.from_ms(2**32 - 1000) == pytest.approx(turn_ms - 1.0)
+    assert clock.is_set and clock.now == pytest.approx(turn_ms - 1.0)
+    assert clock.from_ms(500) == pytest.approx(turn_ms + 0.5)
+    assert clock.from_ms(2**32 - 500) == pytest.approx(turn_ms - 0.5)
+    assert clock.now == pytest.approx(turn_ms + 0.5), "an older one is not the present"
+    us = int(((turn_ms + 0.7) % turn_us) * 1e6)
+    assert clock.from_us(us) == pytest.approx(turn_ms + 0.7, abs=1e-3)
+    assert clock.from_us(us + 2**32) == pytest.approx(turn_ms + 0.7, abs=1e-3)
+
+
+def test_an_angle_goes_on_by_the_shorter_way_over_several_turns() -> None:
+    unwrapper = Unwrapper()
+    turned = [unwrapper.unwrap(math.remainder(0.5 * k, 2.0 * math.pi)) for k in range(40)]
+    assert turned == pytest.approx([0.5 * k for k in range(40)])
+    assert [unwrapper.unwrap(math.remainder(0.5 * k, 2.0 * math.pi)) for k in range(39, -1, -1)] == pytest.approx(
+        [0.5 * k for k in range(39, -1, -1)]
+    )
+
+
+def test_a_gyro_filter_is_late_by_its_cutoff() -> None:
+    assert gyro_lag(20.0) == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * 20.0))
+    assert gyro_lag(0.0) == gyro_lag(-1.0) == 0.0

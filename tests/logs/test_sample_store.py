@@ -1,0 +1,124 @@
+"""Samples taken one by one and many at once: what is kept, what is counted and left out, and what is read back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import ParameterMissing
+from gcs_autotune.logs.sample_store import Census, RecordedParameters, SampleStore
+
+Take = Callable[[SampleStore, list[float], Mapping[str, list[float]]], None]
+
+
+def one_by_one(store: SampleStore, t: list[float], values: Mapping[str, list[float]]) -> None:
+    for i, stamp in enumerate(t):
+        store.take(stamp, {name: column[i] for name, column in values.items()})
+
+
+def at_once(store: SampleStore, t: list[float], values: Mapping[str, list[float]]) -> None:
+    store.take_all(np.array(t), {name: np.array(column) for name, column in values.items()})
+
+
+@pytest.fixture(params=[one_by_one, at_once])
+def take(request: pytest.FixtureRequest) -> Take:
+    found: Take = request.param
+    return found
+
+
+@pytest.fixture
+def store() -> SampleStore:
+    return SampleStore("log", "the vehicle's")
+
+
+def test_samples_older_than_the_newest_of_their_kind_are_counted_and_left_out(store: SampleStore, take: Take) -> None:
+    take(store, [1.0, 3.0, 2.0, 3.0, 4.0], {"local.x": [1.0, 2.0, 9.0, 3.0, 4.0], "local.y": [0.0, 0.0, 9.0, 0.0, 0.0]})
+    assert store.late == 1
+    take(store, [3.9, 3.5, 4.0, 5.0], {"local.x": [9.0, 9.0, 5.0, 6.0], "local.y": [9.0, 9.0, 0.0, 0.0]})
+    assert (store.late, store.absurd) == (3, 0)
+    t, x = store.series("local.x")
+    assert t.tolist() == [1.0, 3.0, 3.0, 4.0, 4.0, 5.0]
+    assert x.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert store.series("local.y")[1].tolist() == [0.0] * 6
+    take(store, [0.5], {"local.z": [7.0]})  # another kind has a newest of its own
+    assert store.series("local.z")[0].tolist() == [0.5] and store.late == 3
+
+
+@pytest.mark.parametrize(
+    ("source", "most"),
+    [("att.phi", 10.0), ("att.r", 200.0), ("gps.U", 200.0), ("ekf.z", 1e7), ("gps.lat", 90.0), ("servo.1", 1e5)],
+)
+def test_what_no_craft_can_have_is_counted_with_all_that_came_with_it(
+    source: str, most: float, store: SampleStore, take: Take
+) -> None:
+    bad = [math.nan, math.inf, -math.inf, 1.001 * most, -1.001 * most]
+    take(store, [0.0] * 5, {source: bad, "att.psi": [1.0] * 5})
+    assert store.absurd == 5 and source not in store
+    take(store, [1.0, 2.0, 3.0], {source: [most, math.nan, -most], "att.psi": [1.0, 1.0, 2.0]})
+    take(store, [4.0], {source: [0.0], "att.psi": [math.nan]})
+    assert (store.absurd, store.late) == (7, 0)
+    assert store.series(source)[1].tolist() == [most, -most]
+    assert store.series("att.psi")[1].tolist() == [1.0, 2.0]
+
+
+def test_many_samples_without_a_stamp_or_without_any_are_left_out(store: SampleStore) -> None:
+    at_once(store, [], {"local.x": []})
+    store.take(1.0, {})
+    at_once(store, [math.nan, 1.0, math.inf], {"local.x": [1.0, 2.0, 3.0]})
+    assert store.absurd == 2
+    at_once(store, [0.5], {"local.x": [4.0]})
+    assert store.late == 1
+    assert store.series("local.x")[1].tolist() == [2.0]
+
+
+def test_a_column_that_stands_and_then_changes_is_read_back_whole(store: SampleStore, take: Take) -> None:
+    first, later = [5.0, 5.0, 5.0], [5.0, 6.0, 5.0]
+    take(store, [0.0, 1.0, 2.0], {"servo.1": first})
+    assert store.series("servo.1")[1].tolist() == first
+    take(store, [3.0, 4.0, 5.0], {"servo.1": later})
+    take(store, [6.0, 7.0], {"servo.1": [5.0, 5.0]})
+    t, values = store.series("servo.1")
+    assert values.tolist() == first + later + [5.0, 5.0]
+    assert t.tolist() == list(range(8))
+
+
+def test_a_source_that_two_messages_bring_is_read_in_order_of_time(store: SampleStore) -> None:
+    one_by_one(store, [1.0, 3.0], {"ekf.z": [1.0, 3.0]})
+    one_by_one(store, [0.0, 2.0, 3.0], {"ekf.z": [0.0, 2.0, 4.0], "ekf.x": [0.0, 0.0, 0.0]})
+    t, z = store.series("ekf.z")
+    assert (t.tolist(), z.tolist()) == ([0.0, 1.0, 2.0, 3.0, 3.0], [0.0, 1.0, 2.0, 3.0, 4.0])
+    assert [len(part) for part in store.series("ekf.y")] == [0, 0]
+    assert "ekf.x" in store and "ekf.y" not in store
+
+
+def test_numbers_span_and_silences_go_over_all_that_was_heard(store: SampleStore) -> None:
+    assert (store.span, store.silences(1.0), store.numbered("servo")) == ((0.0, 0.0), [], [])
+    one_by_one(store, [2.0, 2.5, 6.0], {"servo.10": [1.0] * 3, "servo.2": [1.0] * 3, "servox": [1.0] * 3})
+    one_by_one(store, [1.0, 4.0, 7.0, 9.1], {"servo.3": [1.0] * 4})
+    assert store.numbered("servo") == [2, 3, 10]
+    assert store.span == (1.0, 9.1)
+    assert store.silences(2.0) == [(7.0, 9.1)]
+    assert store.silences(1.9) == [(4.0, 6.0), (7.0, 9.1)]
+
+
+def test_a_census_counts_kinds_and_their_rates() -> None:
+    census = Census()
+    for t in (3.0, 1.0, 2.0, math.nan):
+        census.count("ATTITUDE", t)
+    census.count("GPS", 10.0, 21, until=20.0)
+    census.count("ONCE", 5.0)
+    assert census.seen["ATTITUDE"] == [4, 1.0, 3.0]
+    assert (census.rate("ATTITUDE"), census.rate("GPS")) == (1.5, 2.0)
+    assert (census.rate("ONCE"), census.rate("NEVER")) == (0.0, 0.0)
+
+
+def test_parameters_of_a_log_are_those_it_tells() -> None:
+    told = RecordedParameters({"P": 0.2, "I": 0.1})
+    assert (told.read("P"), told.read_all(["I", "P"])) == (0.2, {"I": 0.1, "P": 0.2})
+    assert told.read_existing(["P", "D"]) == {"P": 0.2}
+    with pytest.raises(ParameterMissing, match="D, FF") as caught:
+        told.read_all(["P", "D", "FF"])
+    assert caught.value.name == "D"
