@@ -82,9 +82,40 @@ def _matching(package: Path, pattern: str) -> list[Path]:
     return files
 
 
+_WATCHDOG = "gcs_autotune/link/vehicle/watchdog.py::Watchdog.__init__: "
+_COUPLED = "gcs_autotune/models/coupled/kernel.py::"
 EQUIVALENT: dict[str, str] = {
     "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (
         "set at the end of every iteration; documented as complete only then"
     ),
+    "gcs_autotune/design/selection.py::_fastest: is_flyable(high) -> False": (
+        "forty bisections then end within 1e-12 of it"
+    ),
+    "gcs_autotune/design/selection.py::_fastest: 40 -> 41 in for _ in range(40):": "the bisection has long converged",
+    "gcs_autotune/link/parameters/parameter_transaction.py::ParameterTransaction._release: "
+    "self._left.clear() -> return": ("what was left is read for written names only, and every write says it anew"),
+    "gcs_autotune/logs/dataflash.py::strays_of: np.fmin(np.abs(t - before), np.abs(t - after)) -> "
+    "np.fmin(np.abs(t - after), np.abs(t - before))": "the smaller of two, in whichever order",
+    **{
+        f"{_WATCHDOG}{line} -> pass": "set by the first message, before anything reads it"
+        for line in (
+            "self._since = math.nan",
+            "self._first = (math.nan, math.nan)",
+            "self._stamp_heard = clock.now()",
+        )
+    },
+    **{
+        f"{_COUPLED}scratch: {size} in {text},": "room that is larger than what is used"
+        for size, text in (
+            ("6 -> 7", "np.zeros(6)"),
+            ("12 -> 13", "np.zeros(12)"),
+            ("3 -> 4", "np.zeros(3)"),
+            ("3 -> 4", "np.zeros((3, 3))"),
+            ("6 -> 7", "np.zeros((6, 3))"),
+            ("3 -> 4", "np.zeros((6, 3))"),
+            ("6 -> 7", "np.zeros((6, n))"),
+            ("6 -> 7", "np.zeros((6, q))"),
+        )
+    },
 }
 """Fault (``Mutant.key``) -> why nobody could notice it: it changes nothing that anybody may rely on. Judged by hand."""

@@ -1,0 +1,150 @@
+"""The pieces of the simulated loops one by one, uncompiled, against what they are documented to do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import butter
+
+from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design.laws import Scenario, kernel
+from gcs_autotune.models import SingleDof
+
+CRAFT = SingleDof("yaw", "1", 0.4, 0.3, 0.2, 0.05, 0.12)
+
+
+@pytest.mark.parametrize(("value", "clipped"), [(-2.0, -1.0), (-1.0, -1.0), (0.3, 0.3), (1.5, 1.5), (1.6, 1.5)])
+def test_clip_keeps_between_both_ends(value: float, clipped: float) -> None:
+    assert kernel._clip(value, -1.0, 1.5) == clipped
+
+
+def test_wrap_takes_the_angle_between_minus_and_plus_half_a_turn() -> None:
+    for angle in (-7.0, -3.2, -3.1, -1.0, 0.0, 1.0, 3.1, 3.2, 7.0, 20.0):
+        assert kernel._wrap(angle) == pytest.approx(math.remainder(angle, 2.0 * math.pi))
+    assert kernel._wrap(math.pi) == pytest.approx(-math.pi)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_square_root_controller_is_linear_near_zero_and_smooth_where_the_root_begins(sign: float) -> None:
+    p, limit = 2.0, 3.0
+    edge = limit / p**2
+    assert kernel._sqrt_control(sign * 0.5 * edge, p, limit) == pytest.approx(sign * p * 0.5 * edge)
+    assert kernel._sqrt_control(sign * edge, p, limit) == pytest.approx(sign * p * edge)
+    for error in (1.1 * edge, 4.0 * edge):
+        speed = kernel._sqrt_control(sign * error, p, limit)
+        assert speed == pytest.approx(sign * math.sqrt(2.0 * limit * (error - 0.5 * edge)))
+    for no_p, no_limit in ((p, 0.0), (0.0, limit), (p, -1.0), (-1.0, limit)):
+        assert kernel._sqrt_control(sign * 9.0, no_p, no_limit) == sign * 9.0 * no_p
+
+
+def test_a_low_pass_takes_its_share_of_each_new_sample() -> None:
+    assert kernel._smoothing(0.0, 0.01) == kernel._smoothing(-1.0, 0.01) == 1.0
+    assert kernel._smoothing(5.0, 0.02) == pytest.approx(0.02 / (0.02 + 1.0 / (2.0 * math.pi * 5.0)))
+
+
+def plant(dt: float, substeps: int) -> np.ndarray:
+    found = kernel.plant_vector(CRAFT, Scenario(1.0, 5.0), dt, 0.0)
+    found[5] = substeps
+    return found
+
+
+@pytest.mark.parametrize("velocity", [0.8, -0.8])
+@pytest.mark.parametrize("force", [0.4, -0.4])
+def test_the_craft_moves_as_its_equation_says(velocity: float, force: float) -> None:
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], (force + 0.05 - (0.3 + 0.2 * abs(y[1])) * y[1]) / 0.4]
+
+    exact = solve_ivp(rate, (0.0, 0.2), [0.1, velocity], rtol=1e-10, atol=1e-12).y[:, -1]
+    assert kernel._advance(0.1, velocity, force, plant(0.2, 50)) == pytest.approx(tuple(exact), abs=2e-6)
+    halves = kernel._advance(0.1, velocity, force, plant(0.1, 1))
+    halves = kernel._advance(*halves, force, plant(0.1, 1))
+    assert kernel._advance(0.1, velocity, force, plant(0.2, 2)) == pytest.approx(halves, abs=1e-12)
+
+
+def test_the_craft_and_the_scenario_are_told_in_the_order_the_kernels_read() -> None:
+    scenario = Scenario(step=0.5, duration=9.0, push=0.07, push_at=2.0, lead=0.5, back_at=4.0)
+    found = kernel.plant_vector(CRAFT, scenario, 0.02, 0.05)
+    assert found == pytest.approx([0.4, 0.3, 0.2, 0.05, 0.02, 1, 8.0, 0.5, 0.07, 100.0, 25, 0.0, 200])
+    settled = kernel.plant_vector(CRAFT, Scenario(step=0.5, duration=9.0), 0.02, 0.05, Actuator(ahead=2.0, astern=0.5))
+    assert settled[8:] == pytest.approx([0.0, 1e12, 0, 0.1, 1e12]), "its constant force is worked off, astern"
+    assert kernel.plant_vector(CRAFT, scenario, 0.02, -0.5)[6] == 0.0, "no output acts before it is sent"
+
+
+@pytest.mark.parametrize(
+    ("alpha", "beta", "dt", "substeps"),
+    [(0.4, 0.3, 0.02, 1), (0.4, 4.0, 0.1, 11), (0.4, -4.0, 0.1, 10), (1e-4, 4.0, 0.1, 50)],
+)
+def test_fast_craft_are_moved_in_more_substeps(alpha: float, beta: float, dt: float, substeps: int) -> None:
+    quadratic = 0.2 if beta == 4.0 else 0.0
+    craft = SingleDof("yaw", "1", alpha, beta, quadratic)
+    assert kernel.plant_vector(craft, Scenario(1.0, 5.0), dt, 0.0)[5] == substeps
+
+
+def vector(**shape: float) -> np.ndarray:
+    """Return an actuator as the kernel reads it: perfect but for *shape*."""
+    names = ("is_there", "limit", "rate", "lag", "play", "dead", "square", "reference", "ahead", "astern")
+    usual = dict(zip(names, (1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0), strict=True))
+    return np.array([{**usual, **shape}[n] for n in names])
+
+
+def acted(outputs: list[float], **shape: float) -> list[float]:
+    memory = np.zeros(4)
+    return [kernel._actuate(u, vector(**shape), memory) for u in outputs]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("outputs", "shape", "forces"),
+    [
+        ([0.5, 2.0], {"is_there": 0.0, "limit": 0.1}, [0.5, 2.0]),
+        ([0.5, 2.0, 0.7], {"limit": 0.6}, [0.5, 0.6, 0.6]),
+        ([0.0, 1.0, 1.0, 0.5, 0.5], {"rate": 0.4}, [0.0, 0.4, 0.8, 0.5, 0.5]),
+        ([0.2, 1.0, 1.0], {"lag": 0.5}, [0.2, 0.6, 0.8]),
+        ([0.5, 0.6, 0.4, 0.1, 0.2], {"play": 0.1}, [0.4, 0.5, 0.5, 0.2, 0.2]),
+        ([0.05, 0.5], {"play": 0.1}, [0.0, 0.4]),
+        ([0.05, 0.1, 0.3], {"dead": 0.1}, [0.0, 0.0, 0.2]),
+        ([0.5, 1.0], {"square": 1.0}, [0.25, 1.0]),
+        ([0.5], {"square": 0.4, "reference": 0.8}, [0.5 * (0.6 + 0.4 * 0.5 / 0.8)]),
+        ([0.5], {"dead": 0.1, "square": 1.0}, [0.16]),
+    ],
+    ids=[
+        "none",
+        "limit",
+        "rate",
+        "lag",
+        "play",
+        "inside play",
+        "dead zone",
+        "square",
+        "part square",
+        "dead and square",
+    ],
+)
+def test_each_fault_of_an_actuator_either_way(
+    sign: float, outputs: list[float], shape: dict[str, float], forces: list[float]
+) -> None:
+    found = acted([sign * u for u in outputs], **shape)
+    assert found == pytest.approx([sign * f for f in forces], abs=1e-12)
+
+
+def test_an_actuator_has_its_own_gain_each_way() -> None:
+    assert acted([0.5, 0.0, -0.5], ahead=2.0, astern=3.0) == [1.0, 0.0, -1.5]
+
+
+def test_what_is_late_by_a_part_of_a_loop_acts_on_the_mean() -> None:
+    sent = np.array([1.0, 3.0, 7.0])
+    assert [kernel._delayed(sent, k, 0.0, -1.0) for k in range(3)] == [1.0, 3.0, 7.0]
+    assert [kernel._delayed(sent, k, 1.0, -1.0) for k in range(3)] == [-1.0, 1.0, 3.0]
+    assert [kernel._delayed(sent, k, 0.25, -1.0) for k in range(3)] == [0.5, 2.5, 6.0]
+    assert [kernel._delayed(sent, k, 1.25, -1.0) for k in range(3)] == [-1.0, 0.5, 2.5]
+
+
+def test_a_gyro_filter_is_a_butterworth_low_pass_and_nothing_near_half_the_rate() -> None:
+    for cutoff, rate in ((20.0, 400.0), (10.0, 50.0), (22.4, 50.0)):
+        b, a = butter(2, cutoff, fs=rate)
+        assert kernel.gyro_coefficients(cutoff, rate) == pytest.approx([*b, *a[1:]])
+    for cutoff in (0.0, -1.0, 22.5, 30.0):
+        assert kernel.gyro_coefficients(cutoff, 50.0).tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]

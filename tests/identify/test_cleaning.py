@@ -1,0 +1,126 @@
+"""Cleaning one channel by number: stamps that repeat, run back or come late; angles over holes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.identify import cleaning
+from gcs_autotune.identify.cleaning import clean, unwrap
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.trial import Channel
+
+
+def cleaned(t: list[float], values: list[float] | None = None) -> tuple[Channel, list[str]]:
+    notes: list[Doubt] = []
+    numbers = np.array(values if values is not None else t)
+    return clean(Channel("z", "m", np.array(t), numbers), "own", notes), [f"{n.slug}: {n.cause}" for n in notes]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "jumps"),
+    [
+        ([0, 1, 2, 3, 4, 5], []),
+        ([5, 6, 7, 1, 2, 3, 4], [3]),
+        ([5, 6, 7, 1, 2], []),
+        ([5, 6, 7, 1, 2, 8, 9], []),
+        ([5, 6, 7, 1, 3, 2, 4], []),
+        ([5, 6, 7, 1, 1, 1, 9], [3]),
+        ([5, 6, 7, 5, 6, 7, 8], []),
+        ([5, 6, 7, 1, 2, 3, 0, 1, 2], [3, 6]),
+        ([5, math.nan, 6, 7, math.nan, 1, 2, 3], [5]),
+        ([], []),
+    ],
+)
+def test_a_clock_jumps_back_where_three_in_a_row_are_older_than_the_one_before(
+    stamps: list[float], jumps: list[int]
+) -> None:
+    assert cleaning.jumps_back(np.array(stamps, dtype=np.float64)).tolist() == jumps
+
+
+def test_a_channel_without_faults_comes_back_as_it_is() -> None:
+    found, notes = cleaned([0.0, 1.0, 2.5], [3.0, 1.0, 2.0])
+    assert (found.t.tolist(), found.values.tolist(), notes) == ([0.0, 1.0, 2.5], [3.0, 1.0, 2.0], [])
+    assert len(cleaned([])[0]) == 0
+
+
+def test_what_is_no_number_is_left_out_and_counted() -> None:
+    found, notes = cleaned([0.0, math.nan, 2.0, 3.0, 4.0], [0.0, 1.0, math.inf, 3.0, 4.0])
+    assert (found.t.tolist(), found.values.tolist()) == ([0.0, 3.0, 4.0], [0.0, 3.0, 4.0])
+    assert notes == ["missing-samples: 2 samples of z in run 'own' are not numbers"]
+
+
+@pytest.mark.parametrize(("repeats", "is_told"), [(2, False), (3, True)])
+def test_the_first_sample_of_a_repeated_stamp_stays_and_many_are_told(repeats: int, is_told: bool) -> None:
+    t = sorted([*map(float, range(100 - repeats)), *map(float, range(repeats))])
+    values = [1.0 if i and t[i] == t[i - 1] else 0.0 for i in range(100)]
+    found, notes = cleaned(t, values)
+    assert found.t.tolist() == list(range(100 - repeats)) and not found.values.any()
+    assert [n[:15] for n in notes] == ["repeated-stamps"] * is_told
+    assert not notes or f": {repeats} stamps" in notes[0]
+
+
+def test_late_samples_are_put_in_order_and_those_far_too_late_left_out() -> None:
+    t = [float(k) for k in range(60)]
+    t[30], t[31], t[50] = 31.0, 30.0, 44.0
+    found, notes = cleaned(t, [float(k) for k in range(60)])
+    assert found.t.tolist() == [k for k in range(60) if k != 50]
+    assert found.values[29:33].tolist() == [29.0, 31.0, 30.0, 32.0]
+    assert 50.0 not in found.values
+    assert notes == ["late-samples: 2 samples of z in run 'own' are older than the one before them"]
+    t[50] = 45.0
+    assert len(cleaned(t)[0]) == 59, "five steps late is believed, and is then a repeated stamp"
+
+
+@pytest.mark.parametrize(("late", "is_refused"), [(1, False), (5, False), (6, True)])
+def test_more_than_one_in_twenty_late_samples_is_a_clock_that_is_not_trusted(late: int, is_refused: bool) -> None:
+    t = np.arange(100.0)
+    for k in range(late):
+        t[10 * k + 5] -= 1.5
+    if is_refused:
+        with pytest.raises(BadFile, match=r"the clock of run 'own' jumps back after t = 4.000 s \(channel z\)"):
+            cleaned(t.tolist())
+    else:
+        assert len(cleaned(t.tolist())[0]) == 100
+    assert len(cleaned([0.0, 1.0, 3.0, 2.0])[0]) == 4, "one is never too many"
+
+
+def test_a_clock_that_jumps_back_is_refused_where_it_does() -> None:
+    with pytest.raises(BadFile, match=r"jumps back after t = 7.000 s"):
+        cleaned([5.0, 6.0, 7.0, 1.0, 2.0, 3.0])
+
+
+RATE = Channel("r", "rad/s", np.array([0.0, 10.0]), np.array([2.0, 2.0]))
+
+
+def test_an_angle_is_continued_over_holes_at_the_measured_or_the_last_rate() -> None:
+    t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 6.5, 6.6, 6.7])
+    angle = 2.0 * t
+    wrapped = np.angle(np.exp(1j * angle))
+    assert unwrap(t, wrapped, RATE) - wrapped[0] == pytest.approx(angle)
+    assert unwrap(t, wrapped, None) - wrapped[0] == pytest.approx(angle)
+    still = Channel("r", "rad/s", np.array([0.0, 10.0]), np.zeros(2))
+    assert abs(unwrap(t, wrapped, still)[6] - unwrap(t, wrapped, still)[5]) < math.pi
+    single = Channel("r", "rad/s", np.array([0.0]), np.array([0.9]))
+    assert unwrap(t, wrapped, single) - wrapped[0] == pytest.approx(angle), "one sample tells no rate"
+
+
+def test_a_hole_after_the_first_sample_is_taken_for_no_turn() -> None:
+    t = np.array([0.0, 9.0, 9.1, 9.2, 9.3])
+    assert unwrap(t, np.array([3.0, -3.0, -2.9, -2.8, -2.7]), None) == pytest.approx(
+        [3.0, 2.0 * math.pi - 3.0, 2.0 * math.pi - 2.9, 2.0 * math.pi - 2.8, 2.0 * math.pi - 2.7]
+    )
+    assert unwrap(np.array([1.0]), np.array([3.0]), None).tolist() == [3.0]
+
+
+def test_the_step_of_a_coarse_scale_is_found_and_no_other() -> None:
+    ramp = np.repeat(np.arange(20) * 0.25, 5)
+    assert cleaning.quantum(ramp) == pytest.approx(0.25)
+    assert cleaning.quantum(np.delete(ramp, slice(20, 60))) == pytest.approx(0.25)
+    assert cleaning.quantum(np.random.default_rng(1).normal(size=100)) == 0.0
+    assert cleaning.quantum(np.repeat([0.0, 1.0], 50)) == 0.0, "two levels tell no scale"
+    assert cleaning.quantum(np.repeat([0.0, 1.0, 2.4, 3.4], 9)) == 0.0
+    assert cleaning.quantum(np.array([])) == 0.0

@@ -1,0 +1,136 @@
+"""Wrong units found from numbers alone: each factor, both ways, and what is no wrong unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.identify.unit_check import check_units
+from gcs_autotune.trial import Channel, Trial
+
+Array = NDArray[np.float64]
+T = np.arange(0.0, 30.0, 0.1)
+UNITS = {"psi": "rad", "r": "rad/s", "z": "m", "w": "m/s", "x": "m", "y": "m", "u": "m/s", "v": "m/s", "U": "m/s"}
+
+
+def run(t: Array = T, **columns: Array) -> Trial:
+    return Trial("own", {n: Channel(n, UNITS[n], t, v) for n, v in columns.items()})
+
+
+def said(trial: Trial) -> list[str]:
+    return [f"{d.slug}: {d.cause}" for d in check_units(trial)]
+
+
+RATE = 0.3 * np.cos(0.5 * T) + 0.1
+ANGLE = 0.6 * np.sin(0.5 * T) + 0.1 * T
+
+
+def test_right_units_raise_no_doubt() -> None:
+    assert said(run(psi=ANGLE, r=RATE, z=ANGLE, w=RATE)) == []
+    assert said(run(psi=ANGLE)) == said(run(r=RATE)) == []
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(180.0 / math.pi, "degrees"), (2.0 * math.pi, "revolutions")])
+@pytest.mark.parametrize(("way", "word"), [(1, "more"), (-1, "less")])
+@pytest.mark.parametrize("off", [1.0, 1.07, 0.93])
+def test_an_angle_and_its_rate_that_differ_by_a_unit_are_refused(
+    factor: float, unit: str, way: int, word: str, off: float
+) -> None:
+    with pytest.raises(BadFile, match=f"{factor:.3g} times {word} than r says: one of the columns is in {unit}"):
+        check_units(run(psi=ANGLE * off * factor**way, r=RATE))
+    assert not said(run(psi=ANGLE * 1.09 * 2.0, r=RATE))
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(3.6, "km/h"), (1.0 / 0.3048, "feet"), (3600.0 / 1852.0, "knots")])
+@pytest.mark.parametrize(("way", "word"), [(1, "more"), (-1, "less")])
+def test_small_factors_of_lengths_are_doubted(factor: float, unit: str, way: int, word: str) -> None:
+    (text,) = said(run(z=ANGLE * factor**way, w=RATE))
+    assert text.startswith("unit: z") and f"times {word} than w" in text and f"is in {unit}" in text
+    assert said(run(z=ANGLE * 2.5**way, w=RATE)) == []
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
+def test_gross_factors_of_lengths_are_refused(factor: float, unit: str) -> None:
+    with pytest.raises(BadFile, match=f"is in {unit} and its head says otherwise; correct"):
+        check_units(run(z=ANGLE * factor, w=RATE))
+    with pytest.raises(BadFile, match=f"is in {unit}"):
+        check_units(run(z=-ANGLE * factor, w=RATE))
+
+
+@pytest.mark.parametrize(
+    ("share", "is_doubted"), [(-1.0, True), (-1.24, True), (-0.76, True), (-1.26, False), (-0.7, False)]
+)
+def test_opposite_signs_are_doubted(share: float, is_doubted: bool) -> None:
+    assert [text[:5] for text in said(run(z=share * ANGLE, w=RATE))] == ["sign:"] * is_doubted
+
+
+def test_too_few_samples_windows_or_windows_that_disagree_tell_nothing() -> None:
+    wrong = ANGLE * 100.0
+    with pytest.raises(BadFile):
+        check_units(run(T[:40], z=wrong[:40], w=RATE[:40]))
+    assert said(run(T[:19], z=wrong[:19], w=RATE[:19])) == []
+    assert said(run(z=wrong * np.exp(np.random.default_rng(0).normal(0.0, 1.0, len(T))), w=RATE)) == []
+    assert said(run(z=wrong, w=0.0 * RATE)) == []
+
+
+def test_samples_that_are_no_numbers_and_holes_are_passed_over() -> None:
+    holed = np.where(np.arange(len(T)) % 7 == 0, np.nan, ANGLE * 100.0)
+    with pytest.raises(BadFile, match="is in cm"):
+        check_units(run(z=holed, w=RATE))
+    keep = (T < 12.0) | (T > 20.0)
+    jumped = np.where(T > 15.0, ANGLE + 50.0, ANGLE)
+    assert said(run(T[keep], z=jumped[keep], w=RATE[keep])) == []
+
+
+def test_samples_further_apart_than_the_window_are_compared_over_four() -> None:
+    t = np.arange(0.0, 120.0, 1.5)
+    slow, rate = 20.0 * np.sin(0.1 * t), 2.0 * np.cos(0.1 * t)
+    assert said(run(t, z=slow, w=rate)) == []
+    with pytest.raises(BadFile, match="is in cm"):
+        check_units(run(t, z=slow * 100.0, w=rate))
+
+
+TRACK: Mapping[str, Array] = {"x": 3.0 * np.sin(0.4 * T), "y": 3.0 * np.cos(0.4 * T)}
+SPEED = np.full(len(T), 1.2)
+
+
+def test_a_track_is_compared_with_the_speed_over_ground_or_both_of_its_parts() -> None:
+    chord = 2.0 * 3.0 * np.sin(0.2) / 1.2  # over a window of 1 s the chord stands for the arc
+    assert 0.98 < chord < 1.0
+    assert said(run(**TRACK, U=SPEED)) == said(run(**TRACK, u=0.8 * SPEED, v=0.6 * SPEED)) == []
+    for speed in ({"U": SPEED / 3.6}, {"u": 0.8 * SPEED / 3.6, "v": 0.6 * SPEED / 3.6}):
+        (text,) = said(run(**TRACK, **speed))
+        assert text.startswith("unit: x, y") and "km/h" in text and ("U says" in text) is ("U" in speed)
+    assert said(run(**TRACK, u=SPEED / 3.6)) == [], "a part alone may be any share of it"
+    assert said(run(x=TRACK["x"], U=SPEED / 3.6)) == []
+
+
+def sawtooth(height: float, turns: float = 4.0) -> Array:
+    return np.mod(np.linspace(0.0, turns * height, len(T)), height) - 0.5 * height
+
+
+@pytest.mark.parametrize(
+    ("height", "words"),
+    [
+        (360.0, "its head says radians but the numbers are degrees"),
+        (2.0 * math.pi / (180.0 / math.pi), "its head says degrees but the numbers are radians"),
+    ],
+)
+def test_a_heading_tells_its_unit_where_it_wraps(height: float, words: str) -> None:
+    for off in (1.0, 1.009):
+        with pytest.raises(BadFile, match=f"wraps round at .* rad: {words}"):
+            check_units(run(psi=sawtooth(height * off)))
+    assert said(run(psi=sawtooth(2.0 * math.pi))) == []
+    assert said(run(T[:19], psi=sawtooth(height)[:19])) == []
+
+
+@pytest.mark.parametrize(("rate", "is_doubted"), [(3.4, False), (3.6, True), (-3.6, True)])
+def test_a_heading_that_turns_faster_than_any_craft_is_doubted(rate: float, is_doubted: bool) -> None:
+    found = said(run(psi=rate * T))
+    assert len(found) == is_doubted
+    assert not found or ("turns faster than 3.5 rad/s" in found[0] and "(3.6 rad/s)" in found[0])
