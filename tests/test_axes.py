@@ -36,6 +36,7 @@ def test_every_command_has_the_same_words_for_axes() -> None:
 
 @pytest.mark.parametrize("firmware", FIRMWARE.values(), ids=list(FIRMWARE))
 def test_every_loop_of_a_firmware_is_an_axis_of_the_table_on_the_same_motion(firmware) -> None:
+    assert firmware.axes
     for name, loop in firmware.axes.items():
         assert axis_kind(name).dof == loop.dof
         assert loop.needs_speed <= firmware.needs_way

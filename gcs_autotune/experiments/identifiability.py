@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.experiments.preview import Reach, reach_of_runs
+from gcs_autotune.experiments.preview import ManoeuvringRoom, room_of_runs
 from gcs_autotune.experiments.scales import Scales, scales_of
-from gcs_autotune.identify.information import BLIND, Information, Subject, information_on, subject_of
+from gcs_autotune.identify.information import BLIND, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.models.coupled.derivatives import STATES, inertia_of
 from gcs_autotune.sname import SIGNALS
@@ -76,7 +76,7 @@ _HUGE = 10.0
 """Relative change from which a number says less than words."""
 
 
-def direction_doubt(direction: Direction, seen: Reach) -> Doubt:
+def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
     """Return the doubt about parameters that move together."""
     names = joined(direction.members)
     if direction.scaling:
@@ -94,7 +94,7 @@ def direction_doubt(direction: Direction, seen: Reach) -> Doubt:
     return Doubt(SLUG, cause, _cure(_leading(direction), seen))
 
 
-def unseen_doubt(unseen: Unseen, seen: Reach) -> Doubt:
+def unseen_doubt(unseen: Unseen, seen: ManoeuvringRoom) -> Doubt:
     """Return the doubt about a parameter whose standard error exceeds its value."""
     size = f"{unseen.value:.2g} ± {percent(unseen.std / abs(unseen.value))}" if unseen.value else "zero"
     why = _why(unseen.derivative, seen)
@@ -123,7 +123,7 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.{0 if abs(share) >= 0.095 else 1}f} %"
 
 
-def _here(seen: Reach) -> str:
+def _here(seen: ManoeuvringRoom) -> str:
     return f"this {seen.kind}"
 
 
@@ -153,7 +153,7 @@ def _letters(derivative: str) -> set[str]:
     return {c for c in rest if c in STATES} if "_" in derivative and rest != "0" else set()
 
 
-def _why(derivative: str, seen: Reach) -> str:
+def _why(derivative: str, seen: ManoeuvringRoom) -> str:
     parts = []
     for letter in sorted(_letters(derivative), key=STATES.index):
         if letter in seen.largest:
@@ -172,7 +172,7 @@ def _above(value: float) -> str:
     return f"{math.ceil(value / step - 1e-9) * step:.2g}"
 
 
-def _cure(derivatives: Sequence[str], seen: Reach) -> str:
+def _cure(derivatives: Sequence[str], seen: ManoeuvringRoom) -> str:
     letters = set().union(*(_letters(d) for d in derivatives))
     inertia = any("_" in d and inertia_of(d) is not None for d in derivatives)
     lines = {re.sub(r"dot$", "", d) for d in derivatives}
@@ -219,7 +219,7 @@ class Identifiability:
 
     information: Information
     scales: Scales
-    seen: Reach
+    seen: ManoeuvringRoom
     relative: Array
     directions: tuple[Direction, ...]
     unseen: tuple[Unseen, ...]
@@ -247,16 +247,16 @@ def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiabilit
     Raises
     ------
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.information.subject_of`.
+        As :func:`gcs_autotune.identify.information.fitted_model_of`.
     """
-    return look_into(subject_of(fit, trials))
+    return look_into(fitted_model_of(fit, trials))
 
 
-def look_into(subject: Subject) -> Identifiability:
+def look_into(subject: FittedModel) -> Identifiability:
     """Return what the subject's runs tell of its parameters."""
     information = information_on(subject)
     scales = scales_of(subject)
-    seen, _ = reach_of_runs(subject)
+    seen, _ = room_of_runs(subject)
     std = information.std
     relative = std / scales.size
     directions = (*_exact(subject, information, scales), *_practical(subject, information, scales))
@@ -264,7 +264,7 @@ def look_into(subject: Subject) -> Identifiability:
     return Identifiability(information, scales, seen, relative, directions, unseen)
 
 
-def _exact(subject: Subject, information: Information, scales: Scales) -> tuple[Direction, ...]:
+def _exact(subject: FittedModel, information: Information, scales: Scales) -> tuple[Direction, ...]:
     """Return the joint changes nothing answers to, each with as few members as possible."""
     sigma, vectors, seen = information.modes()
     null = vectors[:, sigma <= BLIND]
@@ -282,7 +282,7 @@ def _exact(subject: Subject, information: Information, scales: Scales) -> tuple[
     return tuple(found)
 
 
-def _practical(subject: Subject, information: Information, scales: Scales) -> tuple[Direction, ...]:
+def _practical(subject: FittedModel, information: Information, scales: Scales) -> tuple[Direction, ...]:
     """Return the joint changes the noise leaves open, worst first.
 
     Weak vectors of like singular values may come mixed; they are recombined so that each has few members.
@@ -306,7 +306,7 @@ def _practical(subject: Subject, information: Information, scales: Scales) -> tu
 
 
 def _direction(
-    subject: Subject, members: NDArray[np.int64], changes: Mapping[str, float], exact: bool, scaling: bool
+    subject: FittedModel, members: NDArray[np.int64], changes: Mapping[str, float], exact: bool, scaling: bool
 ) -> Direction:
     names, own = (tuple(whole[i] for i in members) for whole in (subject.names, subject.free))
     return Direction(names, own, changes, exact, scaling)
@@ -341,7 +341,7 @@ def _sparse(basis: Array) -> Array:
 
 
 def _unseen(
-    subject: Subject, information: Information, scales: Scales, std: Array, told: set[str]
+    subject: FittedModel, information: Information, scales: Scales, std: Array, told: set[str]
 ) -> tuple[Unseen, ...]:
     """Return the parameters whose standard error exceeds their value, but for those *told* of already."""
     found = []

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
-from gcs_autotune.experiments.preview import ROLES, Flight, Reach, fly, helm_of
-from gcs_autotune.identify.information import Information, Subject, information_on, subject_of
+from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, fly, helm_of
+from gcs_autotune.identify.information import FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
@@ -57,7 +57,7 @@ class Plan:
     flags: tuple[str, ...]
 
     @property
-    def reach(self) -> Reach:
+    def reach(self) -> ManoeuvringRoom:
         """Speeds, turning and room the manoeuvre is expected to take."""
         return self.flight.reach
 
@@ -133,13 +133,13 @@ def plan_next(
     UnknownName
         A candidate that is in no table.
     UsageError
-        A senseless length, no candidate these inputs can fly; and as :func:`subject_of`.
+        A senseless length, no candidate these inputs can fly; and as :func:`fitted_model_of`.
     NotInformative
         The model runs away in every candidate.
     """
     if not 5.0 <= seconds <= 3600.0:
         raise UsageError(f"a run of {seconds} s cannot be planned: give 5 to 3600 s")
-    subject = subject_of(fit, trials)
+    subject = fitted_model_of(fit, trials)
     helm = helm_of(subject.form, subject.theta, subject.records)
     wanted = PRESETS.values() if candidates is None else [_candidate(c) for c in candidates]
     able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(helm.columns)]
@@ -159,12 +159,12 @@ def plan_next(
     return Proposal(now, seconds, tuple(ranked), names)
 
 
-def worth_of(subject: Subject, now: Identifiability, flight: Flight | None, candidate: Preset) -> Plan | None:
+def worth_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Plan | None:
     """Return what a flight would bring, None when there is none or its sensitivities run away."""
     if flight is None:
         return None
     try:
-        added = information_on(flight.as_subject(subject))
+        added = information_on(flight.as_fitted_model(subject))
     except NotInformative:
         return None
     both = now.information.plus(added)

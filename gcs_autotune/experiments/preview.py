@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.information import Subject
+from gcs_autotune.identify.information import FittedModel
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.manoeuvres import Preset
 from gcs_autotune.models.coupled import Form, Simulator
@@ -24,7 +24,18 @@ from gcs_autotune.models.coupled.derivatives import FORCES
 from gcs_autotune.models.coupled.program import states_of
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["CONTROL_STEP", "ROLES", "Flight", "Helm", "Kind", "Reach", "fly", "helm_of", "reach_of", "reach_of_runs"]
+__all__ = [
+    "CONTROL_STEP",
+    "ROLES",
+    "Flight",
+    "Helm",
+    "Kind",
+    "ManoeuvringRoom",
+    "fly",
+    "helm_of",
+    "room_of",
+    "room_of_runs",
+]
 
 Array = NDArray[np.float64]
 
@@ -35,7 +46,7 @@ STEADY = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class ManoeuvringRoom:
     """Extremes of a motion, SI units.
 
     ``largest`` magnitude per velocity (``u`` .. ``r``); ``turned`` total range of the heading [rad], ``tilt`` largest
@@ -51,7 +62,7 @@ class Reach:
     seconds: float
     kind: Kind
 
-    def beyond(self, seen: Reach, factor: float) -> tuple[str, ...]:
+    def beyond(self, seen: ManoeuvringRoom, factor: float) -> tuple[str, ...]:
         """Return, in words, what exceeds *seen* by more than *factor*; turning and depth count too."""
         said = []
         for name, value in self.largest.items():
@@ -70,7 +81,7 @@ class Reach:
         return tuple(said)
 
 
-def reach_of(form: Form, t: Array, X: Array) -> Reach:
+def room_of(form: Form, t: Array, X: Array) -> ManoeuvringRoom:
     """Return the reach of simulated states *X* (s, n) at stamps *t* (s,)."""
     states = states_of(form)
 
@@ -79,7 +90,7 @@ def reach_of(form: Form, t: Array, X: Array) -> Reach:
 
     velocities = [DOFS[d].velocity for d in form.dofs]
     tilts = [float(np.abs(X[:, states.index(n)]).max()) for n in ("phi", "theta") if n in states]
-    return Reach(
+    return ManoeuvringRoom(
         largest={n: float(np.abs(X[:, states.index(n)]).max()) for n in velocities},
         turned=span("psi"),
         tilt=max(tilts, default=0.0),
@@ -90,15 +101,15 @@ def reach_of(form: Form, t: Array, X: Array) -> Reach:
     )
 
 
-def reach_of_runs(subject: Subject) -> tuple[Reach, tuple[Reach, ...]]:
+def room_of_runs(subject: FittedModel) -> tuple[ManoeuvringRoom, tuple[ManoeuvringRoom, ...]]:
     """Return the reach of all runs together and of each record, as the model moves on their inputs."""
-    each = tuple(reach_of(subject.form, *subject.motion(i)) for i in range(len(subject.records)))
+    each = tuple(room_of(subject.form, *subject.motion(i)) for i in range(len(subject.records)))
     return _together(each), each
 
 
-def _together(each: Sequence[Reach]) -> Reach:
+def _together(each: Sequence[ManoeuvringRoom]) -> ManoeuvringRoom:
     kinds = {r.kind for r in each}
-    return Reach(
+    return ManoeuvringRoom(
         largest={n: max(r.largest[n] for r in each) for n in each[0].largest},
         turned=max(r.turned for r in each),
         tilt=max(r.tilt for r in each),
@@ -208,14 +219,14 @@ class Flight:
     inputs: Array
     record: Segment
     initial: Array
-    reach: Reach
+    reach: ManoeuvringRoom
 
-    def as_subject(self, subject: Subject) -> Subject:
+    def as_fitted_model(self, subject: FittedModel) -> FittedModel:
         """Return *subject* on this flight alone."""
         return replace(subject, records=(self.record,), initial=(self.initial,))
 
 
-def fly(subject: Subject, helm: Helm, preset: Preset, seconds: float) -> Flight | None:
+def fly(subject: FittedModel, helm: Helm, preset: Preset, seconds: float) -> Flight | None:
     """Let the model fly *preset*; None when it runs away.
 
     It starts from rest, or, when no input drives surge, at the median speed of the runs.
@@ -248,10 +259,10 @@ def fly(subject: Subject, helm: Helm, preset: Preset, seconds: float) -> Flight 
     for name, signal in signals.items():
         value = simulator.outputs(subject.theta, X, S, name)[0][np.searchsorted(stamps, signal.t)]
         signals[name] = replace(signal, values=value)
-    return Flight(t, inputs, replace(record, signals=signals), x_0, reach_of(subject.form, stamps, X))
+    return Flight(t, inputs, replace(record, signals=signals), x_0, room_of(subject.form, stamps, X))
 
 
-def _commanded(subject: Subject, helm: Helm, preset: Preset, t: Array, x_0: Array, seconds: float) -> Array | None:
+def _commanded(subject: FittedModel, helm: Helm, preset: Preset, t: Array, x_0: Array, seconds: float) -> Array | None:
     """Return the inputs (j, m) that the manoeuvre commands at *t*; after its end none. Open loops are not simulated."""
     simulator = Simulator(subject.form)
     states, x = simulator.states, x_0
@@ -283,7 +294,7 @@ def _observed(t: float, states: Sequence[str], x: Array) -> Observation:
     return Observation(**{"psi": 0.0, **known, "t": t, "speed": speed})
 
 
-def _start(subject: Subject, helm: Helm) -> Array:
+def _start(subject: FittedModel, helm: Helm) -> Array:
     states = Simulator(subject.form).states
     x_0 = np.zeros(len(states))
     if "u" in states and "thrust" not in helm.columns:
@@ -292,7 +303,7 @@ def _start(subject: Subject, helm: Helm) -> Array:
     return x_0
 
 
-def _periods(subject: Subject) -> dict[str, float]:
+def _periods(subject: FittedModel) -> dict[str, float]:
     """Return the sampling period [s] of every signal, as in the runs."""
     steps: dict[str, list[float]] = {}
     for record in subject.records:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.experiments.scales import scales_of
-from gcs_autotune.identify.information import Subject, information_on, subject_of
+from gcs_autotune.identify.information import FittedModel, fitted_model_of, information_on
 from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
@@ -90,9 +90,9 @@ def profile(fit: Fit, trials: Trial | Sequence[Trial], name: str, *, level: floa
     UnknownName
         *name* was not fitted.
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.information.subject_of`.
+        As :func:`gcs_autotune.identify.information.fitted_model_of`.
     """
-    subject = subject_of(fit, trials)
+    subject = fitted_model_of(fit, trials)
     place = lookup({n: i for i, n in enumerate(subject.names)}, name, "fitted parameter")
     subject, laws, least = _likeliest(subject)
     std, size = float(information_on(subject).std[place]), float(scales_of(subject).size[place])
@@ -108,7 +108,7 @@ def profile(fit: Fit, trials: Trial | Sequence[Trial], name: str, *, level: floa
     return Profile(name, subject.units[place], estimate, level, threshold, values, deviance, low, high)
 
 
-def _likeliest(subject: Subject) -> tuple[Subject, dict[str, NoiseModel], float]:
+def _likeliest(subject: FittedModel) -> tuple[FittedModel, dict[str, NoiseModel], float]:
     """Return the subject at its maximum of likelihood, the noise there, and the least cost."""
     objective = subject.objective()
     wide = np.full(objective.size, np.inf)
@@ -126,7 +126,7 @@ def _likeliest(subject: Subject) -> tuple[Subject, dict[str, NoiseModel], float]
 class _Walker:
     """Moves one parameter and fits all the rest."""
 
-    subject: Subject
+    subject: FittedModel
     place: int
     laws: dict[str, NoiseModel]
     least: float

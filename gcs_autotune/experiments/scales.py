@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.smoothing import Motion
-from gcs_autotune.identify.information import Subject, model_delay
+from gcs_autotune.identify.information import FittedModel, model_delay
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL
 from gcs_autotune.models.coupled.kernel import imbalances
@@ -38,7 +38,7 @@ class Scales:
     felt: Array
 
 
-def scales_of(subject: Subject) -> Scales:
+def scales_of(subject: FittedModel) -> Scales:
     """Return the scales of the subject's fitted parameters.
 
     Raises
@@ -60,7 +60,7 @@ def scales_of(subject: Subject) -> Scales:
     return Scales(size, felt)
 
 
-def _forces(subject: Subject) -> tuple[Array, Mapping[str, Array]]:
+def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
     """Return the largest force (k,) per equation, and per parameter the largest effect (k,) of one unit of it."""
     form, k = subject.form, len(subject.form.dofs)
     motions = [_moving(subject, i) for i in range(len(subject.records))]
@@ -88,7 +88,7 @@ def _imbalance(form: Form, theta: Array, motion: Motion) -> Array:
     return out
 
 
-def _moving(subject: Subject, i: int) -> Motion:
+def _moving(subject: FittedModel, i: int) -> Motion:
     form, record = subject.form, subject.records[i]
     t, X = subject.motion(i)
     t, at = np.unique(t, return_index=True)
@@ -99,13 +99,13 @@ def _moving(subject: Subject, i: int) -> Motion:
     return Motion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
 
 
-def _felt_special(subject: Subject, name: str) -> float:
+def _felt_special(subject: FittedModel, name: str) -> float:
     if name in ("delay", "lag"):
         return max(float(np.median(np.diff(r.stamps))) for r in subject.records)
     speeds = [np.abs(subject.motion(i)[1][:, _surge(subject)]).max() for i in range(len(subject.records))]
     return FELT * float(max(speeds)) or FELT
 
 
-def _surge(subject: Subject) -> int:
+def _surge(subject: FittedModel) -> int:
     states = states_of(subject.form)
     return states.index("u") if "u" in states else len(subject.form.dofs)

@@ -32,13 +32,13 @@ from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
-__all__ = ["BLIND", "Information", "Subject", "information_on", "root_of", "subject_of", "with_bounds"]
+__all__ = ["BLIND", "FittedModel", "Information", "fitted_model_of", "information_on", "root_of", "with_bounds"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class FittedModel:
     """A model on runs.
 
     ``theta`` (q,) in the order of ``form.parameters``; ``free`` the form's names of what was fitted, ``names`` what the
@@ -89,7 +89,7 @@ class Subject:
         return stamps, found[0]
 
 
-def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
+def fitted_model_of(fit: Fit, trials: Trial | Sequence[Trial]) -> FittedModel:
     """Return *fit* on *trials*, its initial states fitted to them.
 
     Noise is what the fit found, and where it says nothing the rms of what the free run leaves.
@@ -122,7 +122,7 @@ def subject_of(fit: Fit, trials: Trial | Sequence[Trial]) -> Subject:
         raise NotInformative(f"the model '{form.name}' runs away on run '{records[0].run}': its drag destabilises it")
     noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
     units = tuple(fit.parameters[n].unit for n in names)
-    return Subject(form, theta, free, names, signs, units, records, found.initial, noise)
+    return FittedModel(form, theta, free, names, signs, units, records, found.initial, noise)
 
 
 def model_delay(form: Form, theta: Array) -> float:
@@ -243,7 +243,7 @@ def root_of(rows: Array) -> Array:
     return R
 
 
-def information_on(subject: Subject) -> Information:
+def information_on(subject: FittedModel) -> Information:
     """Return what the subject's runs tell of its fitted parameters.
 
     Raises
@@ -299,7 +299,7 @@ def with_bounds(fit: FitT, trials: Trial | Sequence[Trial]) -> FitT:
         if isinstance(fit, AxisFit) and isinstance(fit.model, SingleDof):
             bounds = _axis_bounds(fit, fit.model, trials)
         else:
-            bounds = information_on(subject_of(fit, trials)).bounds
+            bounds = information_on(fitted_model_of(fit, trials)).bounds
     except (DataError, UsageError):
         return fit
     parameters = {n: replace(p, bound=bounds.get(n, p.bound)) for n, p in fit.parameters.items()}

@@ -87,6 +87,7 @@ def test_what_is_no_effect_is_not_taken_for_one(offered):
 
 
 def test_every_effect_says_what_it_acts_on_or_is_a_disturbance():
+    assert len(EFFECTS) > 30
     for effect in EFFECTS.values():
         assert effect.acts_on or effect.is_disturbance, effect.slug
         assert not (effect.is_rounding and not effect.is_disturbance), effect.slug

@@ -11,7 +11,7 @@ from experiment_plants import BOAT, Steps, Zigzag, recorded
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.information import information_on, subject_of, with_bounds
+from gcs_autotune.identify.information import fitted_model_of, information_on, with_bounds
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models.coupled import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
@@ -31,7 +31,7 @@ def pushed(seed: int, noise: float = 0.05) -> Trial:
 
 def test_the_bound_of_a_pushed_mass_is_the_one_on_paper() -> None:
     run = pushed(1)
-    subject = replace(subject_of(fit(run, DRIFT, delay=0.0), run), theta=np.array([-2.0]), noise={"u": 0.05})
+    subject = replace(fitted_model_of(fit(run, DRIFT, delay=0.0), run), theta=np.array([-2.0]), noise={"u": 0.05})
     # u = u_0 + min(t, 5)/m: du/dm = -min(t, 5)/m^2, the free u_0 takes its mean away.
     slope = np.minimum(np.arange(0.0, 10.0, 0.1), 5.0) / 4.0
     expected = 0.05 / math.sqrt(float(np.sum((slope - slope.mean()) ** 2)))
@@ -47,7 +47,7 @@ def test_estimates_scatter_as_the_bound_says() -> None:
 def test_the_bound_agrees_with_the_fit_of_greatest_likelihood() -> None:
     runs = [recorded(Steps(1), 30.0, 1), recorded(Zigzag(), 30.0, 2)]
     made = fit(runs, FORM, delay=0.0)
-    bounds = information_on(subject_of(made, runs)).bounds
+    bounds = information_on(fitted_model_of(made, runs)).bounds
     assert set(bounds) >= set(FORM.free) != set()
     for name in FORM.free:
         assert bounds[name] == pytest.approx(made.parameters[name].bound, rel=0.01)
@@ -56,8 +56,8 @@ def test_the_bound_agrees_with_the_fit_of_greatest_likelihood() -> None:
 def test_information_of_two_runs_is_the_sum_of_both() -> None:
     runs = [pushed(1), pushed(2)]
     made = fit(runs, DRIFT, delay=0.0)
-    both = information_on(subject_of(made, runs))
-    one, other = (information_on(subject_of(made, run)) for run in runs)
+    both = information_on(fitted_model_of(made, runs))
+    one, other = (information_on(fitted_model_of(made, run)) for run in runs)
     assert one.plus(other).matrix == pytest.approx(both.matrix, rel=1e-9)
 
 
@@ -99,4 +99,4 @@ def test_a_model_that_cannot_be_simulated_is_refused() -> None:
         fit_percent=0.0, used=(),
     )  # fmt: skip
     with pytest.raises(UsageError, match="Table"):
-        subject_of(made, pushed(1))
+        fitted_model_of(made, pushed(1))

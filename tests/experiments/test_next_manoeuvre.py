@@ -13,7 +13,7 @@ from gcs_autotune.experiments.next_manoeuvre import Proposal, plan_next
 from gcs_autotune.experiments.pictures import proposal_picture
 from gcs_autotune.experiments.preview import helm_of
 from gcs_autotune.identify import Fit, fit
-from gcs_autotune.identify.information import subject_of
+from gcs_autotune.identify.information import fitted_model_of
 from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
 from gcs_autotune.trial import Trial
 
@@ -129,7 +129,7 @@ def test_differential_thrust_steers_and_drives() -> None:
         {"port": (("X", 1.0), ("N", 0.4)), "starboard": (("X", 1.0), ("N", -0.4))}, coriolis=False,
     )  # fmt: skip
     run = recorded(Steps(1), 10.0, 1)
-    record = replace(subject_of(fit(run, dof="yaw", delay=0.0), run).records[0])
+    record = replace(fitted_model_of(fit(run, dof="yaw", delay=0.0), run).records[0])
     both = replace(record, t_in=np.array([0.0, 1.0]), inputs=np.array([[-5.0, 8.0], [8.0, -5.0]]))
     helm = helm_of(form, np.array([-20.0, -2.0, -3.0, -3.0]), [both])
     assert helm.inputs({"thrust": 1.0}) == pytest.approx([8.0, 8.0])

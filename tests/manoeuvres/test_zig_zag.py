@@ -69,6 +69,7 @@ def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_
 
 
 def test_every_kind_is_in_the_table_under_the_name_its_records_carry() -> None:
+    assert len(MANOEUVRES) > 5
     for name, kind in MANOEUVRES.items():
         assert kind.name == name
         for preset in kind.presets:
