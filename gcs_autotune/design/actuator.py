@@ -27,7 +27,9 @@ class Actuator:
     """From output to force, in this order; outputs in the model's input unit, or in fractions once scaled.
 
     ``limit`` it saturates at, ``rate`` [1/s] it moves at, ``lag`` [s] first-order, ``play`` (backlash) and
-    ``dead_zone`` (half-width) of its linkage, ``square`` the share of its force that goes with ``u|u|/reference``,
+    ``dead_zone`` (half-width) of its linkage or speed controller, ``subtracted`` the share of that width lost beyond it
+    (1: the force grows from nothing; 0: it begins with a jump), ``square`` the share of its force that goes with
+    ``u|u|/reference``,
     ``ahead`` and ``astern`` gains for positive and negative outputs, ``weakest`` the gain it may fall to in use.
     """
 
@@ -36,6 +38,7 @@ class Actuator:
     lag: float = 0.0
     play: float = 0.0
     dead_zone: float = 0.0
+    subtracted: float = 1.0
     square: float = 0.0
     reference: float = 1.0
     ahead: float = 1.0
@@ -54,6 +57,11 @@ class Actuator:
             PERFECT, limit=self.limit, rate=self.rate, lag=self.lag, reference=self.reference, weakest=self.weakest
         )
 
+    @property
+    def lost(self) -> float:
+        """What the dead zone takes off outputs beyond it."""
+        return self.subtracted * self.dead_zone
+
     def in_fractions(self, full: float) -> Actuator:
         """Return it with outputs as fractions of *full* [input unit]; negative when full output acts the other way."""
         size = abs(full)
@@ -71,7 +79,8 @@ class Actuator:
     def static(self, u: Array) -> Array:
         """Return the force (n,) that settled outputs *u* (n,) give, the play taken up in their own direction."""
         held = np.clip(u, -self.limit, self.limit)
-        held = np.sign(held) * np.maximum(np.abs(held) - 0.5 * self.play - self.dead_zone, 0.0)
+        size = np.maximum(np.abs(held) - 0.5 * self.play, 0.0)
+        held = np.sign(held) * np.where(size > self.dead_zone, size - self.lost, 0.0)
         bent = (1.0 - self.square) * held + self.square * held * np.abs(held) / self.reference
         force: Array = np.where(bent >= 0.0, self.ahead, self.astern) * bent
         return force
@@ -103,7 +112,7 @@ class Actuator:
         take their part first. Margins are to hold at each. Within dead zone and play the loop is open; that is left to
         the simulation.
         """
-        bend = 2.0 * self.square * max(USED - 0.5 * self.play - self.dead_zone, 0.0) / self.reference
+        bend = 2.0 * self.square * max(USED - 0.5 * self.play - self.lost, 0.0) / self.reference
         sizes = (1.0 - self.square, 1.0 - self.square + bend) if self.square else (1.0,)
         found = {round(w * s * g, 6) for w in {1.0, self.weakest} for s in sizes for g in {self.ahead, self.astern}}
         return tuple(sorted({max(g, LEAST_SLOPE) for g in found}))
@@ -124,6 +133,7 @@ class Actuator:
                 self.reference,
                 self.ahead,
                 self.astern,
+                self.lost,
             ]
         )
 

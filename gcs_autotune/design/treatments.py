@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.effects import EffectInstance
+from gcs_autotune.effects import SUBTRACTED, EffectInstance
 from gcs_autotune.sname import Dof
 
 __all__ = ["Draft", "Remark", "take"]
@@ -115,7 +115,8 @@ def _play(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 
 
 def _dead(draft: Draft, own: EffectInstance) -> tuple[str, str]:
-    draft.actuator = replace(draft.actuator, dead_zone=own["width"])
+    subtracted = own.constants.get(SUBTRACTED, 1.0)
+    draft.actuator = replace(draft.actuator, dead_zone=own["width"], subtracted=subtracted)
     return "the gains are chosen with the dead zone in the loop", _MEND_DEAD_ZONE.get(draft.law, "")
 
 

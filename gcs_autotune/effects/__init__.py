@@ -16,7 +16,7 @@ kernels             compiled: motion between stamps; narrow_band: the filter of 
 
 from __future__ import annotations
 
-from gcs_autotune.effects.actuator import Characteristic, horizon
+from gcs_autotune.effects.actuator import SUBTRACTED, Characteristic, horizon
 from gcs_autotune.effects.effect import (
     INPUT,
     SIGNAL,
@@ -41,6 +41,7 @@ __all__ = [
     "INPUT",
     "SIGNAL",
     "STEP",
+    "SUBTRACTED",
     "Characteristic",
     "Curve",
     "DataSummary",

@@ -17,6 +17,7 @@ from gcs_autotune.sname import DOFS
 
 __all__ = [
     "RESOLUTION",
+    "SUBTRACTED",
     "Actuator",
     "AsymmetricThrust",
     "Backlash",
@@ -164,8 +165,16 @@ class Saturation(Characteristic):
         return np.clip(u, -effect["limit"], effect["limit"])
 
 
+SUBTRACTED = "subtracted"
+"""Constant of a dead zone: the share of its width that is lost beyond it; 1 where it is missing."""
+
+
 class DeadZone(Characteristic):
-    """The actuator answers to what exceeds ``width`` only: ``sign(u) max(|u| - width, 0)``."""
+    """The actuator answers to what exceeds ``width`` only: ``sign(u) max(|u| - width, 0)``.
+
+    With the constant ``SUBTRACTED`` at 0 it is the neutral band of a speed controller: nothing within, the whole
+    command beyond, so that the force begins with a jump.
+    """
 
     slug = "dead-zone"
     title = "Dead zone"
@@ -188,8 +197,9 @@ class DeadZone(Characteristic):
         return {"width": (0.0, 0.95 * data.amplitude[place])}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Take the width off every command."""
-        return np.sign(u) * np.maximum(np.abs(u) - effect["width"], 0.0)
+        """Take the width off every command, or let go by what exceeds it."""
+        size, lost = np.abs(u), effect.constants.get(SUBTRACTED, 1.0) * effect["width"]
+        return np.sign(u) * np.where(size > effect["width"], size - lost, 0.0)
 
 
 class QuadraticActuator(Characteristic):

@@ -16,7 +16,7 @@ from gcs_autotune.workflow.third_level import fly_third, third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
 from gcs_autotune.workflow.voyage import Voyage
 
-__all__ = ["Identified", "delay_of", "identify"]
+__all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,12 +61,27 @@ def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
             trials += fly_third(third, s, dof, craft, throttle, voyage.helm, tale)
             plain = _plain(voyage, trials)
     tale.fit = plain
+    return _with_curve(voyage, plain, trials, step)
+
+
+def again_with_step(voyage: Voyage, found: Identified, step: Trial) -> Identified:
+    """Return *found* with the curve that *step* tells too, flown about the speed that *found* foretold.
+
+    The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
+    """
+    if voyage.axis.dof == "surge":
+        return found
+    voyage.tale.say("identifying, with the step")
+    return _with_curve(voyage, found.fit, found.runs, step)
+
+
+def _with_curve(voyage: Voyage, plain: AxisFit, trials: Sequence[Trial], step: Trial | None) -> Identified:
     curved = None
-    if s.structure is None:
+    if voyage.settings.structure is None:
         curved = voyage.think(fit_thrust_curve, trials, plain, step)
     if curved is not None:
-        tale.say(told(curved, plain, step))
-        tale.fit = with_actuator(curved, plain)
+        voyage.tale.say(told(curved, plain, step))
+        voyage.tale.fit = with_actuator(curved, plain)
     return Identified(plain, trials, curved)
 
 

@@ -14,14 +14,16 @@ the oscillations tells where the thrust levels off.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design import Proposal, Reduction, Spec, design_from, reduce
 from gcs_autotune.design.actuator import USED
-from gcs_autotune.effects import ExtendedModel
+from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Fit, fit
@@ -56,6 +58,12 @@ _SIZES = 3
 """Sizes of oscillation that tell a dead band from a curve."""
 _STDS = 5.0
 """...and be this many standard errors from a straight line. Both chosen: a curve that matters passes both by far."""
+_WIDEST = 0.6
+"""Chosen: a neutral band is not looked for beyond this share of the smallest oscillation."""
+_LEVELS = 60
+"""Bands looked at, at most."""
+_CLOSER = 2
+"""So many of them, those that foretell the step best, are fitted with everything else."""
 _SHARES = (0.1, 1.5)
 """What the share of n|n| can be."""
 
@@ -64,7 +72,9 @@ def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit, step: Trial | None =
     """Return a model with a thrust curve when the *runs* clearly call for one, else None.
 
     plain : the model without, of the same runs. step : flown under the autopilot's own loop; with it, or with three
-    sizes of oscillation, the curve may turn out to be a dead band, or to have one, or to level off.
+    sizes of oscillation, the curve may turn out to be a dead band, or to have one, or to level off. Only the step tells
+    the two kinds of dead band apart: its output dwells about the edge, and just beyond it the craft is either hardly
+    pushed (a linkage with slack) or as hard as without a band (a speed controller that starts at once).
     """
     if left(plain) < _WORTH_A_LOOK:
         return None
@@ -73,8 +83,20 @@ def fit_thrust_curve(runs: Sequence[Trial], plain: AxisFit, step: Trial | None =
         return None
     if step is None and len(runs) < _SIZES:
         return curve
-    more = [DEAD] if step is None or not _goes_beyond(step, runs, plain.model.axis.force) else [DEAD, LEVEL]
-    return _with_more(runs if step is None else [*runs, step], plain, curve, more)
+    together = runs if step is None else [*runs, step]
+    bent = fitted(together, plain, CURVE)
+    if bent is None:
+        return curve
+    beyond = step is not None and _goes_beyond(step, runs, plain.model.axis.force)
+    found = _with_more(together, plain, bent, [DEAD, LEVEL] if beyond else [DEAD])
+    banded = None if step is None else _with_neutral_band(runs, plain, curve, bent, step)
+    if banded is not None and _likelihood(banded) > _likelihood(found):
+        return banded
+    return curve if found is bent else found
+
+
+def _likelihood(fit: Fit) -> float:
+    return float(fit.extra["log_likelihood"])
 
 
 def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
@@ -82,21 +104,82 @@ def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
     return float(np.max(np.abs(step[force].values))) > _BEYOND * flown
 
 
-def _with_more(runs: Sequence[Trial], plain: AxisFit, curve: Fit, more: Sequence[str]) -> Fit:
-    """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *curve*."""
+def _with_neutral_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit, bent: Fit, step: Trial) -> Fit | None:
+    """Return a model of *runs* and *step* whose actuator stands still in a band and acts in full beyond, if it pays.
+
+    How wide the band is no gradient tells, for it acts by whole steps of the recorded output. So the step is simulated
+    with every width in question by *curve*, the model of the oscillations, none of which comes to rest within the band.
+    """
+    smallest = min(float(np.max(np.abs(run[plain.model.axis.force].values))) for run in runs)
+    bands = _bands(step, plain.model.axis.force, smallest)
+    bands.sort(key=lambda band: -curve.validate([band.on(step)]).fit_percent)
+    together = [*runs, step]
+    tried = [(fit, band) for band in bands[:_CLOSER] if (fit := fitted(together, plain, CURVE, band=band)) is not None]
+    if not tried:
+        return None
+    best, band = max(tried, key=lambda entry: _likelihood(entry[0]))
+    if not pays(best, bent, DEAD):
+        return None
+    levelled = fitted(together, plain, LEVEL, CURVE, band=band)
+    return levelled if levelled is not None and pays(levelled, best, LEVEL) else best
+
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """A neutral band of *force*: half its ``width`` [fraction of full] and how finely that is known."""
+
+    force: str
+    width: float
+    std: float
+
+    def on(self, run: Trial) -> Trial:
+        """Return *run* with what the actuator makes of its commands."""
+        force = run[self.force]
+        let_through = np.where(np.abs(force.values) > self.width, force.values, 0.0)
+        return replace(run, channels={**run.channels, self.force: replace(force, values=let_through)})
+
+    def within(self, fit: Fit) -> Fit:
+        """Return *fit*, of runs that are :meth:`on` it, with the band as the effect that it is."""
+        model = fit.model
+        assert isinstance(model, ExtendedModel)
+        own = EffectInstance(DEAD, self.force, {"width": self.width}, {SUBTRACTED: 0.0})
+        name = f"{DEAD}@{self.force}.width"
+        size = len(fit.parameters)
+        covariance = np.zeros((size + 1,) * 2)
+        covariance[:size, :size] = fit.covariance
+        covariance[size, size] = self.std**2
+        return replace(
+            fit,
+            structure=f"{fit.structure} + {DEAD}@{self.force}",
+            model=replace(model, effects=in_order((*model.effects, own))),
+            parameters={**fit.parameters, name: Parameter(name, self.width, "1", self.std, "fitted")},
+            covariance=covariance,
+        )
+
+
+def _bands(step: Trial, force: str, smallest: float) -> list[_Band]:
+    """Return the bands that end between two levels of the *step*'s output, below part of the *smallest* oscillation."""
+    levels = np.unique(np.round(np.abs(step[force].values), 5))
+    levels = levels[levels < _WIDEST * smallest]
+    if len(levels) > _LEVELS:
+        levels = levels[np.linspace(0, len(levels) - 1, _LEVELS).round().astype(int)]
+    ends = zip(levels[:-1].tolist(), levels[1:].tolist(), strict=True)
+    return [_Band(force, 0.5 * (low + high), (high - low) / math.sqrt(12.0)) for low, high in ends if low > 0.0]
+
+
+def _with_more(runs: Sequence[Trial], plain: AxisFit, bent: Fit, more: Sequence[str]) -> Fit:
+    """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *bent*."""
     slugs: tuple[str, ...] = (CURVE,)
-    best = fitted(runs, plain, CURVE)
-    found, more = curve, list(more)
-    while more and best is not None:
-        without = best
+    best, more = bent, list(more)
+    while more:
         tried = [(slug, fitted(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
-        paying = [(left(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, without, slug)]
+        paying = [(left(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
         if not paying:
             break
         _, slug, best = min(paying, key=lambda entry: entry[0])
-        found, slugs = best, (slug, *slugs)
+        slugs = (slug, *slugs)
         more.remove(slug)
-    return found
+    return best
 
 
 def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
@@ -104,13 +187,16 @@ def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
     return tuple(slug for slug in (LEVEL, DEAD, CURVE) if slug in slugs)
 
 
-def fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str) -> Fit | None:
-    """Return the model with these effects of the actuator, or None when there is none."""
+def fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None) -> Fit | None:
+    """Return the model with these effects of the actuator, and with a neutral *band*, or None when there is none."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
-        return fit(list(runs), "affine", dof=plain.model.dof, effects=effects)
+        found = fit(
+            [run if band is None else band.on(run) for run in runs], "affine", dof=plain.model.dof, effects=effects
+        )
     except AutotuneError:
         return None
+    return found if band is None else band.within(found)
 
 
 def pays(found: Fit, without: Fit | AxisFit, slug: str) -> bool:
@@ -137,6 +223,8 @@ def told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
     levels = f", and pushes no harder beyond {number(found, LEVEL).value:.0%}" if LEVEL in has else ""
     if DEAD in has:
         speak = f"of an actuator that does nothing below {number(found, DEAD).value:.1%} of full"
+        if _lost(found) == 0.0:
+            speak += " and acts at once beyond (the neutral band of a speed controller)"
         if share.value > _STDS * share.std:
             speak += f", beyond which {square}"
         told_by = "three oscillations" if step is None else "oscillations and the step together"
@@ -155,9 +243,15 @@ def bent_at_half(found: Fit) -> tuple[float, float]:
     same thruster has the same share whatever was flown.
     """
     share, reference = number(found, CURVE).value, _reference(found)
-    dead = next((p.value for name, p in found.parameters.items() if name.startswith(DEAD)), 0.0)
-    square = share * max(USED - dead, 0.0) / reference
+    square = share * max(USED - _lost(found), 0.0) / reference
     return USED, square / (1.0 - share + square)
+
+
+def _lost(found: Fit) -> float:
+    """Return what a dead zone takes off commands beyond it; 0 without one."""
+    assert isinstance(found.model, ExtendedModel)
+    zones = (own for own in found.model.effects if own.slug == DEAD)
+    return next((own.constants.get(SUBTRACTED, 1.0) * own["width"] for own in zones), 0.0)
 
 
 def _reference(found: Fit) -> float:

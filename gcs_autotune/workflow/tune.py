@@ -32,7 +32,7 @@ from gcs_autotune.workflow.experiments import dive_for, measure, noise_in, resol
 from gcs_autotune.workflow.given import given_for
 from gcs_autotune.workflow.given_gains import GivenGains, changes_of, step_of
 from gcs_autotune.workflow.helm import Helm
-from gcs_autotune.workflow.identification import Identified, identify
+from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
@@ -197,7 +197,7 @@ def _on_the_water(voyage: Voyage, journal: Journal) -> None:
     tale.metrics_before = measure(before, resolution=grain)
     if given is None:
         moving = voyage.law.controls_velocity
-        found = found or identify(voyage, before)
+        found = identify(voyage, before) if found is None else again_with_step(voyage, found, before)
         noise = noise_behind(before, found.fit, moving, grain)
         ruler = Ruler(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
         proposal = design_from_fit(voyage, found, ruler)

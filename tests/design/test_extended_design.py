@@ -72,6 +72,9 @@ def test_a_perfect_actuator_changes_nothing_to_the_last_bit() -> None:
 def test_each_part_of_the_actuator_obeys_its_law() -> None:
     u = np.array([0.0, 0.05, 0.3, 1.0, -0.05, -0.3, -1.0])
     np.testing.assert_allclose(acted(Actuator(dead_zone=0.1), u), [0, 0, 0.2, 0.9, 0, -0.2, -0.9], atol=1e-15)
+    band = Actuator(dead_zone=0.1, subtracted=0.0)
+    np.testing.assert_allclose(acted(band, u), [0, 0, 0.3, 1.0, 0, -0.3, -1.0], atol=1e-15)
+    np.testing.assert_allclose(band.static(u), acted(band, u), atol=1e-15)
     np.testing.assert_allclose(acted(Actuator(limit=0.25), u), np.clip(u, -0.25, 0.25))
     np.testing.assert_allclose(acted(Actuator(astern=0.5), u), np.where(u < 0, 0.5 * u, u))
     np.testing.assert_allclose(acted(Actuator(square=0.5, reference=2.0), u), 0.5 * u + 0.25 * u * abs(u))

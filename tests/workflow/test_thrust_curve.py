@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import gcs_autotune.workflow.experiment  # noqa: F401
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.third_level import third_level
-from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
+from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, reduction_with_curve, told
 
 workflow_experiment = sys.modules["gcs_autotune.workflow.experiment"]
 """The module: its name in the package is that of its function."""
@@ -35,11 +36,14 @@ def dying_swing(share: float, dead: float) -> Trial:
     return flown("step", 0.5 * np.exp(-t / 6.0) * np.cos(2.0 * t), share, dead, {})
 
 
-def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, float]) -> Trial:
-    """Integrate the turn under commands *u* (n,) and record heading and command at 25 Hz."""
+def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, float], *, lost: float = 1.0) -> Trial:
+    """Integrate the turn under commands *u* (n,), of whose size a share *lost* of the dead band is lost beyond it.
+
+    Heading and command are recorded at 25 Hz.
+    """
     dt, n = DT, len(u)
     t = dt * np.arange(n)
-    v = np.sign(u) * np.maximum(np.abs(u) - dead, 0.0)
+    v = np.sign(u) * np.where(np.abs(u) > dead, np.abs(u) - lost * dead, 0.0)
     thrust = v * (1.0 - share + share * np.abs(v))
     psi, r = np.zeros(n), 0.0
     for k in range(1, n):
@@ -90,6 +94,25 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     assert "the oscillations and the step together speak of an actuator that does nothing below 12" in told(
         found, plain, dying_swing(0.0, DEAD_BAND)
     )
+
+
+def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dwells_at_its_edge():
+    band, steps = 0.0625, 400.0
+    runs = [oscillation(f"relay-{n}", C, T, 0.8) for n, C, T in ((1, 0.3, 0.8), (2, 0.6, 0.6))]
+    t = DT * np.arange(20_000)
+    dwelling = np.round(steps * (0.25 * np.exp(-t / 4.0) * np.cos(2.0 * t) + 0.055 * np.sin(0.7 * t))) / steps
+    step = flown("step", dwelling, 0.8, band, {}, lost=0.0)
+    plain = fit_axis(runs, dof="yaw")
+    found = fit_thrust_curve(runs, plain, step)
+    assert found is not None
+    zone = next(e for e in found.model.effects if e.slug == "dead-zone")
+    assert zone.constants["subtracted"] == 0.0
+    assert zone["width"] == pytest.approx(band, abs=1.0 / steps)
+    actuator = reduction_with_curve(found, FIRMWARE["ardusub"].axes["heading"]).actuator
+    assert float(actuator.static(np.array([band - 0.005]))[0]) == 0.0
+    true = 0.07 * (0.2 + 0.8 * 0.07) * float(found.model.base.inertia[0, 0]) / ALPHA
+    assert float(actuator.static(np.array([0.07]))[0]) == pytest.approx(true, rel=0.15)
+    assert "acts at once beyond" in told(found, plain, step)
 
 
 def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):

@@ -108,7 +108,7 @@ def _actuate(output: float, actuator: NDArray[np.float64], memory: NDArray[np.fl
     memory[2] += actuator[3] * (memory[1] - memory[2])
     memory[3] = min(max(memory[3], memory[2] - actuator[4]), memory[2] + actuator[4])
     u = memory[3]
-    size = max(abs(u) - actuator[5], 0.0)
+    size = abs(u) - actuator[10] if abs(u) > actuator[5] else 0.0
     size *= 1.0 - actuator[6] + actuator[6] * size / actuator[7]
     return float(actuator[8] * size if u >= 0.0 else -actuator[9] * size)
 
