@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 FUNCTIONS = ("bessel", "butterworth")
-"""Model functions, by name: the table itself takes a second to import."""
+"""Reference models, by name: the table itself takes a second to import."""
 RESTORED = 8
 """Exit code: tuned, but the old gains proved better and are back."""
 
@@ -71,7 +71,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="prove these gains, keep or restore: proposed.param of a dry run (or its directory), any NAME,VALUE file",
     )
     add_number(design, "full-scale")
-    design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
+    design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
     add_envelope(parser)
@@ -82,7 +82,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
     if args.model is not None and str(args.model) in FUNCTIONS:
-        raise UsageError(f"--model is a model file; for the model function write --function {args.model}")
+        raise UsageError(f"--model is a model file; for the reference model write --function {args.model}")
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
     see_model_file(args.model)

@@ -10,25 +10,25 @@ from __future__ import annotations
 from gcs_autotune.design.actuator import Actuator
 from gcs_autotune.design.hunting import Hunting
 from gcs_autotune.design.ipd import IpdGains, Uncertainty, design_ipd, stability_bound, uncertainty_of
-from gcs_autotune.design.model_function import MODEL_FUNCTIONS, model_function, omega_for_settling, settling_time
 from gcs_autotune.design.proposal import design, design_from
 from gcs_autotune.design.reduction import Reduction, reduce
-from gcs_autotune.design.result import Change, Margins, ModelFunction, Prediction, Proposal, StepMetrics
+from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
+from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.verdict import Verdict, is_better
 
 __all__ = [
-    "MODEL_FUNCTIONS",
+    "REFERENCE_MODELS",
     "Actuator",
     "Change",
     "Hunting",
     "IpdGains",
     "Margins",
-    "ModelFunction",
     "Prediction",
     "Proposal",
     "Reduction",
+    "ReferenceModel",
     "Spec",
     "StepMetrics",
     "Uncertainty",
@@ -38,9 +38,9 @@ __all__ = [
     "design_from",
     "design_ipd",
     "is_better",
-    "model_function",
     "omega_for_settling",
     "reduce",
+    "reference_model",
     "settling_time",
     "stability_bound",
     "step_metrics",

@@ -14,7 +14,7 @@ __all__ = ["PERFECT", "Actuator"]
 
 Array = NDArray[np.float64]
 
-LEAST_SLOPE = 0.25
+MIN_SLOPE = 0.25
 """Local gains below this are not held against the margins: the loop is then all but open, as the simulation shows."""
 USED = 0.5
 """Chosen [fraction of full output]: margins are to hold up to this size, however large the relays were that told the
@@ -115,7 +115,7 @@ class Actuator:
         bend = 2.0 * self.square * max(USED - 0.5 * self.play - self.lost, 0.0) / self.reference
         sizes = (1.0 - self.square, 1.0 - self.square + bend) if self.square else (1.0,)
         found = {round(w * s * g, 6) for w in {1.0, self.weakest} for s in sizes for g in {self.ahead, self.astern}}
-        return tuple(sorted({max(g, LEAST_SLOPE) for g in found}))
+        return tuple(sorted({max(g, MIN_SLOPE) for g in found}))
 
     def vector(self, dt: float) -> Array:
         """Return what :func:`.laws.kernel.actuate` needs, for steps of *dt* [s]; the first number 0: nothing to do."""

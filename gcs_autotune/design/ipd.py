@@ -1,7 +1,7 @@
-"""The controller of Miskovic2010: I-PD by model function, and how far the model may be wrong.
+"""The controller of Miskovic2010: I-PD by reference model, and how far the model may be wrong.
 
 Miskovic2010, section 8.1: control law (8.2), gains (8.5)-(8.7), stability bounds (8.22)-(8.27).
-ArduPilot's loops are cascades, not I-PD; but where their algebra reaches a model function exactly, they
+ArduPilot's loops are cascades, not I-PD; but where their algebra reaches a reference model exactly, they
 have its characteristic polynomial, so the bounds say how much identification error that polynomial stands.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["IpdGains", "Uncertainty", "design_ipd", "stability_bound", "uncertainty_of"]
@@ -21,10 +21,10 @@ __all__ = ["IpdGains", "Uncertainty", "design_ipd", "stability_bound", "uncertai
 CONFIDENCE = 1.96
 """Standard errors in a 95 % interval."""
 
-LEAST_UNCERTAINTY = 0.01
+MIN_UNCERTAINTY = 0.01
 """Chosen: no identification is believed better than 1 %, whatever its residuals say."""
 
-MOST_UNCERTAINTY = 0.95
+MAX_UNCERTAINTY = 0.95
 """The ratios live in (-1, 1), Miskovic2010, eq. (8.19)-(8.20)."""
 
 
@@ -46,7 +46,7 @@ class Uncertainty:
     p_beta: float
 
 
-def design_ipd(model: SingleDof, wanted: ModelFunction) -> IpdGains:
+def design_ipd(model: SingleDof, wanted: ReferenceModel) -> IpdGains:
     """Return the I-PD gains that give *model* the closed loop *wanted*; Miskovic2010, eq. (8.5).
 
     The constant drag goes into ``KD``; the quadratic one is compensated while moving.
@@ -65,7 +65,7 @@ def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncerta
     return Uncertainty(_relative(model.alpha, float(std[0])), _relative(drag, float(drag_std)))
 
 
-def stability_bound(model: SingleDof, wanted: ModelFunction, p: Uncertainty, velocity: float) -> tuple[float, float]:
+def stability_bound(model: SingleDof, wanted: ReferenceModel, p: Uncertainty, velocity: float) -> tuple[float, float]:
     """Return (left, right) of the stability condition; stable for every error within *p* when left < right.
 
     Constant drag: ``beta/alpha`` against (8.22). Drag growing with velocity: the largest |*velocity*|
@@ -85,5 +85,5 @@ def _is_nonlinear(model: SingleDof) -> bool:
 
 def _relative(value: float, std: float) -> float:
     if value == 0.0 or not math.isfinite(std):
-        return MOST_UNCERTAINTY if std > 0.0 else LEAST_UNCERTAINTY
-    return min(max(CONFIDENCE * std / abs(value), LEAST_UNCERTAINTY), MOST_UNCERTAINTY)
+        return MAX_UNCERTAINTY if std > 0.0 else MIN_UNCERTAINTY
+    return min(max(CONFIDENCE * std / abs(value), MIN_UNCERTAINTY), MAX_UNCERTAINTY)

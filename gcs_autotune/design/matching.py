@@ -1,6 +1,6 @@
-"""Choosing gains so that the simulated loop steps like the model function, never outside the documented ranges.
+"""Choosing gains so that the simulated loop steps like the reference model, never outside the documented ranges.
 
-The desired response comes first; :mod:`gcs_autotune.design.polishing` goes on from here when the user left the wish
+The desired response comes first; :mod:`gcs_autotune.design.refinement` goes on from here when the user left the wish
 to us. Algebra gives the start; bounded least squares on the simulated response does the rest: a step, a smaller one the
 other way, and a constant push halfway (so that integral action is worth something), with margins and noise held by
 residuals that are zero while there is room, and a light pull towards the start where the response does not care.
@@ -18,12 +18,12 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws import Law, Scenario, Settings
-from gcs_autotune.design.laws.about_rest import linearisations, peak_demand
+from gcs_autotune.design.laws.loops import linearisations, peak_demand
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
-from gcs_autotune.design.model_function import settling_time, wanted_step
 from gcs_autotune.design.open_loop import OpenLoop, constant, open_loop, slow
 from gcs_autotune.design.plant import Region
-from gcs_autotune.design.result import Margins, ModelFunction
+from gcs_autotune.design.reference_model import settling_time, wanted_step
+from gcs_autotune.design.result import Margins, ReferenceModel
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.firmware import Gain
 from gcs_autotune.models import SingleDof
@@ -47,7 +47,7 @@ PUSH = 0.06
 """Constant force that comes halfway, as a share of the largest output the wanted step needs."""
 PUSH_WEIGHT = 0.5
 INTEGRAL, TRIM_TIME = 0.05, 30.0
-"""Chosen: constant forces are worked off at least at this share of the model function's speed ``1/a1``, but not
+"""Chosen: constant forces are worked off at least at this share of the reference model's speed ``1/a1``, but not
 faster than in 30 s: where ``ATC_STR_ANG_P`` cannot go low enough every bit of integral action costs overshoot."""
 SAMPLES = 80
 RELUCTANCE = 0.02
@@ -70,7 +70,7 @@ class Problem:
     """Everything matching needs except the wish itself.
 
     ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains;
-    ``late`` are gains that matching leaves alone and polishing may take up.
+    ``late`` are gains that matching leaves alone and refinement may take up.
     """
 
     law: Law
@@ -106,7 +106,7 @@ class Problem:
         inside: Array = np.clip(known, 0.0, 1.0)
         return inside
 
-    def margins(self, settings: Settings, wanted: ModelFunction, models: Sequence[SingleDof]) -> list[Margins]:
+    def margins(self, settings: Settings, wanted: ReferenceModel, models: Sequence[SingleDof]) -> list[Margins]:
         """Return the margins of each of *models*, the worse of at rest and moving as *wanted* moves."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants, counts = [], []
@@ -117,23 +117,23 @@ class Problem:
         each = iter(margins_of_each(controller, plants))
         return [worst([next(each) for _ in range(count)]) for count in counts]
 
-    def loops(self, settings: Settings, wanted: ModelFunction) -> tuple[OpenLoop, ...]:
+    def loops(self, settings: Settings, wanted: ReferenceModel) -> tuple[OpenLoop, ...]:
         """Return the loops that :meth:`margins` judges the model by, opened at the actuator."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants = self._plants(self.model, settings, wanted)
         return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)
 
-    def _plants(self, model: SingleDof, settings: Settings, wanted: ModelFunction) -> list[Plant]:
+    def _plants(self, model: SingleDof, settings: Settings, wanted: ReferenceModel) -> list[Plant]:
         """Return what the controller acts on: *model* at rest and moving, for small and for large outputs."""
         drags = self.law.drags(model, wanted, self.step, self.speed)
         gains = self.law.slopes(self.actuator, model, self.step, settings, self.speed)
         return [Plant(g, model.alpha, d, model.delay + self.delay) for d in drags for g in gains]
 
-    def demand(self, model: SingleDof, wanted: ModelFunction) -> tuple[float, float]:
+    def demand(self, model: SingleDof, wanted: ReferenceModel) -> tuple[float, float]:
         """Return (share of the actuator, largest rate of change) that following *wanted* exactly takes."""
         return self.law.demand(model, wanted, self.step, self.settings, self.spec.speed)
 
-    def hardest(self, settings: Settings, wanted: ModelFunction, count: int) -> list[SingleDof]:
+    def hardest(self, settings: Settings, wanted: ReferenceModel, count: int) -> list[SingleDof]:
         """Return the *count* samples of the 95 % region that have the least margins with *settings*."""
         samples, spec = self.region.samples, self.spec
         found = self.margins(settings, wanted, samples)
@@ -141,7 +141,7 @@ class Problem:
         return [samples[i] for i in np.argsort(ease, kind="stable")[:count]]
 
 
-def integral_shortfall(problem: Problem, settings: Settings, wanted: ModelFunction) -> float:
+def integral_shortfall(problem: Problem, settings: Settings, wanted: ReferenceModel) -> float:
     """Return how much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
     law, speed = problem.law, problem.speed
     high = next(g.high for g in problem.gains if g.parameter == law.integral)
@@ -159,7 +159,7 @@ def output_noise(problem: Problem, settings: Settings) -> float:
     return float(spec.jitter * np.sqrt(np.mean(size**2)))
 
 
-def match(problem: Problem, wanted: ModelFunction, start: Settings | None = None) -> dict[str, float]:
+def match(problem: Problem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:
     """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
 
     Descents begin at the best of the algebraic starts, the present gains and *start* (gains found for a neighbouring
@@ -203,7 +203,7 @@ def round_gain(value: float, gain: Gain) -> float:
 class _Residuals:
     """The vector least squares works on, for one problem and one wish."""
 
-    def __init__(self, problem: Problem, wanted: ModelFunction) -> None:
+    def __init__(self, problem: Problem, wanted: ReferenceModel) -> None:
         self._problem = problem
         self._wish = wanted
         self._watched = [problem.model]

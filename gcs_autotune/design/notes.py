@@ -1,22 +1,30 @@
-"""What a user should read beside the numbers of a proposal."""
+"""What a user should read beside the numbers of a proposal.
+
+Among it what is left of the margins when a boat goes faster or slower than it was identified at: a ship's turning
+scales with its speed (Nomoto's K' and T' are constant: K = K' U/L, T = T' L/U), ArduRover divides its steering by speed
+above MOT_SPD_SCA_BASE. The two cancel in the gain, not in the time constant.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from gcs_autotune.design.hunting import LONG, Hunting
+from gcs_autotune.design.laws import SKID, Settings
 from gcs_autotune.design.matching import Problem
-from gcs_autotune.design.model_function import settling_time
-from gcs_autotune.design.other_speeds import on_other_speeds
+from gcs_autotune.design.reference_model import settling_time
+from gcs_autotune.design.result import Margins, ReferenceModel
 from gcs_autotune.design.selection import Candidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
+from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 
-__all__ = ["notes_on", "said"]
+__all__ = ["at_speed", "notes_on", "on_other_speeds", "said"]
 
 LONG_DELAY = 0.05
 """A delay [s] beyond which it matters where it lies."""
@@ -31,7 +39,7 @@ ROUNDING = 1e-6
 
 
 def notes_on(
-    problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool, is_polished: bool
+    problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool, is_refined: bool
 ) -> Iterator[str]:
     """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
@@ -40,7 +48,7 @@ def notes_on(
     yield from _on_the_present(problem, axis)
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)
-    yield from _on_the_wish(problem, axis, shown, is_polished and changed)
+    yield from _on_the_wish(problem, axis, shown, is_refined and changed)
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
@@ -92,10 +100,10 @@ def _on_the_model(problem: Problem) -> Iterator[str]:
         yield "the model came without uncertainty, so the worst margins are those of the model itself"
 
 
-def _on_the_wish(problem: Problem, axis: Axis, shown: Candidate, is_polished: bool) -> Iterator[str]:
+def _on_the_wish(problem: Problem, axis: Axis, shown: Candidate, is_refined: bool) -> Iterator[str]:
     for objection in shown.objections:
         yield f"less than wished for, but the best the documented ranges allow: {objection}"
-    if is_polished:
+    if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
         yield (
             f"the gains began at those matched to a {shown.wanted.kind} step settling in {settled:.1f} s, or at the "
@@ -136,3 +144,43 @@ def _on_the_ranges(problem: Problem, axis: Axis, shown: Candidate) -> Iterator[s
 def _lags(shown: Candidate) -> bool:
     error = shown.prediction.position - shown.prediction.wanted
     return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))
+
+
+SPEEDS = (0.5, 2.0)
+"""Shares of the experiment's speed that are looked at."""
+ENOUGH_GAIN, ENOUGH_PHASE = 1.6, math.radians(25.0)
+"""Chosen: below these the sentence is a warning."""
+MOST = 100.0
+
+
+def at_speed(model: SingleDof, share: float) -> SingleDof:
+    """Return *model* (input a fraction of full rudder) at *share* times the speed it was identified at."""
+    turn = 1.0 / share
+    return replace(
+        model, alpha=model.alpha * turn**2, beta=model.beta * turn, beta_quadratic=model.beta_quadratic * turn**2
+    )
+
+
+def on_other_speeds(problem: Problem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
+    """Yield a sentence with the margins at half and twice the speed; nothing for a craft that does not steer by way."""
+    speed = problem.spec.speed
+    steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
+    if speed is None or steered_by_thrust:
+        return
+    told, thin = [], False
+    for share in SPEEDS:
+        there = replace(problem, spec=replace(problem.spec, speed=share * speed))
+        margins = there.margins(settings, wanted, [at_speed(problem.model, share)])[0]
+        told.append(f"{share * speed:.2f} m/s {_remaining(margins)}")
+        thin = thin or not margins.stable or margins.gain < ENOUGH_GAIN or margins.phase < ENOUGH_PHASE
+    yield (
+        f"if it turns as ships do (rate per rudder in proportion to speed, time constant inversely) there remain at "
+        f"{' and at '.join(told)}" + ("; do not go there with these gains before tuning there" if thin else "")
+    )
+
+
+def _remaining(margins: Margins) -> str:
+    if not margins.stable:
+        return "no margin at all: the loop is unstable"
+    gain = f"{margins.gain:.1f}" if margins.gain <= MOST else f"more than {MOST:.0f}"
+    return f"a factor of {gain} in gain and {math.degrees(margins.phase):.0f} deg of phase"

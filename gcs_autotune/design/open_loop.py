@@ -17,9 +17,11 @@ __all__ = [
     "Rational",
     "constant",
     "first_order",
+    "integral_over_proportional",
     "integrator",
     "open_loop",
     "pade",
+    "pid_path",
     "second_order",
     "slow",
 ]
@@ -140,3 +142,21 @@ def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:
     bottom = np.array(terms[::-1])
     signs = np.array([(-1.0) ** k for k in range(order, -1, -1)])
     return bottom * signs, bottom
+
+
+def pid_path(p: float, i: float = 0.0, d: float = 0.0, *, error_cutoff: float, slope_cutoff: float = 0.0) -> Rational:
+    """Return the transfer from measured value to output (sign aside) of a PID on a filtered error.
+
+    Cut-offs in Hz, of the error and of its slope; 0 for no filter.
+    """
+    pid = constant(p)
+    if i > 0.0:
+        pid = pid + integrator(i)
+    if d > 0.0:
+        pid = pid + Rational(np.array([d, 0.0]), np.array([1.0])) * first_order(slope_cutoff)
+    return pid * first_order(error_cutoff)
+
+
+def integral_over_proportional(outer: float, proportional: float, integral: float) -> float:
+    """Return ``A I / (A P + I)`` [1/s] of a loop with *outer* gain A on the position around a PI on its velocity."""
+    return outer * integral / max(outer * proportional + integral, 1e-12)

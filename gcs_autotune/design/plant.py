@@ -18,7 +18,7 @@ __all__ = ["Region", "heavier", "in_fractions", "sample_region"]
 PROBABILITY = 0.95
 RANDOM_SAMPLES = 12
 SEED = 20261120
-LEAST_INERTIA = 0.2
+MIN_INERTIA = 0.2
 """A sample's inertia is kept above this fraction of the identified one: it cannot be zero or negative."""
 
 
@@ -98,9 +98,7 @@ def _rebuild(model: SingleDof, numbers: NDArray[np.float64]) -> SingleDof:
 
 
 def _physical(model: SingleDof, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    least = np.array(
-        [LEAST_INERTIA * model.alpha, min(model.beta, 0.0), min(model.beta_quadratic, 0.0), -math.inf, 0.0]
-    )
+    least = np.array([MIN_INERTIA * model.alpha, min(model.beta, 0.0), min(model.beta_quadratic, 0.0), -math.inf, 0.0])
     moved: NDArray[np.float64] = np.maximum(numbers, least)
     return moved
 

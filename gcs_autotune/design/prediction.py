@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import Scenario, Settings
 from gcs_autotune.design.matching import Problem
-from gcs_autotune.design.model_function import wanted_step
-from gcs_autotune.design.result import ModelFunction, Prediction, StepMetrics
+from gcs_autotune.design.reference_model import wanted_step
+from gcs_autotune.design.result import Prediction, ReferenceModel, StepMetrics
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.models import SingleDof
 
@@ -34,7 +34,7 @@ class _Flown(NamedTuple):
 
 
 def predict(
-    problem: Problem, model: SingleDof, wanted: ModelFunction, settings: Settings, duration: float
+    problem: Problem, model: SingleDof, wanted: ReferenceModel, settings: Settings, duration: float
 ) -> Prediction:
     """Simulate the step and the step back on *model* with *settings* for *duration* [s] each.
 

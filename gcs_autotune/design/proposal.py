@@ -14,13 +14,13 @@ from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.matching import Problem
-from gcs_autotune.design.model_function import model_function, settling_time
 from gcs_autotune.design.notes import notes_on, said
 from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
-from gcs_autotune.design.polishing import any_better, polish
 from gcs_autotune.design.prediction import predict
 from gcs_autotune.design.reduction import Reduction, reduce
-from gcs_autotune.design.result import Change, ModelFunction, Proposal
+from gcs_autotune.design.reference_model import reference_model, settling_time
+from gcs_autotune.design.refinement import any_better, refine
+from gcs_autotune.design.result import Change, Proposal, ReferenceModel
 from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
@@ -34,7 +34,7 @@ __all__ = ["design", "design_from"]
 
 LOOP_PERIODS = 1.5
 """Delay of a digital loop: one period to compute, half a period because the output is held."""
-LEAST_SPAN = 5.0
+MIN_SPAN = 5.0
 """Predicted steps are at least this long [s]."""
 SMALL = 1.0 / 3.0
 """Share of the wanted step after which the loop is left alone: the usual correction is smaller than a step."""
@@ -91,8 +91,8 @@ def design(
     keep = False
     if spec.is_automatic:
         after, keep = _best(problem, before, after, span)
-    is_polished = after.settings != chosen.settings
-    changes = () if keep else _changes(law, axis, before, after, is_polished)
+    is_refined = after.settings != chosen.settings
+    changes = () if keep else _changes(law, axis, before, after, is_refined)
     shown = after if changes else before
     remarks = () if reduction is None else reduction.remarks
     left = () if actuator.is_perfect or law.controls_velocity else _left(problem, (before, shown))
@@ -110,7 +110,7 @@ def design(
         notes=(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
-            *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_polished)),
+            *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined)),
         ),
         remarks=remarks,
         left=left,
@@ -149,16 +149,16 @@ def design_from(
 def _best(problem: Problem, before: Candidate, matched: Candidate, span: float) -> tuple[Candidate, bool]:
     """Return the gains to offer, and whether the present ones stay: safe to fly, and none in the ranges do better."""
     free = problem.law.free_overshoot
-    polished = polish(problem, matched, span)
-    for found in (polished, matched):
+    refined = refine(problem, matched, span)
+    for found in (refined, matched):
         if is_better(before.prediction.metrics, found.prediction.metrics, free).better:
             return found, False
     other = any_better(problem, before, span)
-    return (polished, is_tolerable(before)) if other is None else (other, False)
+    return (refined, is_tolerable(before)) if other is None else (other, False)
 
 
 def _bound(
-    law: Law, model: SingleDof, wanted: ModelFunction, covariance: NDArray[np.float64], velocity: float
+    law: Law, model: SingleDof, wanted: ReferenceModel, covariance: NDArray[np.float64], velocity: float
 ) -> tuple[float, float]:
     """Return Miskovic2010's stability bound, which is about loops on a position; NaN for the others."""
     if law.controls_velocity:
@@ -210,22 +210,22 @@ def _span(spec: Spec, chosen: Candidate) -> float:
     metrics = chosen.prediction.metrics
     wish = settling_time(chosen.wanted.kind, chosen.wanted.omega_0)
     settled = metrics.settling if math.isfinite(metrics.settling) else float(chosen.prediction.t[-1])
-    return max(3.0 * settled, 3.0 * wish, LEAST_SPAN)
+    return max(3.0 * settled, 3.0 * wish, MIN_SPAN)
 
 
 def _present_overshoot(problem: Problem) -> float:
     """Fly the present gains for as long as the craft's slowest motion takes to show."""
     model, step, span = problem.model, problem.step, problem.spec.step_duration
-    span = span or LEAST_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
-    return predict(problem, model, model_function("bessel", 1.0), problem.settings, span).metrics.overshoot
+    span = span or MIN_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
+    return predict(problem, model, reference_model("bessel", 1.0), problem.settings, span).metrics.overshoot
 
 
-def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_polished: bool) -> tuple[Change, ...]:
+def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_refined: bool) -> tuple[Change, ...]:
     found = []
     for gain in axis.gains:
         old, new = float(before.settings[gain.parameter]), float(after.settings[gain.parameter])
         if not math.isclose(old, new, rel_tol=SAME, abs_tol=1e-6):
-            reason = _reason(law, gain, after, is_polished)
+            reason = _reason(law, gain, after, is_refined)
             was, will, low, high = (
                 axis.names.own_value(gain.parameter, value) for value in (old, new, gain.low, gain.high)
             )
@@ -233,7 +233,7 @@ def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_polis
     return tuple(found)
 
 
-def _reason(law: Law, gain: Gain, after: Candidate, is_polished: bool) -> str:
+def _reason(law: Law, gain: Gain, after: Candidate, is_refined: bool) -> str:
     if gain.parameter in law.measured:
         return f"{gain.meaning}: measured on the water, the speed that this throttle keeps"
     if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:
@@ -242,7 +242,7 @@ def _reason(law: Law, gain: Gain, after: Candidate, is_polished: bool) -> str:
     settled = settling_time(wanted.kind, wanted.omega_0)
     reason = f"{gain.meaning}: " + (
         "chosen for the least predicted error over time of the step"
-        if is_polished
+        if is_refined
         else f"matched to a {wanted.kind} step settling in {settled:.1f} s"
     )
     if new in (gain.low, gain.high):

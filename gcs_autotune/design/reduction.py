@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.design.treatments import Draft, Remark, take
+from gcs_autotune.design.effect_reduction import Draft, Remark, take
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import SingleDof

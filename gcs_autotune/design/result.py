@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from gcs_autotune.design.actuator import Actuator
+    from gcs_autotune.design.effect_reduction import Remark
     from gcs_autotune.design.hunting import Hunting
     from gcs_autotune.design.open_loop import OpenLoop
-    from gcs_autotune.design.treatments import Remark
 
-__all__ = ["Change", "Margins", "ModelFunction", "Prediction", "Proposal", "StepMetrics"]
+__all__ = ["Change", "Margins", "Prediction", "Proposal", "ReferenceModel", "StepMetrics"]
 
 
 @dataclass(frozen=True, slots=True)
-class ModelFunction:
+class ReferenceModel:
     """The wanted closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` names its family."""
 
     kind: str
@@ -103,7 +103,7 @@ class Proposal:
     axis: str
     law: str
     changes: tuple[Change, ...]
-    wanted: ModelFunction
+    wanted: ReferenceModel
     margins: Margins
     worst_margins: Margins
     bound: tuple[float, float]

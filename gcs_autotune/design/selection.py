@@ -14,27 +14,27 @@ from gcs_autotune.design.matching import (
     match,
     output_noise,
 )
-from gcs_autotune.design.model_function import model_function, omega_for_settling, settling_time
 from gcs_autotune.design.prediction import predict
-from gcs_autotune.design.result import Margins, ModelFunction, Prediction
+from gcs_autotune.design.reference_model import omega_for_settling, reference_model, settling_time
+from gcs_autotune.design.result import Margins, Prediction, ReferenceModel
 from gcs_autotune.errors import NoGainsMeetSpec
 
 __all__ = [
-    "LEAST_GAIN_MARGIN",
-    "LEAST_PHASE_MARGIN",
+    "MIN_GAIN_MARGIN",
+    "MIN_PHASE_MARGIN",
     "OVERSHOOT",
     "Candidate",
     "choose",
     "is_tolerable",
     "judge",
-    "most_overshoot",
+    "max_overshoot",
     "objections",
 ]
 
 OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
 """Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);
 as much as with the present gains, up to the second, when those overshoot more."""
-LEAST_GAIN_MARGIN, LEAST_PHASE_MARGIN, LEAST_OVERSHOOT = 2.0, math.radians(30.0), 0.4
+MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, MAX_OVERSHOOT = 2.0, math.radians(30.0), 0.4
 """Chosen: what is offered, with a note, when the ranges rule out the wish and the user gave none."""
 SLOWER = 0.8
 """Each further try is this much slower."""
@@ -52,7 +52,7 @@ FASTEST, SLOWEST = 20.0, 1e-3
 class Candidate:
     """One wish, the gains it led to, what they promise, and what speaks against them."""
 
-    wanted: ModelFunction
+    wanted: ReferenceModel
     settings: Settings
     margins: Margins
     worst_margins: Margins
@@ -107,13 +107,13 @@ def is_tolerable(candidate: Candidate) -> bool:
     low = candidate.worst_margins
     return (
         low.stable
-        and low.gain >= LEAST_GAIN_MARGIN
-        and low.phase >= LEAST_PHASE_MARGIN
-        and candidate.prediction.metrics.overshoot <= LEAST_OVERSHOOT + candidate.free_overshoot
+        and low.gain >= MIN_GAIN_MARGIN
+        and low.phase >= MIN_PHASE_MARGIN
+        and candidate.prediction.metrics.overshoot <= MAX_OVERSHOOT + candidate.free_overshoot
     )
 
 
-def judge(problem: Problem, wanted: ModelFunction, settings: Settings, duration: float) -> Candidate:
+def judge(problem: Problem, wanted: ReferenceModel, settings: Settings, duration: float) -> Candidate:
     """Return what *settings* promise, over a step recorded for *duration* [s]."""
     found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
     margins, low = found[0], worst(found)
@@ -137,7 +137,7 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
         if low.delay < needed:
             yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
     metrics = prediction.metrics
-    most = most_overshoot(problem)
+    most = max_overshoot(problem)
     if metrics.overshoot > most:
         yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
     noise = output_noise(problem, settings)
@@ -145,22 +145,22 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
         yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
 
 
-def most_overshoot(problem: Problem) -> float:
+def max_overshoot(problem: Problem) -> float:
     """Return how far the predicted step may overshoot, as a share of it."""
     return max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
 
 
-def _wishes(problem: Problem) -> Iterator[ModelFunction]:
+def _wishes(problem: Problem) -> Iterator[ReferenceModel]:
     spec = problem.spec
     if spec.omega_0 is not None:
-        yield model_function(spec.kind, spec.omega_0)
+        yield reference_model(spec.kind, spec.omega_0)
         return
     if spec.settling_time is not None:
-        yield model_function(spec.kind, omega_for_settling(spec.kind, spec.settling_time))
+        yield reference_model(spec.kind, omega_for_settling(spec.kind, spec.settling_time))
         return
     omega = _fastest(problem)
     for _ in range(TRIES):
-        yield model_function(spec.kind, omega)
+        yield reference_model(spec.kind, omega)
         omega *= SLOWER
 
 
@@ -171,7 +171,7 @@ def _fastest(problem: Problem) -> float:
     low, high = math.log(SLOWEST), math.log(min(FASTEST, 1.0 / max(model.delay + problem.delay, 1.0 / FASTEST)))
 
     def is_flyable(log_omega: float) -> bool:
-        use, velocity = problem.demand(model, model_function(spec.kind, math.exp(log_omega)))
+        use, velocity = problem.demand(model, reference_model(spec.kind, math.exp(log_omega)))
         return use <= spec.actuator_use and velocity <= limit
 
     if not is_flyable(low):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gcs_autotune.design.model_function import MODEL_FUNCTIONS
+from gcs_autotune.design.reference_model import REFERENCE_MODELS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
@@ -20,7 +20,7 @@ class Spec:
     Attributes
     ----------
     step : the step the loop is wanted for [rad or m]; 30 deg and 1 m when None.
-    kind : family in ``MODEL_FUNCTIONS``.
+    kind : family in ``REFERENCE_MODELS``.
     omega_0 : characteristic frequency [rad/s]; None lets the design find the fastest acceptable.
     settling_time : to 5 % [s], instead of ``omega_0``.
     speed : speed over ground [m/s] at which the model was identified; axes with ``needs_speed`` need it.
@@ -62,7 +62,7 @@ class Spec:
     throttle: float = 0.0
 
     def __post_init__(self) -> None:
-        lookup(MODEL_FUNCTIONS, self.kind, "model function")
+        lookup(REFERENCE_MODELS, self.kind, "reference model")
         if self.omega_0 is not None and self.settling_time is not None:
             raise UsageError("give either a characteristic frequency or a settling time, not both")
         positive = (
@@ -91,5 +91,5 @@ class Spec:
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the design chooses the speed of the model function."""
+        """Whether the design chooses the speed of the reference model."""
         return self.omega_0 is None and self.settling_time is None

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from gcs_autotune.design.model_function import SETTLED
+from gcs_autotune.design.reference_model import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
 
 __all__ = ["combine", "noise_floor", "step_metrics"]
 
 Array = NDArray[np.float64]
-LEAST_SAMPLES = 8
+MIN_SAMPLES = 8
 SPIKE = 0.25
 """Chosen: a lone sample this far from its neighbours, as a fraction of the step, is no motion."""
 NOISE_STDS = 2.0
@@ -77,7 +77,7 @@ def step_metrics(
     if abs(size) <= 2.0 * floor:
         raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
     floor /= abs(size)
-    if len(t) - begin < LEAST_SAMPLES:
+    if len(t) - begin < MIN_SAMPLES:
         raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
     smooth = _without_spikes(position, size)[begin:]
     seconds = t[begin:] - t[begin]
@@ -117,7 +117,7 @@ def _checked(*signals: Array) -> list[Array]:
         raise NotInformative("time, target, position and output of a step must be equally long")
     if not all(np.all(np.isfinite(a)) for a in arrays):
         raise NotInformative("the step holds samples that are not finite; drop them first")
-    if len(arrays[0]) < LEAST_SAMPLES:
+    if len(arrays[0]) < MIN_SAMPLES:
         raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured; record longer")
     if np.any(np.diff(arrays[0]) < 0.0) or arrays[0][-1] <= arrays[0][0]:
         raise NotInformative("the step's time does not run forwards")

@@ -14,7 +14,7 @@ import numpy as np
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Actuator
-from gcs_autotune.design.laws.about_speed import holding
+from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.errors import PreconditionFailed

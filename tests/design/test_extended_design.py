@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.design import Actuator, Proposal, Spec, design, design_from, reduce
+from gcs_autotune.design.effect_reduction import _LEFT_OUT, _REDUCED
 from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.laws.kernel import actuate
 from gcs_autotune.design.matching import Problem
 from gcs_autotune.design.plant import Region, heavier
 from gcs_autotune.design.prediction import predict_metrics
-from gcs_autotune.design.treatments import _LEFT_OUT, _TREATMENTS
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.identify.model_file import as_extended
@@ -294,4 +294,4 @@ def test_a_payload_and_a_sagging_battery_are_within_the_margins() -> None:
 
 
 def test_every_effect_of_the_book_is_accounted_for() -> None:
-    assert set(EFFECTS) == set(_TREATMENTS) | set(_LEFT_OUT)
+    assert set(EFFECTS) == set(_REDUCED) | set(_LEFT_OUT)

@@ -13,11 +13,11 @@ from gcs_autotune.design import (
     IpdGains,
     Uncertainty,
     design_ipd,
-    model_function,
+    reference_model,
     stability_bound,
     uncertainty_of,
 )
-from gcs_autotune.design.model_function import wanted_step
+from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.models import SingleDof
 
 PUBLISHED = Uncertainty(p_alpha=0.1, p_beta=0.2)
@@ -46,19 +46,19 @@ def fly(
 
 
 def test_example_8_1_falcon_yaw_bound() -> None:
-    left, right = stability_bound(FALCON_YAW_FOUND, model_function("bessel", 1.5), PUBLISHED, 0.0)
+    left, right = stability_bound(FALCON_YAW_FOUND, reference_model("bessel", 1.5), PUBLISHED, 0.0)
     assert left == pytest.approx(3.78, abs=0.005)
     assert right == pytest.approx(17.84, abs=0.005)
 
 
 def test_example_8_2_falcon_heave_bound() -> None:
-    left, right = stability_bound(FALCON_HEAVE_FOUND, model_function("bessel", 0.8), PUBLISHED, 0.0)
+    left, right = stability_bound(FALCON_HEAVE_FOUND, reference_model("bessel", 0.8), PUBLISHED, 0.0)
     assert left == pytest.approx(1.61, abs=0.005)
     assert right == pytest.approx(9.5153, abs=0.0005)
 
 
 def test_example_8_3_yaw_rate_limit() -> None:
-    left, right = stability_bound(NONLINEAR_YAW_FOUND, model_function("bessel", 1.5), PUBLISHED, 1.2)
+    left, right = stability_bound(NONLINEAR_YAW_FOUND, reference_model("bessel", 1.5), PUBLISHED, 1.2)
     assert left == 1.2
     assert right == pytest.approx(13.4, abs=0.05)
 
@@ -72,8 +72,10 @@ def test_example_8_3_yaw_rate_limit() -> None:
     ],
     ids=["8.1", "8.2", "8.3"],
 )
-def test_the_examples_follow_their_model_function(true: SingleDof, found: SingleDof, omega: float, step: float) -> None:
-    wanted = model_function("bessel", omega)
+def test_the_examples_follow_their_reference_model(
+    true: SingleDof, found: SingleDof, omega: float, step: float
+) -> None:
+    wanted = reference_model("bessel", omega)
     t = np.linspace(0.0, 15.0 / omega, 300)
     position, velocity = fly(true, design_ipd(found, wanted), step, found.delta, t)
     assert position / step == pytest.approx(wanted_step(wanted, t).position, abs=0.03)
@@ -81,8 +83,8 @@ def test_the_examples_follow_their_model_function(true: SingleDof, found: Single
     assert left < right
 
 
-def test_with_the_true_model_the_closed_loop_is_exactly_the_model_function() -> None:
-    wanted = model_function("butterworth", 1.1)
+def test_with_the_true_model_the_closed_loop_is_exactly_the_reference_model() -> None:
+    wanted = reference_model("butterworth", 1.1)
     t = np.linspace(0.0, 12.0, 200)
     position, _ = fly(FALCON_HEAVE, design_ipd(FALCON_HEAVE, wanted), 3.0, 10.0, t)
     assert position / 3.0 == pytest.approx(wanted_step(wanted, t).position, abs=2e-3)
@@ -90,7 +92,7 @@ def test_with_the_true_model_the_closed_loop_is_exactly_the_model_function() -> 
 
 def test_a_loop_at_its_bound_is_at_the_edge_of_stability() -> None:
     """Put the error exactly where (8.22) says the loop becomes unstable, and look at the poles."""
-    wanted = model_function("bessel", 1.5)
+    wanted = reference_model("bessel", 1.5)
     p = Uncertainty(0.1, 0.6)
     _, right = stability_bound(FALCON_YAW_FOUND, wanted, p, 0.0)
     for factor, stable in ((0.99, True), (1.01, False)):

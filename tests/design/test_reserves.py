@@ -112,10 +112,10 @@ def test_present_gains_that_no_proposal_betters_are_left_alone_only_when_they_ar
     proposed = {**present(SUB_HEADING), "ATC_RAT_YAW_P": 0.25}
 
     def choose(given: Problem) -> Candidate:
-        return judge(given, door.model_function("bessel", 2.0), proposed, 6.0)
+        return judge(given, door.reference_model("bessel", 2.0), proposed, 6.0)
 
     monkeypatch.setattr(door, "choose", choose)
-    monkeypatch.setattr(door, "polish", lambda given, chosen, span: chosen)
+    monkeypatch.setattr(door, "refine", lambda given, chosen, span: chosen)
     monkeypatch.setattr(door, "any_better", lambda given, before, span: None)
     monkeypatch.setattr(door, "is_better", lambda *steps: Verdict(False, ("not better",)))
     mine = {**present(SUB_HEADING), **(WILD if unsafe else {})}

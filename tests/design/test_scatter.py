@@ -1,4 +1,4 @@
-"""The points that polishing looks at first."""
+"""The points that refinement looks at first."""
 
 from __future__ import annotations
 

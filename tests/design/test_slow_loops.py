@@ -15,9 +15,9 @@ from gcs_autotune.design import Actuator, Proposal, Spec, design, is_better, ste
 from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import Problem
-from gcs_autotune.design.model_function import model_function
 from gcs_autotune.design.reduction import Reduction
-from gcs_autotune.design.selection import LEAST_GAIN_MARGIN, LEAST_PHASE_MARGIN, Candidate, judge
+from gcs_autotune.design.reference_model import reference_model
+from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, Candidate, judge
 from gcs_autotune.design.verdict import Verdict
 
 from .crafts import DEFAULTS, DEG, SUB_HEADING, SUB_HEADING_DEFAULTS, heave, uncertain, yaw
@@ -38,12 +38,12 @@ def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() ->
     found = propose()
     low, old, new = found.worst_margins, found.before.metrics, found.after.metrics
     assert found.changes
-    assert low.gain >= LEAST_GAIN_MARGIN and low.phase >= LEAST_PHASE_MARGIN
+    assert low.gain >= MIN_GAIN_MARGIN and low.phase >= MIN_PHASE_MARGIN
     assert is_better(old, new).better
     assert new.itae < 0.6 * old.itae
 
 
-def test_where_polishing_does_worse_the_matched_gains_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Candidate] = []
 
     def worsen(problem: Problem, chosen: Candidate, span: float) -> Candidate:
@@ -51,7 +51,7 @@ def test_where_polishing_does_worse_the_matched_gains_stand(monkeypatch: pytest.
         metrics = replace(chosen.prediction.metrics, itae=50.0)
         return replace(chosen, prediction=replace(chosen.prediction, metrics=metrics))
 
-    monkeypatch.setattr(door, "polish", worsen)
+    monkeypatch.setattr(door, "refine", worsen)
     monkeypatch.setattr(door, "is_better", lambda old, new, free: Verdict(new.itae < old.itae, ()))
     found = propose()
     assert found.after.metrics.itae == seen[0].prediction.metrics.itae < 50.0
@@ -61,16 +61,16 @@ def test_nothing_better_is_said_only_after_a_look_all_over_the_ranges(monkeypatc
     """Neither the wishes nor the descents find anything: the scatter does."""
 
     def present(problem: Problem) -> Candidate:
-        return judge(problem, model_function("bessel", 2.0), dict(problem.settings), 30.0)
+        return judge(problem, reference_model("bessel", 2.0), dict(problem.settings), 30.0)
 
     monkeypatch.setattr(door, "choose", present)
-    monkeypatch.setattr(door, "polish", lambda problem, chosen, span: chosen)
+    monkeypatch.setattr(door, "refine", lambda problem, chosen, span: chosen)
     falcon = yaw(0.2, 0.75, 0.025)
     found = design(falcon, uncertain(falcon), SUB_HEADING, SUB_HEADING_DEFAULTS, STEP)
     assert found.changes
     assert is_better(found.before.metrics, found.after.metrics).better
     low = found.worst_margins
-    assert low.gain >= LEAST_GAIN_MARGIN and low.phase >= LEAST_PHASE_MARGIN
+    assert low.gain >= MIN_GAIN_MARGIN and low.phase >= MIN_PHASE_MARGIN
 
 
 @pytest.mark.parametrize("name", ["sub-heading", "rover-heading", "sub-depth"])

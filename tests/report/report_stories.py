@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.design.result import Change, Margins, ModelFunction, Prediction, Proposal, StepMetrics
+from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
 from gcs_autotune.identify.result import AxisFit, Candidate, Decision, Doubt, IsoEstimate, LimitCycle, Parameter, Trace
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report import TuneStory
@@ -145,12 +145,12 @@ def proposal(worst_stable=True) -> Proposal:
         axis="heading",
         law="sub-heading",
         changes=(
-            Change("ATC_RAT_YAW_P", 0.18, 0.3471, 0.0, 0.5, "damps the rate loop to the wanted model function"),
+            Change("ATC_RAT_YAW_P", 0.18, 0.3471, 0.0, 0.5, "damps the rate loop to the wanted reference model"),
             Change("ATC_RAT_YAW_I", 0.018, 0.05, 0.0, 0.05, "removes the tether's pull; held at its limit"),
             Change("ATC_RAT_YAW_D", 0.0, 0.0012, 0.0, 0.02, "makes up for the delay of 0.2 s"),
             Change("ATC_ANG_YAW_P", 4.5, 1.82, 0.0, 6.0, "sets the speed of the heading loop"),
         ),
-        wanted=ModelFunction("bessel", 1.25, 1.9, 1.4, 0.51),
+        wanted=ReferenceModel("bessel", 1.25, 1.9, 1.4, 0.51),
         margins=Margins(4.2, 1.05, 0.71, True),
         worst_margins=Margins(3.1, 0.86, 0.52, True) if worst_stable else Margins(0.9, -0.1, 0.0, False),
         bound=(3.78, 17.84),

@@ -20,7 +20,7 @@ from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.models import SingleDof
 
 __all__ = [
-    "STANDING_MOST",
+    "MAX_STANDING_ERROR",
     "actuate",
     "advance",
     "clip",
@@ -36,11 +36,11 @@ __all__ = [
 compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True)
 """Compile a function of floats and arrays."""
 
-STANDING_MOST = 0.5
+MAX_STANDING_ERROR = 0.5
 """A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
 FINEST = 0.1
 """A substep of the craft's motion may take at most this share of its shortest time constant."""
-MOST_SUBSTEPS = 50
+MAX_SUBSTEPS = 50
 HELD = 0.5
 """Loops by which an output that is held for one acts late on the mean."""
 
@@ -141,7 +141,7 @@ def plant_vector(
     """
     fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
     rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
-    substeps = min(max(math.ceil(dt * rate / FINEST), 1), MOST_SUBSTEPS)
+    substeps = min(max(math.ceil(dt * rate / FINEST), 1), MAX_SUBSTEPS)
     push_at = scenario.push_at / dt if math.isfinite(scenario.push_at) else 1e12
     return np.array(
         [

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SKID", "THROTTLE", "Law", "Motion", "Scenario", "Settings", "setting"]
@@ -87,12 +87,12 @@ class Law(Protocol):
         ...
 
     def demand(
-        self, model: SingleDof, wanted: ModelFunction, step: float, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
         """Return (share of the actuator, largest velocity or acceleration) of following *wanted* exactly."""
         ...
 
-    def drags(self, model: SingleDof, wanted: ModelFunction, step: float, speed: float | None) -> tuple[float, ...]:
+    def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
         """Return the constant drags to judge stability with."""
         ...
 
@@ -103,7 +103,7 @@ class Law(Protocol):
         ...
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Return gains that algebra gives for *wanted*, unbounded; the first is the closest to exact."""
         ...

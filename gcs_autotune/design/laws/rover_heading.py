@@ -13,13 +13,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import rover_steering as steering
-from gcs_autotune.design.laws.about_rest import AboutRest
-from gcs_autotune.design.laws.kernel import STANDING_MOST, actuate, advance, clip, compiled, delayed, smoothing, wrap
+from gcs_autotune.design.laws.kernel import (
+    MAX_STANDING_ERROR,
+    actuate,
+    advance,
+    clip,
+    compiled,
+    delayed,
+    smoothing,
+    wrap,
+)
 from gcs_autotune.design.laws.law import Settings
-from gcs_autotune.design.laws.paths import integral_over_proportional
+from gcs_autotune.design.laws.loops import PositionLoop
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
-from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.open_loop import (
+    Rational,
+    constant,
+    first_order,
+    integral_over_proportional,
+    integrator,
+    second_order,
+)
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["RoverHeading"]
@@ -56,7 +71,7 @@ def _fly(
     integral = clip(-rest / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
     demand = -(rest / scale + integral) / max(kff + kp, 1e-9)
     demand = target = error = clip(demand, -rate_max, rate_max)
-    psi = clip(-demand / ang, -STANDING_MOST, STANDING_MOST)
+    psi = clip(-demand / ang, -MAX_STANDING_ERROR, MAX_STANDING_ERROR)
     trim = scale * (integral + (kff + kp) * demand)
     limited = not grows
     memory = np.zeros(4)
@@ -88,7 +103,7 @@ def _fly(
         psi, r = advance(psi, r, force, plant)
 
 
-class RoverHeading(AboutRest):
+class RoverHeading(PositionLoop):
     """``Axis.law == "rover-heading"``."""
 
     name = "rover-heading"
@@ -125,7 +140,7 @@ class RoverHeading(AboutRest):
         )
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Match coefficients, with ``G = K/(T s + 1)``, ``FF = 1/K``.
 

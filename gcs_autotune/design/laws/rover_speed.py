@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.design.laws.about_speed import AboutSpeed, holding, local_drag
 from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing
 from gcs_autotune.design.laws.law import Settings
-from gcs_autotune.design.laws.paths import pid_path
+from gcs_autotune.design.laws.loops import VelocityLoop, holding, local_drag
 from gcs_autotune.design.laws.rover_throttle import pulse_of, shape, throttle_of, throttle_shape
-from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.open_loop import Rational, pid_path
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
 
@@ -101,7 +100,7 @@ DEFAULTS: Settings = {
 }
 
 
-class RoverSpeed(AboutSpeed):
+class RoverSpeed(VelocityLoop):
     """``Axis.law == "rover-speed"``."""
 
     name = "rover-speed"
@@ -149,7 +148,7 @@ class RoverSpeed(AboutSpeed):
         return tuple(sorted(found))
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Match ``alpha s + drag`` under PI: damping ``2/a1``, stiffness ``1/a1^2``; and half as quick."""
         velocity = self.base(self.usual_step, speed)

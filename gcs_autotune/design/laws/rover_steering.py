@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping
 
 from gcs_autotune.design.laws.law import SKID, THROTTLE, Settings, setting
-from gcs_autotune.design.laws.paths import pid_path
-from gcs_autotune.design.open_loop import Rational
+from gcs_autotune.design.open_loop import Rational, pid_path
 from gcs_autotune.models import SingleDof
 
 __all__ = [
@@ -54,9 +53,9 @@ DEFAULTS: Settings = {
 """What the controller reads besides its gains."""
 GRAVITY = 9.80665
 JUST_ABOVE = 1.0 + 1e-9
-LEAST_THROTTLE = 0.05
+MIN_THROTTLE = 0.05
 """Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
-MOST_FEED = 1.3
+MAX_FEED = 1.3
 """Chosen: feed-forward above this share of the model's own is not offered. On a craft that answers at once a larger one
 with a smaller ATC_STR_ANG_P steps as well in heading, but turns so much faster than it is told in every other mode."""
 
@@ -94,10 +93,10 @@ def vectored_angle(settings: Settings) -> float:
 def _throttle(settings: Settings, speed: float | None) -> float:
     flown = settings.get(THROTTLE, 0.0)
     if flown > 0.0:
-        return min(max(flown, LEAST_THROTTLE), 1.0)
+        return min(max(flown, MIN_THROTTLE), 1.0)
     cruise = _get(settings, "CRUISE_SPEED")
     share = 1.0 if speed is None or cruise <= 0.0 else speed / cruise
-    return min(max(_get(settings, "CRUISE_THROTTLE") / 100.0 * share, LEAST_THROTTLE), 1.0)
+    return min(max(_get(settings, "CRUISE_THROTTLE") / 100.0 * share, MIN_THROTTLE), 1.0)
 
 
 def integral_grows(settings: Settings, speed: float | None) -> bool:
@@ -141,7 +140,7 @@ def ideal_feed_forward(model: SingleDof, settings: Settings, speed: float | None
 def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> Mapping[str, float]:
     """Return the largest feed-forward worth offering on *model* at *speed* [m/s], by its name."""
     ideal = ideal_feed_forward(model, settings, speed)
-    return {FF: MOST_FEED * ideal} if ideal > 0.0 else {}
+    return {FF: MAX_FEED * ideal} if ideal > 0.0 else {}
 
 
 def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> list[str]:

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import rover_steering as steering
-from gcs_autotune.design.laws.about_speed import AboutSpeed
 from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing
 from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
 from gcs_autotune.design.open_loop import Rational, second_order
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["RoverYaw"]
@@ -75,7 +75,7 @@ def _fly(
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 
-class RoverYaw(AboutSpeed):
+class RoverYaw(VelocityLoop):
     """``Axis.law == "rover-yaw"``."""
 
     name = "rover-yaw"
@@ -111,7 +111,7 @@ class RoverYaw(AboutSpeed):
         )
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Feed the drag forward; PI for damping ``2/a1``, stiffness ``1/a1^2``; and half as quick."""
         scale = steering.scale(settings, speed)

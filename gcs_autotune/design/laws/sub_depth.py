@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
-    STANDING_MOST,
+    MAX_STANDING_ERROR,
     actuate,
     advance,
     clip,
@@ -23,9 +22,16 @@ from gcs_autotune.design.laws.kernel import (
     sqrt_control,
 )
 from gcs_autotune.design.laws.law import Settings
-from gcs_autotune.design.laws.paths import integral_over_proportional, pid_path
-from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.laws.loops import PositionLoop
+from gcs_autotune.design.open_loop import (
+    Rational,
+    constant,
+    first_order,
+    integral_over_proportional,
+    integrator,
+    pid_path,
+)
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubDepth"]
@@ -64,7 +70,7 @@ def _fly(
     integral = clip(-rest + hover, -imax, imax) if acc_i > 0.0 else 0.0
     a_target = a_error = -(rest - hover + integral) / max(OUTPUT * (acc + acc_ff), 1e-9)
     v_error = a_target / max(vel, 1e-9)
-    z = clip(-v_error / max(pos, 1e-9), -STANDING_MOST, STANDING_MOST)
+    z = clip(-v_error / max(pos, 1e-9), -MAX_STANDING_ERROR, MAX_STANDING_ERROR)
     thrust = trim = clip(OUTPUT * (acc + acc_ff) * a_target + integral - hover, -1.0, 1.0)
     limited = False
     memory = np.zeros(4)
@@ -106,7 +112,7 @@ DEFAULTS: Settings = {
 }
 
 
-class SubDepth(AboutRest):
+class SubDepth(PositionLoop):
     """``Axis.law == "sub-depth"``."""
 
     name = "sub-depth"
@@ -126,7 +132,7 @@ class SubDepth(AboutRest):
         return min(up, down) if down > 0.0 else up
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Match coefficients of the cascade without filters, ACCZ_P given.
 
@@ -183,7 +189,7 @@ class SubDepth(AboutRest):
         return notes
 
 
-def _cascade(alpha: float, drag: float, wanted: ModelFunction, pa: float) -> dict[str, float]:
+def _cascade(alpha: float, drag: float, wanted: ReferenceModel, pa: float) -> dict[str, float]:
     """Solve the cubic for the smallest ``y`` in (0, a1); empty when there is none."""
     x = (alpha + OUTPUT * pa) / wanted.a3
     roots = np.roots([-x, wanted.a1 * x, drag - wanted.a2 * x, OUTPUT * pa])

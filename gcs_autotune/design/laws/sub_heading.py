@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.laws.about_rest import AboutRest
 from gcs_autotune.design.laws.kernel import (
-    STANDING_MOST,
+    MAX_STANDING_ERROR,
     actuate,
     advance,
     clip,
@@ -24,9 +23,17 @@ from gcs_autotune.design.laws.kernel import (
     wrap,
 )
 from gcs_autotune.design.laws.law import Settings
-from gcs_autotune.design.laws.paths import integral_over_proportional, pid_path
-from gcs_autotune.design.open_loop import Rational, constant, first_order, integrator, second_order
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.laws.loops import PositionLoop
+from gcs_autotune.design.open_loop import (
+    Rational,
+    constant,
+    first_order,
+    integral_over_proportional,
+    integrator,
+    pid_path,
+    second_order,
+)
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubHeading"]
@@ -63,7 +70,7 @@ def _fly(
     r = lead = lead_rate = slope = x1 = x2 = y1 = y2 = 0.0
     integral = clip(-rest, -imax, imax) if ki > 0.0 else 0.0
     target = error = clip(-(rest + integral) / max(kp, 1e-9), -rate_max, rate_max)
-    psi = clip(-target / max(ang, 1e-9), -STANDING_MOST, STANDING_MOST)
+    psi = clip(-target / max(ang, 1e-9), -MAX_STANDING_ERROR, MAX_STANDING_ERROR)
     trim = integral + kp * target
     limited = False
     memory = np.zeros(4)
@@ -115,7 +122,7 @@ DEFAULTS: Settings = {
 }
 
 
-class SubHeading(AboutRest):
+class SubHeading(PositionLoop):
     """``Axis.law == "sub-heading"``."""
 
     name = "sub-heading"
@@ -138,7 +145,7 @@ class SubHeading(AboutRest):
         return min(self._rate_max(settings), math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0))
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Match coefficients: ``a3 = alpha/(I A)``, ``a2 = (beta + P)/(I A)``, ``a1 = 1/A + P/I``.
 

@@ -14,13 +14,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.laws.about_speed import AboutSpeed
 from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing, sqrt_control
 from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.sub_heading import ACCELERATION, ANG, ERROR_MAX, FILTERS, FIXED, D, I, P, SubHeading
 from gcs_autotune.design.laws.sub_heading import DEFAULTS as OF_HEADING
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubYaw"]
@@ -94,7 +94,7 @@ def _fly(
         psi, r = advance(psi, r, applied + (push if k >= push_at else 0.0), plant)
 
 
-class SubYaw(AboutSpeed):
+class SubYaw(VelocityLoop):
     """``Axis.law == "sub-yaw"``."""
 
     name = "sub-yaw"
@@ -121,7 +121,7 @@ class SubYaw(AboutSpeed):
         return self._shaping(settings)
 
     def starts(
-        self, model: SingleDof, wanted: ModelFunction, settings: Settings, speed: float | None
+        self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
         """Damping ``2/a1`` by P, the angle loop a quarter as quick, I slower still; and all half as quick."""
         drag = model.equivalent_drag(0.5 * self.usual_step)

@@ -1,6 +1,6 @@
 """The last stage of an automatic design: among gains inside the documented ranges, the least predicted error over time.
 
-Matching follows model functions no faster than a share of the actuator, so that nothing saturates, and stops there.
+Matching follows reference models no faster than a share of the actuator, so that nothing saturates, and stops there.
 A loop that does saturate may still be the better one. Here gains are judged as the step on the water will be:
 simulated with every limit in place, both ways, over the same window, blind to errors the sensor cannot show. Bounded
 Nelder-Mead (Nelder1965), because what saturates and what is counted as no error has kinks.
@@ -19,20 +19,20 @@ from scipy.optimize import minimize
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.matching import NOISE_LIMIT, Problem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.prediction import predict_metrics
-from gcs_autotune.design.result import ModelFunction, StepMetrics
+from gcs_autotune.design.result import ReferenceModel, StepMetrics
 from gcs_autotune.design.scatter import sobol
 from gcs_autotune.design.selection import (
-    LEAST_GAIN_MARGIN,
-    LEAST_PHASE_MARGIN,
+    MIN_GAIN_MARGIN,
+    MIN_PHASE_MARGIN,
     Candidate,
     is_tolerable,
     judge,
-    most_overshoot,
+    max_overshoot,
 )
 from gcs_autotune.design.step_metrics import noise_floor
 from gcs_autotune.design.verdict import is_better
 
-__all__ = ["any_better", "polish"]
+__all__ = ["any_better", "refine"]
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ REGRET = 0.5
 """...and by half a percent of it where no gains keep the wished-for margins: there the least ones have that price."""
 RESERVE = 1.05
 """Margins and noise are held this much above what is asked for: the gains are rounded afterwards."""
-LEAST_ERROR = 1e-3
+MIN_ERROR = 1e-3
 """Stands in for an error over time of nothing [s^2], so that the prices still count."""
 HARDEST = 3
 """How many samples of the 95 % region, the hardest so far, hold their margins during a descent."""
@@ -74,8 +74,8 @@ CALM = 0.01
 """Chosen: with such a gain measurement noise may move the actuator by 1 % of full (rms) only, not to wear it out."""
 
 
-def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
-    """Return the candidate with the least cost over *duration* [s]: a polished one, or *chosen* itself.
+def refine(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
+    """Return the candidate with the least cost over *duration* [s]: a refined one, or *chosen* itself.
 
     Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. What they find must
     not have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*. Where no gains
@@ -83,15 +83,15 @@ def polish(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
     traded for others that miss the same wish by less and do worse. Then once more with the gains that the law lets it
     take up (``Law.late``), if that pays.
     """
-    best = _polished(problem, chosen, [chosen.settings, problem.settings], duration)
+    best = _refined(problem, chosen, [chosen.settings, problem.settings], duration)
     lenient = bool(best.objections)
     if lenient:
-        best = _polished(problem, chosen, [chosen.settings, best.settings, problem.settings], duration, lenient=True)
+        best = _refined(problem, chosen, [chosen.settings, best.settings, problem.settings], duration, lenient=True)
     if not problem.late:
         return best
     wider = replace(problem, gains=(*problem.gains, *problem.late))
     full = {**best.settings, **{g.parameter: g.high for g in problem.late}}
-    return _polished(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
+    return _refined(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
 
 
 def any_better(problem: Problem, before: Candidate, duration: float) -> Candidate | None:
@@ -115,7 +115,7 @@ def _passes(problem: Problem, before: Candidate, found: Candidate) -> bool:
     return is_better(old, new, problem.law.free_overshoot).better
 
 
-def _polished(
+def _refined(
     problem: Problem,
     chosen: Candidate,
     starts: Sequence[Settings],
@@ -155,7 +155,7 @@ class _Cost:
     def __init__(
         self,
         problem: Problem,
-        wanted: ModelFunction,
+        wanted: ReferenceModel,
         duration: float,
         near: Settings,
         noise: float,
@@ -185,7 +185,7 @@ class _Cost:
         steps = [predict_metrics(self._problem, settings, step, self._duration) for step in self._steps]
         error = float(np.mean([m.itae for m in steps]))
         dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
-        plain = max(error, LEAST_ERROR)
+        plain = max(error, MIN_ERROR)
         if plain * (1.0 + dislike) > HOPELESS * self._least:
             return plain * (1.0 + dislike)
         cost = plain * (1.0 + dislike + self._price(settings, steps[0]))
@@ -197,7 +197,7 @@ class _Cost:
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
-        missed += max(0.0, step.overshoot - most_overshoot(problem))
+        missed += max(0.0, step.overshoot - max_overshoot(problem))
         missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
         margins = problem.margins(settings, self._wanted, self._watched)
         wish = sum(
@@ -209,8 +209,8 @@ class _Cost:
         if not self._lenient:
             return PRICE * (missed + wish)
         least = sum(
-            max(0.0, 1.0 - m.gain / (RESERVE * LEAST_GAIN_MARGIN))
-            + max(0.0, 1.0 - m.phase / (RESERVE * LEAST_PHASE_MARGIN))
+            max(0.0, 1.0 - m.gain / (RESERVE * MIN_GAIN_MARGIN))
+            + max(0.0, 1.0 - m.phase / (RESERVE * MIN_PHASE_MARGIN))
             for m in margins
         )
         return PRICE * (missed + least) + REGRET * wish

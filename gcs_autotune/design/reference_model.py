@@ -1,4 +1,4 @@
-"""Model functions: the closed loop one wishes for, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
+"""Reference models: the closed loop one wishes for, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
 
 Miskovic2010, eq. (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The Bessel
 polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.
@@ -14,21 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from gcs_autotune.design.result import ModelFunction
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
 __all__ = [
-    "MODEL_FUNCTIONS",
+    "REFERENCE_MODELS",
     "SETTLED",
     "WantedStep",
-    "model_function",
     "omega_for_settling",
+    "reference_model",
     "settling_time",
     "wanted_step",
 ]
 
-MODEL_FUNCTIONS: Mapping[str, tuple[float, float, float]] = {
+REFERENCE_MODELS: Mapping[str, tuple[float, float, float]] = {
     "bessel": (1.0, 6.0 / 15.0, 1.0 / 15.0),
     "butterworth": (2.0, 2.0, 1.0),
 }
@@ -43,32 +43,32 @@ _UNIT_STEP = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedStep:
-    """A model function's unit step: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
+    """A reference model's unit step: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
     acceleration: NDArray[np.float64]
 
 
-def model_function(kind: str, omega_0: float) -> ModelFunction:
-    """Return the model function of family *kind* with characteristic frequency *omega_0* [rad/s].
+def reference_model(kind: str, omega_0: float) -> ReferenceModel:
+    """Return the reference model of family *kind* with characteristic frequency *omega_0* [rad/s].
 
     Raises
     ------
     UnknownName
-        *kind* is not in :data:`MODEL_FUNCTIONS`.
+        *kind* is not in :data:`REFERENCE_MODELS`.
     UsageError
         *omega_0* is not a positive number.
     """
-    a1, a2, a3 = lookup(MODEL_FUNCTIONS, kind, "model function")
+    a1, a2, a3 = lookup(REFERENCE_MODELS, kind, "reference model")
     if not (np.isfinite(omega_0) and omega_0 > 0.0):
         raise UsageError(f"the characteristic frequency must be a positive number of rad/s, not {omega_0}")
     stretch = a3 ** (-1.0 / 3.0) / omega_0
-    return ModelFunction(kind, omega_0, a1 * stretch, a2 * stretch**2, a3 * stretch**3)
+    return ReferenceModel(kind, omega_0, a1 * stretch, a2 * stretch**2, a3 * stretch**3)
 
 
 def settling_time(kind: str, omega_0: float) -> float:
-    """Return when the model function's step has settled to 5 % [s]."""
+    """Return when the reference model's step has settled to 5 % [s]."""
     return _unit_settling(kind) / omega_0
 
 
@@ -80,13 +80,13 @@ def omega_for_settling(kind: str, seconds: float) -> float:
     UsageError
         *seconds* is not a positive number.
     """
-    lookup(MODEL_FUNCTIONS, kind, "model function")
+    lookup(REFERENCE_MODELS, kind, "reference model")
     if not (np.isfinite(seconds) and seconds > 0.0):
         raise UsageError(f"the settling time must be a positive number of seconds, not {seconds}")
     return _unit_settling(kind) / seconds
 
 
-def wanted_step(function: ModelFunction, t: NDArray[np.float64]) -> WantedStep:
+def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> WantedStep:
     """Return the unit step response at times *t* (n,) [s] (zero before ``t = 0``)."""
     grid, states = _unit_response(function.kind)
     scaled = t * function.omega_0
@@ -97,7 +97,7 @@ def wanted_step(function: ModelFunction, t: NDArray[np.float64]) -> WantedStep:
 @cache
 def _unit_response(kind: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Step of the family at omega_0 = 1: times (n,) and states (n, 3), exact at the grid points."""
-    f = model_function(kind, 1.0)
+    f = reference_model(kind, 1.0)
     generator = np.zeros((4, 4))
     generator[0, 1] = generator[1, 2] = 1.0
     generator[2] = np.array([-1.0, -f.a1, -f.a2, 1.0]) / f.a3

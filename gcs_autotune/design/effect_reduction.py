@@ -59,8 +59,8 @@ class Draft:
 def take(draft: Draft, own: EffectInstance) -> None:
     """Let one effect alter the draft."""
     here = own.place in (draft.channel, draft.dof.name)
-    if own.slug in _TREATMENTS and (here or own.slug in _ANYWHERE):
-        treated, advice = _TREATMENTS[own.slug](draft, own)
+    if own.slug in _REDUCED and (here or own.slug in _ANYWHERE):
+        treated, advice = _REDUCED[own.slug](draft, own)
     elif own.slug in _LEFT_OUT and _concerns(own, draft):
         treated, advice = _LEFT_OUT[own.slug]
     elif own.place in draft.channel.split("+"):
@@ -204,7 +204,7 @@ def _coarse(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     return "it is left out", ""
 
 
-_TREATMENTS: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
+_REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
     "input-delay": _delay,
     "measurement-delay": _late,
     "actuator-lag": _lag,

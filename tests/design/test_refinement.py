@@ -1,4 +1,4 @@
-"""The last stage: what is better on the water than following a model function."""
+"""The last stage: what is better on the water than following a reference model."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_autotune.design import Proposal, design, is_better
-from gcs_autotune.design.polishing import GOOD_OVERSHOOT
+from gcs_autotune.design.refinement import GOOD_OVERSHOOT
 from gcs_autotune.design.step_metrics import noise_floor
 
 from .crafts import CRAFTS, present, uncertain
@@ -26,44 +26,44 @@ def propose(name: str, **spec: float) -> Proposal:
 
 
 @pytest.fixture(scope="module")
-def polished() -> Mapping[str, Proposal]:
+def refined() -> Mapping[str, Proposal]:
     names = (SMALL_THRUSTER, "falcon heave", "videoray yaw", "automarine", "charlie")
     return {name: propose(name, step_duration=FLOWN) for name in names}
 
 
-def test_a_loop_that_saturates_its_thruster_may_be_the_better_one(polished: Mapping[str, Proposal]) -> None:
-    proposal = polished[SMALL_THRUSTER]
+def test_a_loop_that_saturates_its_thruster_may_be_the_better_one(refined: Mapping[str, Proposal]) -> None:
+    proposal = refined[SMALL_THRUSTER]
     matched = propose(SMALL_THRUSTER, step_duration=FLOWN, omega_0=proposal.wanted.omega_0)
     assert max(abs(proposal.after.output)) == pytest.approx(1.0, abs=0.01)
     assert proposal.after.metrics.itae < 0.8 * matched.after.metrics.itae
 
 
 def test_what_is_flown_is_predicted_to_pass_the_verdict_from_the_firmwares_defaults(
-    polished: Mapping[str, Proposal],
+    refined: Mapping[str, Proposal],
 ) -> None:
-    assert len(polished) > 1
-    for name, proposal in polished.items():
+    assert len(refined) > 1
+    for name, proposal in refined.items():
         assert proposal.changes, name
         verdict = is_better(proposal.before.metrics, proposal.after.metrics)
         assert verdict.better, (name, verdict.reasons)
 
 
-def test_the_margins_wished_for_hold_over_the_whole_region(polished: Mapping[str, Proposal]) -> None:
-    assert len(polished) > 1
-    for name, proposal in polished.items():
+def test_the_margins_wished_for_hold_over_the_whole_region(refined: Mapping[str, Proposal]) -> None:
+    assert len(refined) > 1
+    for name, proposal in refined.items():
         low = proposal.worst_margins
         assert low.stable, name
         assert low.gain >= 2.5, name
         assert low.phase >= math.radians(45.0), name
 
 
-def test_overshoot_is_avoided_where_it_costs_little(polished: Mapping[str, Proposal]) -> None:
+def test_overshoot_is_avoided_where_it_costs_little(refined: Mapping[str, Proposal]) -> None:
     for name in (SMALL_THRUSTER, "falcon heave", "videoray yaw"):
-        assert polished[name].after.metrics.overshoot <= GOOD_OVERSHOOT + 0.02, name
+        assert refined[name].after.metrics.overshoot <= GOOD_OVERSHOOT + 0.02, name
 
 
-def test_the_reasons_and_notes_say_that_the_error_over_time_decided(polished: Mapping[str, Proposal]) -> None:
-    proposal = polished[SMALL_THRUSTER]
+def test_the_reasons_and_notes_say_that_the_error_over_time_decided(refined: Mapping[str, Proposal]) -> None:
+    proposal = refined[SMALL_THRUSTER]
     assert any("least predicted error over time" in change.reason for change in proposal.changes)
     assert any("chosen for the least predicted error over time" in note for note in proposal.notes)
 
@@ -74,17 +74,17 @@ def test_a_wish_of_the_users_is_matched_and_not_polished() -> None:
     assert any("matched to a bessel step settling in 5.0 s" in change.reason for change in proposal.changes)
 
 
-def test_a_prediction_lasts_as_long_as_the_flown_step(polished: Mapping[str, Proposal]) -> None:
-    assert len(polished) > 1
-    for proposal in polished.values():
+def test_a_prediction_lasts_as_long_as_the_flown_step(refined: Mapping[str, Proposal]) -> None:
+    assert len(refined) > 1
+    for proposal in refined.values():
         for prediction in (proposal.before, proposal.after):
             assert prediction.t[0] == pytest.approx(0.0, abs=0.03)
             assert prediction.t[-1] == pytest.approx(FLOWN, abs=0.03)
 
 
-def test_polished_gains_are_kept_when_designed_for_again(polished: Mapping[str, Proposal]) -> None:
+def test_polished_gains_are_kept_when_designed_for_again(refined: Mapping[str, Proposal]) -> None:
     model, axis, spec = CRAFTS[SMALL_THRUSTER]
-    gains = {**present(axis), **polished[SMALL_THRUSTER].new}
+    gains = {**present(axis), **refined[SMALL_THRUSTER].new}
     again = design(model, uncertain(model), axis, gains, replace(spec, step_duration=FLOWN))
     assert again.changes == ()
 

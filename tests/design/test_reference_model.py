@@ -4,24 +4,24 @@ import control
 import numpy as np
 import pytest
 
-from gcs_autotune.design import MODEL_FUNCTIONS, model_function, omega_for_settling, settling_time
-from gcs_autotune.design.model_function import wanted_step
+from gcs_autotune.design import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
+from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.errors import UnknownName, UsageError
 
 
 def test_bessel_at_0_45_has_the_coefficients_the_thesis_prints() -> None:
-    f = model_function("bessel", 0.45)
+    f = reference_model("bessel", 0.45)
     assert (f.a3, f.a2, f.a1) == pytest.approx((10.97, 12.01, 5.48), abs=0.01)
 
 
 def test_butterworth_is_the_textbook_one() -> None:
-    f = model_function("butterworth", 1.0)
+    f = reference_model("butterworth", 1.0)
     assert (f.a1, f.a2, f.a3) == pytest.approx((2.0, 2.0, 1.0))
 
 
-@pytest.mark.parametrize("kind", MODEL_FUNCTIONS)
+@pytest.mark.parametrize("kind", REFERENCE_MODELS)
 def test_the_wanted_step_is_that_of_the_transfer_function(kind: str) -> None:
-    f = model_function(kind, 0.7)
+    f = reference_model(kind, 0.7)
     t = np.linspace(0.0, 15.0, 301)
     ours = wanted_step(f, t)
     theirs = control.step_response(control.tf([1.0], [f.a3, f.a2, f.a1, 1.0]), t)
@@ -30,23 +30,23 @@ def test_the_wanted_step_is_that_of_the_transfer_function(kind: str) -> None:
     assert ours.acceleration[20:] == pytest.approx(np.gradient(ours.velocity, t)[20:], abs=5e-3)
 
 
-@pytest.mark.parametrize("kind", MODEL_FUNCTIONS)
+@pytest.mark.parametrize("kind", REFERENCE_MODELS)
 def test_a_wanted_settling_time_is_met_by_the_step_it_gives(kind: str) -> None:
     omega = omega_for_settling(kind, 12.0)
     assert settling_time(kind, omega) == pytest.approx(12.0)
     t = np.linspace(0.0, 30.0, 6001)
-    outside = np.abs(wanted_step(model_function(kind, omega), t).position - 1.0) > 0.05
+    outside = np.abs(wanted_step(reference_model(kind, omega), t).position - 1.0) > 0.05
     assert t[outside][-1] == pytest.approx(12.0, abs=0.15)
 
 
 @pytest.mark.parametrize("omega", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_speed_that_is_no_speed_is_refused(omega: float) -> None:
     with pytest.raises(UsageError, match="positive"):
-        model_function("bessel", omega)
+        reference_model("bessel", omega)
     with pytest.raises(UsageError, match="positive"):
         omega_for_settling("bessel", omega)
 
 
 def test_a_misspelt_family_is_answered_with_the_nearest() -> None:
     with pytest.raises(UnknownName, match="bessel"):
-        model_function("besel", 1.0)
+        reference_model("besel", 1.0)

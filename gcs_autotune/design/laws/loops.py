@@ -1,0 +1,220 @@
+"""What the loops share: parameters read with the firmware's defaults, a compiled loop flown on a craft, and what a loop
+on a position, or on a velocity, asks of the craft.
+
+A new law is a kernel (:mod:`.kernel` has its pieces), a table of what it reads, the vectors its kernel takes, and its
+algebra: where matching may start, its transfer functions, its notes. :class:`PositionLoop` or :class:`VelocityLoop`
+adds the rest.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.laws.kernel import gyro_coefficients, plant_vector
+from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.open_loop import Rational
+from gcs_autotune.design.reference_model import wanted_step
+from gcs_autotune.design.result import ReferenceModel
+from gcs_autotune.models import SingleDof
+
+__all__ = ["PositionLoop", "VelocityLoop", "holding", "linearisations", "local_drag", "peak_demand", "start_of"]
+
+Array = NDArray[np.float64]
+
+
+class Loop(ABC):
+    """One loop.
+
+    Attributes
+    ----------
+    kernel : the compiled loop (a ``staticmethod``). It takes gains, limits, the gyro's filter if there is one, the
+        craft, the actuator, for velocities the start, and fills position (n,) and output (n,).
+    vector : the gains in the order the kernel takes them.
+    filters : parameters with the filters of target, error and slope, last in its limits.
+    gyro : parameter with the gyro filter's cut-off [Hz]; empty when the velocity does not come from the gyro.
+    """
+
+    kernel: ClassVar[Callable[..., Any]]
+    vector: Sequence[str]
+    filters: Sequence[str]
+    gyro: str = ""
+    defaults: Settings
+    free_overshoot = 0.0
+    measured: Sequence[str] = ()
+    late: Sequence[str] = ()
+
+    def _get(self, settings: Settings, name: str) -> float:
+        return setting(settings, self.defaults, name)
+
+    def loop_period(self, settings: Settings) -> float:
+        """Return the loop period [s]."""
+        return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
+
+    def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
+        """Return *speed*: no term of the loop waits for another."""
+        return speed
+
+    def slopes(
+        self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
+    ) -> tuple[float, ...]:
+        """Return the actuator's gains around which small motions live."""
+        return actuator.slopes()
+
+    @abstractmethod
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+        """Return what the kernel takes as limits before the filters; *dt* is the loop period [s]."""
+
+    def fly(self, settings: Settings, speed: float | None, duration: float, *vectors: Array) -> Motion:
+        """Run the kernel for *duration* [s]; *vectors* are craft, actuator and, for velocities, the start."""
+        dt = self.loop_period(settings)
+        count = round(duration / dt) + 1
+        position, output = np.empty(count), np.empty(count)
+        gains = np.array([settings.get(name, 0.0) for name in self.vector])
+        cutoffs = (self._get(settings, name) for name in self.filters)
+        limits = np.array([*self.limits(settings, speed, dt), *cutoffs])
+        sensor = [gyro_coefficients(self._get(settings, self.gyro), 1.0 / dt)] if self.gyro else []
+        type(self).kernel(gains, limits, *sensor, *vectors, position, output)
+        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+
+
+def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, float]:
+    """Return (largest output [fraction], largest velocity) of following *wanted* exactly over *step*.
+
+    The plant's inverse along the reference model's own step; nothing of the controller comes in.
+    """
+    ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
+    velocity, acceleration = step * ideal.velocity, step * ideal.acceleration
+    drag = (model.beta + model.beta_quadratic * np.abs(velocity)) * velocity
+    ahead = model.alpha * acceleration + drag
+    return float(np.max(np.abs(ahead)) + abs(model.delta)), float(np.max(np.abs(velocity)))
+
+
+@lru_cache(maxsize=1024)
+def linearisations(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, ...]:
+    """Return the constant drags to judge stability with: at rest, and at half the wanted step's peak velocity."""
+    moving = model.equivalent_drag(0.5 * peak_demand(model, wanted, step)[1])
+    return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
+
+
+class PositionLoop(Loop):
+    """The position is controlled, the craft comes to rest at the end of every step."""
+
+    controls_velocity = False
+
+    def demand(
+        self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
+    ) -> tuple[float, float]:
+        """Return :func:`peak_demand`."""
+        return peak_demand(model, wanted, step)
+
+    def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
+        """Return :func:`linearisations`."""
+        return linearisations(model, wanted, step)
+
+    def simulate(
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        craft = plant_vector(model, scenario, dt, delay, actuator)
+        return self.fly(settings, speed, scenario.duration, craft, actuator.vector(dt))
+
+
+MIN_ROOM = 0.05
+"""Share of full output that counts as left over at the end of the step, though there be none."""
+
+
+def holding(model: SingleDof, velocity: float) -> float:
+    """Return the force [fraction of full thrust] that keeps *velocity* [m/s or rad/s]."""
+    return (model.beta + model.beta_quadratic * abs(velocity)) * velocity - model.delta
+
+
+def local_drag(model: SingleDof, velocity: float) -> float:
+    """Return the slope of the drag at *velocity*: what damps small motions there."""
+    return model.beta + 2.0 * model.beta_quadratic * abs(velocity)
+
+
+def start_of(step: float, base: float) -> float:
+    """Return the velocity a step starts from."""
+    return base if step >= 0.0 else base - step
+
+
+class VelocityLoop(Loop):
+    """The velocity is controlled, about the one the craft keeps.
+
+    Attributes
+    ----------
+    both_ways : whether steps go from half of them one way to half the other way, not up from the craft's speed.
+    hold : a loop that has long settled is shown from so much [s] of holding its velocity.
+    """
+
+    controls_velocity = True
+    both_ways = False
+    hold: float
+
+    def base(self, step: float, speed: float | None) -> float:
+        """Return the velocity that steps of size *step* start from and come back to."""
+        return -0.5 * abs(step) if self.both_ways else speed or 0.0
+
+    def demand(
+        self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
+    ) -> tuple[float, float]:
+        """Return (what accelerates, as a share of the output left over at the end; largest acceleration)."""
+        base = self.base(step, speed)
+        ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
+        acceleration = step * ideal.velocity
+        room = max(1.0 - abs(holding(model, base + step)), MIN_ROOM)
+        most = float(np.max(np.abs(acceleration)))
+        velocity = base + step * ideal.position
+        drag = (model.beta + model.beta_quadratic * np.abs(velocity)) * velocity - model.delta
+        beyond = np.maximum(np.abs(model.alpha * acceleration + drag) - abs(holding(model, base + step)), 0.0)
+        return float(np.max(beyond)) / room, most
+
+    def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
+        """Return the slopes of the drag at both ends of the step."""
+        if model.beta_quadratic == 0.0:
+            return (model.beta,)
+        base = self.base(step, speed)
+        return tuple(sorted({local_drag(model, base), local_drag(model, base + step)}))
+
+    def holding_output(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
+        """Return the controller's output [fraction] that keeps *velocity*, at most full."""
+        return min(max(holding(model, velocity), -1.0), 1.0)
+
+    def simulate(
+        self,
+        model: SingleDof,
+        settings: Settings,
+        scenario: Scenario,
+        speed: float | None,
+        delay: float,
+        actuator: Actuator = PERFECT,
+    ) -> Motion:
+        """Fly *scenario*."""
+        dt = self.loop_period(settings)
+        velocity = start_of(scenario.step, self.base(scenario.step, speed))
+        before = round(self.hold / dt) if scenario.lead == 0.0 else 0
+        start = np.array([velocity, self.holding_output(model, actuator, settings, velocity), before])
+        craft = plant_vector(model, scenario, dt, delay)
+        return self.fly(settings, speed, scenario.duration, craft, actuator.vector(dt), start)
+
+    def position_path(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured velocity to output: here the same as :meth:`controller`."""
+        return self.controller(settings, speed)
+
+    @abstractmethod
+    def controller(self, settings: Settings, speed: float | None) -> Rational:
+        """Return measured velocity to output."""
