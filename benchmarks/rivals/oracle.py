@@ -38,10 +38,10 @@ class Flight:
     itae: float
     overshoot: float
 
-    def cost(self, most_overshoot: float) -> float:
-        """Return the error, raised where the overshoot is beyond *most_overshoot* (a share of the step)."""
+    def cost(self, max_overshoot: float) -> float:
+        """Return the error, raised where the overshoot is beyond *max_overshoot* (a share of the step)."""
         error = self.itae if math.isfinite(self.itae) else _STRAY
-        return error * (1.0 + _PRICE * max(0.0, self.overshoot - most_overshoot))
+        return error * (1.0 + _PRICE * max(0.0, self.overshoot - max_overshoot))
 
 
 class _Book:

@@ -61,9 +61,9 @@ def rehearse(
     job: Job,
     ranges: Mapping[str, tuple[float, float]],
     present: Mapping[str, float],
-    most_overshoot: float,
+    max_overshoot: float,
 ) -> dict[str, float]:
-    """Return the gains of least simulated error whose step overshoots no more than *most_overshoot*."""
+    """Return the gains of least simulated error whose step overshoots no more than *max_overshoot*."""
     law, names = LAWS[law_name], list(ranges)
     low, high = (np.array([ranges[n][i] for n in names]) for i in (0, 1))
     hull, actuator = true_hull(vessel)
@@ -82,7 +82,7 @@ def rehearse(
 
     def cost(x: Array) -> float:
         m = fly({**present, **gains_of(x)})
-        return (m.itae if math.isfinite(m.itae) else 1e6) * (1.0 + _PRICE * max(0.0, m.overshoot - most_overshoot))
+        return (m.itae if math.isfinite(m.itae) else 1e6) * (1.0 + _PRICE * max(0.0, m.overshoot - max_overshoot))
 
     def gains_of(x: Array) -> dict[str, float]:
         return {n: float(v) for n, v in zip(names, low + np.square(x) * (high - low), strict=True)}

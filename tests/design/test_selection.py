@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Margins, ModelFunction, Spec, StepMetrics, selection
+from gcs_autotune.design import Margins, ReferenceModel, Spec, StepMetrics, selection
 from gcs_autotune.design.matching import Problem
-from gcs_autotune.design.model_function import settling_time
+from gcs_autotune.design.reference_model import settling_time
 from gcs_autotune.design.result import Prediction
 from gcs_autotune.design.selection import Candidate, choose
 from gcs_autotune.errors import NoGainsMeetSpec
@@ -38,7 +38,7 @@ def problem(
         loop_period=lambda settings: 0.02,
     )
 
-    def demand(model: Any, wanted: ModelFunction) -> tuple[float, float]:
+    def demand(model: Any, wanted: ReferenceModel) -> tuple[float, float]:
         return use * needs(wanted.omega_0), velocity * needs(wanted.omega_0)
 
     return cast(
@@ -65,18 +65,18 @@ class Bench:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, promises: Sequence[tuple[float, str]]) -> None:
         self.promises = promises
-        self.wishes: list[ModelFunction] = []
+        self.wishes: list[ReferenceModel] = []
         self.starts: list[Any] = []
         self.spans: list[float] = []
         self.low = FINE
         monkeypatch.setattr(selection, "match", self.match)
         monkeypatch.setattr(selection, "judge", self.judge)
 
-    def match(self, given: Problem, wanted: ModelFunction, start: Any) -> dict[str, float]:
+    def match(self, given: Problem, wanted: ReferenceModel, start: Any) -> dict[str, float]:
         self.starts.append(start)
         return {"GAIN": 10.0 + len(self.wishes)}
 
-    def judge(self, given: Problem, wanted: ModelFunction, settings: Any, span: float) -> Candidate:
+    def judge(self, given: Problem, wanted: ReferenceModel, settings: Any, span: float) -> Candidate:
         itae, objection = self.promises[min(len(self.wishes), len(self.promises) - 1)]
         self.wishes.append(wanted)
         self.spans.append(span)
