@@ -112,7 +112,7 @@ def _with_neutral_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit, bent: 
     """
     smallest = min(float(np.max(np.abs(run[plain.model.axis.force].values))) for run in runs)
     bands = _bands(step, plain.model.axis.force, smallest)
-    bands.sort(key=lambda band: -curve.validate([band.on(step)]).fit_percent)
+    bands.sort(key=lambda band: band.foretold(curve, step), reverse=True)
     together = [*runs, step]
     tried = [(fit, band) for band in bands[:_CLOSER] if (fit := fitted(together, plain, CURVE, band=band)) is not None]
     if not tried:
@@ -137,6 +137,13 @@ class _Band:
         force = run[self.force]
         let_through = np.where(np.abs(force.values) > self.width, force.values, 0.0)
         return replace(run, channels={**run.channels, self.force: replace(force, values=let_through)})
+
+    def foretold(self, model: Fit, run: Trial) -> float:
+        """Return how much of *run* a *model* explains [percent] when this band stands before its actuator."""
+        try:
+            return model.validate([self.on(run)]).fit_percent
+        except AutotuneError:  # it runs away: with this band the model is none of this craft
+            return -math.inf
 
     def within(self, fit: Fit) -> Fit:
         """Return *fit*, of runs that are :meth:`on` it, with the band as the effect that it is."""

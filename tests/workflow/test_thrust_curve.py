@@ -97,11 +97,11 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
 
 
 def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dwells_at_its_edge():
-    band, steps = 0.0625, 400.0
+    band, steps = 0.0625, 100.0
     runs = [oscillation(f"relay-{n}", C, T, 0.8) for n, C, T in ((1, 0.3, 0.8), (2, 0.6, 0.6))]
-    t = DT * np.arange(20_000)
-    dwelling = np.round(steps * (0.25 * np.exp(-t / 4.0) * np.cos(2.0 * t) + 0.055 * np.sin(0.7 * t))) / steps
-    step = flown("step", dwelling, 0.8, band, {}, lost=0.0)
+    t = 20 * DT * np.arange(400)
+    dwelling = np.round(steps * (0.2 * np.exp(-t / 3.0) * np.cos(2.0 * t) + 0.075 * np.sin(1.1 * t))) / steps
+    step = flown("step", np.repeat(dwelling, 20), 0.8, band, {}, lost=0.0)
     plain = fit_axis(runs, dof="yaw")
     found = fit_thrust_curve(runs, plain, step)
     assert found is not None
