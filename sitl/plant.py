@@ -16,7 +16,7 @@ from sitl.hull import AxisDynamics, Body, Loads
 from sitl.modelfile import BadModel, FlownModel
 from sitl.sensors import SensorReading
 
-__all__ = ["Plant"]
+__all__ = ["SimulatedPlant"]
 
 _DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 _CHANNEL = {"delta": "N"}
@@ -31,7 +31,7 @@ _NAMES = {
 }
 
 
-class Plant:
+class SimulatedPlant:
     """The hull of a vehicle in its water, moved by servo pulses.
 
     Parameters
@@ -152,7 +152,7 @@ def _fit_model(model: FlownModel, body: Body, actuators: Actuators) -> Actuators
     return _ModelActuators(actuators, model)
 
 
-def _describe(plant: Plant, seed: str) -> Setting:
+def _describe(plant: SimulatedPlant, seed: str) -> Setting:
     """Return what effects may know of *plant* at power-up."""
     body, full = plant.body, plant.actuators.full
     inputs = {_CHANNELS[dof]: dof for dof in full}
@@ -172,7 +172,7 @@ def _describe(plant: Plant, seed: str) -> Setting:
     )
 
 
-def _full_speed(plant: Plant) -> float:
+def _full_speed(plant: SimulatedPlant) -> float:
     """Return the speed ahead [m/s] that full throttle holds."""
     axis, force = plant.body.surge, plant.actuators.full["surge"]
     if axis.beta2 <= 0.0 >= axis.beta:

@@ -16,7 +16,7 @@ from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect
 from sitl.modelfile import FlownModel
-from sitl.plant import Plant
+from sitl.plant import SimulatedPlant
 from sitl.sensors import SensorReading, Sensors
 
 __all__ = ["Vehicle"]
@@ -47,7 +47,7 @@ class Vehicle:
         model: FlownModel | None = None,
         names: str = "own",
     ) -> None:
-        self.plant = Plant(data, effects=effects, model=model)
+        self.plant = SimulatedPlant(data, effects=effects, model=model)
         self.data = data
         self.effects, self.body, self.actuators = self.plant.effects, self.plant.body, self.plant.actuators
         self._make_autopilot, definitions = FIRMWARE[data.firmware]

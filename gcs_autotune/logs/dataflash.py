@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, TextBlock, TextLog
+from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, TextBlock, DataflashTextLog
 from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
 
 __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signals_of", "strays_of"]
@@ -155,10 +155,10 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
         is_binary = HEAD in start
         if not is_binary and not start.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"FMT"):
             raise BadFile(f"{path} is no ArduPilot log: it begins with neither a binary message nor a FMT line")
-        log: BinaryLog | TextLog = (
+        log: BinaryLog | DataflashTextLog = (
             BinaryLog(path.open("rb"))
             if is_binary
-            else TextLog(path.open(encoding="utf-8-sig", errors="replace", newline=None))
+            else DataflashTextLog(path.open(encoding="utf-8-sig", errors="replace", newline=None))
         )
         decoder = _Decoder(path.stem)
         for blocks in log:

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HEAD", "BinaryLog", "Block", "Layout", "TextBlock", "TextLog"]
+__all__ = ["HEAD", "BinaryLog", "Block", "Layout", "TextBlock", "DataflashTextLog"]
 
 HEAD = b"\xa3\x95"
 """What every message begins with."""
@@ -220,7 +220,7 @@ class TextBlock:
 
 
 @dataclass
-class TextLog:
+class DataflashTextLog:
     """Iterates over a log: one list of blocks per piece. Counters as of ``BinaryLog``; bytes are characters here."""
 
     stream: TextIO

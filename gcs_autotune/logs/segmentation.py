@@ -19,7 +19,7 @@ from gcs_autotune.logs.sample_store import Note, Recording, SampleStore
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Mark, Trial
 
-__all__ = ["Cut", "Excitation", "LeftOut", "cut_runs", "excitation_of", "little_told", "runs_of"]
+__all__ = ["Cut", "DofExcitation", "LeftOut", "cut_runs", "excitation_of", "little_told", "runs_of"]
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ GOOD = "worth a try"
 
 
 @dataclass(frozen=True, slots=True)
-class Excitation:
+class DofExcitation:
     """One degree of freedom of one run.
 
     Attributes
@@ -66,13 +66,13 @@ class Excitation:
         return asdict(self)
 
 
-def excitation_of(run: Trial) -> list[Excitation]:
+def excitation_of(run: Trial) -> list[DofExcitation]:
     """Return a first look at each degree of freedom that *run* has an input and a response of."""
     found = (_look(run, DOFS[name]) for name in AXES)
     return [e for e in found if e is not None]
 
 
-def little_told(looks: list[Excitation]) -> Note | None:
+def little_told(looks: list[DofExcitation]) -> Note | None:
     """Return the doubt of a run none of whose axes is worth a try; None when one is, or there was none to look at."""
     if not looks or any(e.verdict == GOOD for e in looks):
         return None
@@ -83,7 +83,7 @@ def little_told(looks: list[Excitation]) -> Note | None:
     )
 
 
-def _look(run: Trial, dof: Dof) -> Excitation | None:
+def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     names = [n for n in ((dof.force, "delta") if dof.name == "yaw" else (dof.force,)) if n in run]
     answers = [n for n in (dof.velocity, dof.position, *(("U",) if dof.name == "surge" else ())) if n in run]
     answers = [n for n in answers if len(run[n]) >= FEWEST]
@@ -101,7 +101,7 @@ def _look(run: Trial, dof: Dof) -> Excitation | None:
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
-    return Excitation(
+    return DofExcitation(
         dof.name, cause.name, float(high - low), swings, effect.name, ratio, step, beat, verdict, why
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.effects import BadEffect, HiddenEffect
 from sitl.modelfile import FlownModel
-from sitl.plant import Plant
+from sitl.plant import SimulatedPlant
 from sitl.sensors import SensorReading
 
 __all__ = ["Physics"]
@@ -61,7 +61,7 @@ class Physics:
 
     def restart(self) -> None:
         """Put a new hull at home, as a restart of ArduPilot does with its own models."""
-        plant = Plant(self._data, effects=self._effects, model=self._model)
+        plant = SimulatedPlant(self._data, effects=self._effects, model=self._model)
         plant.body.z = 0.0
         for effect in plant.effects:
             _refuse(effect)
