@@ -12,7 +12,7 @@ from types import FrameType
 
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
 from sitl.ardupilot_json.command import add_options, run_json, write_parameters
-from sitl.autopilot.parameter_dialect import GENERATIONS
+from sitl.autopilot import GENERATIONS
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sitl.autopilot.parameter_dialect import ParameterDialect
+from sitl.autopilot import ParameterDialect
 
 __all__ = ["keep_parameters", "read_parameters"]
 

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.autopilot import FIRMWARE, SLOW_RATE, Autopilot, loop_rate
-from sitl.autopilot.parameter_dialect import ParameterDialect
-from sitl.autopilot.parameters import ParameterStore
+from sitl.autopilot import FIRMWARE, SLOW_RATE, Autopilot, ParameterDialect, ParameterStore, loop_rate
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, TextBlock, DataflashTextLog
+from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, DataflashTextLog, TextBlock
 from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
 
 __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signals_of", "strays_of"]

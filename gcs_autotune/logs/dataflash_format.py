@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HEAD", "BinaryLog", "Block", "Layout", "TextBlock", "DataflashTextLog"]
+__all__ = ["HEAD", "BinaryLog", "Block", "DataflashTextLog", "Layout", "TextBlock"]
 
 HEAD = b"\xa3\x95"
 """What every message begins with."""

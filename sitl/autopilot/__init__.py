@@ -8,14 +8,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.autopilot.autopilot import SLOW_RATE, Autopilot
-from sitl.autopilot.parameters import Definition, ParameterStore
-from sitl.autopilot.rover import Rover
+from sitl.autopilot.autopilot import SLOW_RATE, WARNING, Autopilot
+from sitl.autopilot.parameter_dialect import GENERATIONS, ParameterDialect
+from sitl.autopilot.parameters import Definition, ParameterStore, ReadOnlyParameter
+from sitl.autopilot.pid import Pid
+from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, Rover
+from sitl.autopilot.rover_modes import GuidedTarget
 from sitl.autopilot.rover_parameters import ROVER_PARAMETERS
 from sitl.autopilot.sub import Sub
 from sitl.autopilot.sub_parameters import SUB_PARAMETERS
 
-__all__ = ["FIRMWARE", "SLOW_RATE", "Autopilot", "loop_rate"]
+__all__ = [
+    "FIRMWARE",
+    "GENERATIONS",
+    "SLOW_RATE",
+    "STEERING_CHANNEL",
+    "THROTTLE_CHANNEL",
+    "WARNING",
+    "Autopilot",
+    "GuidedTarget",
+    "ParameterDialect",
+    "ParameterStore",
+    "Pid",
+    "ReadOnlyParameter",
+    "Rover",
+    "Sub",
+    "loop_rate",
+]
 
 FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
     "rover": (Rover, ROVER_PARAMETERS),

@@ -8,11 +8,9 @@ from collections.abc import Mapping
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
-from sitl.autopilot.rover_failsafe import RoverFailsafe
-from sitl.autopilot.rover_modes import RoverGuidedMode, make_rover_modes
+from sitl.autopilot.rover_loops import RoverSpeedController, RoverSteering
+from sitl.autopilot.rover_modes import RoverFailsafe, RoverGuidedMode, make_rover_modes
 from sitl.autopilot.rover_motors import RoverMotors
-from sitl.autopilot.rover_speed import RoverSpeedController
-from sitl.autopilot.rover_steering import RoverSteering
 from sitl.autopilot.shaping import wrap_pi
 
 __all__ = ["Rover"]

@@ -9,11 +9,9 @@ from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import clamp
-from sitl.autopilot.sub_depth import SubDepthController
-from sitl.autopilot.sub_failsafe import SubFailsafe
-from sitl.autopilot.sub_modes import make_sub_modes
+from sitl.autopilot.sub_loops import SubDepthController, SubYawController
+from sitl.autopilot.sub_modes import SubFailsafe, make_sub_modes
 from sitl.autopilot.sub_motors import SubMotors
-from sitl.autopilot.sub_yaw import SubYawController
 
 __all__ = ["Sub"]
 

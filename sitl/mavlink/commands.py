@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from sitl.autopilot.autopilot import WARNING
+from sitl.autopilot import WARNING
 from sitl.mavlink.dialect import Message, mavlink
 
 if TYPE_CHECKING:

@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, Rover
-from sitl.autopilot.rover_modes import GuidedTarget
-from sitl.autopilot.sub import Sub
+from sitl.autopilot import STEERING_CHANNEL, THROTTLE_CHANNEL, GuidedTarget, Rover, Sub
 from sitl.mavlink.dialect import Message, mavlink
 
 if TYPE_CHECKING:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sitl.autopilot.autopilot import WARNING
-from sitl.autopilot.parameters import ReadOnlyParameter
+from sitl.autopilot import WARNING, ReadOnlyParameter
 from sitl.mavlink.dialect import Message, mavlink
 
 if TYPE_CHECKING:

@@ -17,9 +17,8 @@ from sitl.mavlink.control import (
 )
 from sitl.mavlink.dialect import Message, mavlink
 from sitl.mavlink.parameter_protocol import ParameterProtocol
-from sitl.mavlink.report import Reporter
 from sitl.mavlink.signing import handle_setup_signing
-from sitl.mavlink.streams import STREAM_GROUPS, Streams
+from sitl.mavlink.streams import STREAM_GROUPS, Reporter, Streams
 from sitl.mavlink.telemetry import MESSAGES, available_messages
 from sitl.vehicle import Vehicle
 

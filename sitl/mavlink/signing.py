@@ -11,7 +11,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sitl.autopilot.autopilot import WARNING
+from sitl.autopilot import WARNING
 from sitl.mavlink.dialect import Message, mavlink
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ import pytest
 
 from sitl.autopilot.parameters import Definition, ParameterStore
 from sitl.autopilot.pid import Pid
+from sitl.autopilot.rover_loops import RoverSpeedController, RoverSteering
 from sitl.autopilot.rover_parameters import ROVER_PARAMETERS
-from sitl.autopilot.rover_speed import RoverSpeedController
-from sitl.autopilot.rover_steering import RoverSteering
 from sitl.autopilot.shaping import (
     TwoPoleLowPass,
     invert_sqrt_controller,

@@ -1,14 +1,64 @@
-"""Rover's speed loop: acceleration limit, CRUISE feed-forward, PID, stopping."""
+"""Rover's inner loops.
+
+Steering (AR_AttitudeControl's structure): heading error -> turn rate -> steering output. Speed: acceleration limit,
+CRUISE feed-forward, PID, stopping.
+"""
 
 from __future__ import annotations
+
+import math
 
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.shaping import clamp, step_towards
 
-__all__ = ["RoverSpeedController"]
+__all__ = ["RoverSpeedController", "RoverSteering"]
 
 _STALE_MS = 200
+_GRAVITY = 9.81
+_LEAST_RATE = math.radians(1.0)
+
+
+class RoverSteering:
+    """Heading P, then turn-rate FF + PID. Angles in radians, output a fraction of full steering (not clipped)."""
+
+    def __init__(self, parameters: ParameterStore, dt: float) -> None:
+        self._values = parameters.values
+        self._dt = dt
+        self.pid = Pid(parameters, "ATC_STR_RAT")
+        self._wanted = 0.0
+        self._last_ms = -_STALE_MS
+
+    def rate_for_heading(self, error: float) -> float:
+        """Return the turn rate [rad/s] wanted for a heading *error* [rad]."""
+        values = self._values
+        rate = values["ATC_STR_ANG_P"] * error
+        brake = math.radians(values["ATC_STR_DEC_MAX"] or values["ATC_STR_ACC_MAX"])
+        if brake > 0.0:
+            top = math.sqrt(2.0 * abs(error) * brake)
+            rate = clamp(rate, -top, top)
+        return rate
+
+    def run(self, ms: int, wanted: float, measured: float, speed: float, limited: bool) -> float:
+        """Return the steering output for a turn rate *wanted* [rad/s], *measured* at *speed* [m/s]."""
+        values = self._values
+        if ms - self._last_ms > _STALE_MS:
+            self.pid.reset()
+            self._wanted = measured
+        self._last_ms = ms
+        if values["ATC_STR_ACC_MAX"] > 0.0:
+            wanted = step_towards(self._wanted, wanted, math.radians(values["ATC_STR_ACC_MAX"]) * self._dt)
+        if values["ATC_STR_RAT_MAX"] > 0.0:
+            top = math.radians(values["ATC_STR_RAT_MAX"])
+            wanted = clamp(wanted, -top, top)
+        top = max(self.lateral_acceleration_limit() / max(abs(speed), 1.0), _LEAST_RATE)
+        self._wanted = clamp(wanted, -top, top)
+        out = self.pid.update(self._wanted, measured, self._dt, limited)
+        return out + self.pid.feed_forward
+
+    def lateral_acceleration_limit(self) -> float:
+        """Return ATC_TURN_MAX_G in m/s^2, at least 0.1 g."""
+        return max(self._values["ATC_TURN_MAX_G"], 0.1) * _GRAVITY
 
 
 class RoverSpeedController:

@@ -1,0 +1,133 @@
+"""Sub's inner loops.
+
+Yaw (as AC_AttitudeControl does): shaped heading target, square-root heading law, rate PID. Depth (as AC_PosControl
+does, cm inside): position -> climb rate -> acceleration -> throttle.
+"""
+
+from __future__ import annotations
+
+import math
+
+from sitl.autopilot.parameters import ParameterStore
+from sitl.autopilot.pid import Pid
+from sitl.autopilot.shaping import clamp, invert_sqrt_controller, sqrt_controller, step_towards, wrap_pi
+
+__all__ = ["SubDepthController", "SubYawController"]
+
+_LEAST_ACCELERATION, _MOST_ACCELERATION = math.radians(10.0), math.radians(120.0)
+"""Bounds of the square-root controller's deceleration, fixed in the firmware."""
+
+
+class SubYawController:
+    """Holds or turns the heading. Radians; the output is a fraction of full yaw. ATC_RAT_YAW_FF has no effect."""
+
+    def __init__(self, parameters: ParameterStore, dt: float) -> None:
+        self._values = parameters.values
+        self._dt = dt
+        self.pid = Pid(parameters, "ATC_RAT_YAW")
+        self._target = 0.0
+        self._target_rate = 0.0
+
+    def reset(self, yaw: float) -> None:
+        """Forget the past; the target is the present heading."""
+        self.pid.reset()
+        self._target = yaw
+        self._target_rate = 0.0
+
+    def hold(self, heading: float) -> None:
+        """Move the target towards *heading*, shaped by ATC_INPUT_TC, ATC_ACCEL_Y_MAX and ATC_SLEW_YAW."""
+        values = self._values
+        error = wrap_pi(heading - self._target)
+        if not values["ATC_RATE_FF_ENAB"]:
+            self._target, self._target_rate = heading, 0.0
+            return
+        wanted = sqrt_controller(error, 1.0 / max(values["ATC_INPUT_TC"], 0.01), self._acceleration(), self._dt)
+        self._approach_rate(wanted)
+        top = math.radians(values["ATC_SLEW_YAW"] / 100.0)
+        if top > 0.0:
+            self._target_rate = clamp(self._target_rate, -top, top)
+
+    def turn(self, rate: float) -> None:
+        """Turn the target at *rate* [rad/s]."""
+        self._approach_rate(rate)
+
+    def run(self, yaw: float, rate: float, limited: bool) -> float:
+        """Return the yaw output for the measured *yaw* and *rate*."""
+        values, dt = self._values, self._dt
+        p = values["ATC_ANG_YAW_P"]
+        self._target = wrap_pi(self._target + self._target_rate * dt)
+        error = wrap_pi(self._target - yaw)
+        if p > 0.0 and abs(error) > _MOST_ACCELERATION / p:
+            error = math.copysign(_MOST_ACCELERATION / p, error)
+            self._target = wrap_pi(yaw + error)
+        limit = clamp(0.5 * self._acceleration(), _LEAST_ACCELERATION, _MOST_ACCELERATION)
+        wanted = sqrt_controller(error, p, limit, dt) + self._target_rate
+        top = math.radians(values["ATC_RATE_Y_MAX"])
+        if top > 0.0:
+            wanted = clamp(wanted, -top, top)
+        return clamp(self.pid.update(wanted, rate, dt, limited), -1.0, 1.0)
+
+    def _acceleration(self) -> float:
+        return math.radians(self._values["ATC_ACCEL_Y_MAX"] / 100.0)
+
+    def _approach_rate(self, wanted: float) -> None:
+        limit = self._acceleration()
+        self._target_rate = step_towards(self._target_rate, wanted, limit * self._dt) if limit > 0.0 else wanted
+
+
+_THROTTLE_PER_OUTPUT = 0.001
+
+
+class SubDepthController:
+    """Holds an altitude (cm, up from the surface: negative under water) and follows a climb rate.
+
+    The position error is cut to what the speed limit can use, and the *target moves with it*: a far target must be
+    sent again and again, as ground stations do. ``target`` is in cm, ``run`` returns a throttle of 0..1.
+    """
+
+    def __init__(self, parameters: ParameterStore, dt: float) -> None:
+        self._values = parameters.values
+        self._dt = dt
+        self.velocity = Pid(parameters, "PSC_VELZ")
+        self.acceleration = Pid(parameters, "PSC_ACCZ")
+        self.target = 0.0
+        self._wanted_climb = 0.0
+
+    def reset(self, altitude: float, climb: float, throttle: float) -> None:
+        """Take over smoothly at *altitude* [cm] with *climb* [cm/s] and the present *throttle*."""
+        self.velocity.reset()
+        self.acceleration.reset()
+        self.acceleration.integrator = (throttle - self._values["MOT_THST_HOVER"]) / _THROTTLE_PER_OUTPUT
+        self.target = altitude
+        self._wanted_climb = climb
+
+    def climb(self, rate: float) -> None:
+        """Move the target at *rate* [cm/s, up], reached with PILOT_ACCEL_Z."""
+        values = self._values
+        rate = clamp(rate, -self._fastest_down(), values["PILOT_SPEED_UP"])
+        self._wanted_climb = step_towards(self._wanted_climb, rate, values["PILOT_ACCEL_Z"] * self._dt)
+        self.target += self._wanted_climb * self._dt
+
+    def run(self, altitude: float, climb: float, acceleration: float, limited: bool) -> float:
+        """Return the throttle for measured *altitude* [cm], *climb* [cm/s], *acceleration* [cm/s^2], all up."""
+        values, dt = self._values, self._dt
+        wanted_climb = self._position_loop(altitude) + self._wanted_climb
+        wanted = self.velocity.update(wanted_climb, climb, dt, limited) + self.velocity.feed_forward
+        hover = values["MOT_THST_HOVER"]
+        self.acceleration.least_imax = hover / _THROTTLE_PER_OUTPUT
+        out = self.acceleration.update(wanted, acceleration, dt, limited) + self.acceleration.feed_forward
+        return _THROTTLE_PER_OUTPUT * out + hover
+
+    def _position_loop(self, altitude: float) -> float:
+        values = self._values
+        p, limit = values["PSC_POSZ_P"], values["PILOT_ACCEL_Z"]
+        error = self.target - altitude
+        if limit > 0.0:
+            up = invert_sqrt_controller(values["PILOT_SPEED_UP"], p, limit)
+            down = invert_sqrt_controller(self._fastest_down(), p, limit)
+            error = clamp(error, -down, up)
+            self.target = altitude + error
+        return sqrt_controller(error, p, limit, self._dt)
+
+    def _fastest_down(self) -> float:
+        return self._values["PILOT_SPEED_DN"] or self._values["PILOT_SPEED_UP"]
