@@ -76,8 +76,8 @@ def test_a_write_that_was_long_under_way_is_put_right_when_giving_back(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
-    loan = ParameterTransaction(parameters, journal)
-    loan.set({P: 0.5})
+    transaction = ParameterTransaction(parameters, journal)
+    transaction.set({P: 0.5})
     answers, writes = [0], boat.count("PARAM_SET")
 
     def overtaken(message: Any) -> None:
@@ -87,7 +87,7 @@ def test_a_write_that_was_long_under_way_is_put_right_when_giving_back(
         boat._on_param_request_read(message)
 
     boat.on["PARAM_REQUEST_READ"] = overtaken
-    loan.give_back()
+    transaction.give_back()
     journal.leave()
     assert boat.parameters[P] == pytest.approx(0.2)
     assert boat.count("PARAM_SET") == writes + 2
@@ -97,10 +97,13 @@ def test_nothing_is_kept_that_the_vehicle_no_longer_holds(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
-    with pytest.raises(ParameterNotAccepted, match="somebody else"), ParameterTransaction(parameters, journal) as loan:
-        loan.set({P: 0.5})
+    with (
+        pytest.raises(ParameterNotAccepted, match="somebody else"),
+        ParameterTransaction(parameters, journal) as transaction,
+    ):
+        transaction.set({P: 0.5})
         boat.parameters[P] = 0.9
-        loan.keep()
+        transaction.keep()
     journal.leave()
     assert boat.parameters[P] == pytest.approx(0.2)
     assert Journal.open_debts(journal.path) == {}
@@ -119,8 +122,8 @@ def test_giving_back_waits_for_a_vehicle_behind_a_pier(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
-    loan = ParameterTransaction(parameters, journal)
-    loan.set({P: 0.5})
+    transaction = ParameterTransaction(parameters, journal)
+    transaction.set({P: 0.5})
     step, gone = boat._step, boat.time
     boat.alive = False
 
@@ -129,6 +132,6 @@ def test_giving_back_waits_for_a_vehicle_behind_a_pier(
         return ScriptedVehicle.advance_to(boat, t)
 
     boat.advance_to = back_after_twenty_seconds  # type: ignore[method-assign]
-    loan.give_back()
+    transaction.give_back()
     journal.leave()
     assert step is not None and boat.parameters[P] == pytest.approx(0.2)

@@ -1,4 +1,4 @@
-"""Journal and loan: whatever happens, the vehicle is as found, or the journal says what it is not."""
+"""Journal and transaction: whatever happens, the vehicle is as found, or the journal says what it is not."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def loan(parameters: Parameters, path: Path) -> ParameterTransaction:
+def transaction(parameters: Parameters, path: Path) -> ParameterTransaction:
     session = parameters.session
     journal = Journal(
         path, vehicle=session.vehicle, link="memory", mode="HOLD", armed=False, stamp=lambda: "2026-01-01T00:00:00"
@@ -50,87 +50,89 @@ def held(boat: ScriptedVehicle) -> dict[str, float]:
     return {name: boat.parameters[name] for name in OLD}
 
 
-def test_lending_reads_and_journals_what_was_found(loan: ParameterTransaction, path: Path) -> None:
-    assert loan.lend(OLD) == pytest.approx(OLD)
+def test_lending_reads_and_journals_what_was_found(transaction: ParameterTransaction, path: Path) -> None:
+    assert transaction.lend(OLD) == pytest.approx(OLD)
     events = [json.loads(line) for line in path.read_text().splitlines()]
     assert [e["event"] for e in events] == ["opened", "lent", "lent", "lent"]
     assert Journal.open_debts(path) == {}
 
 
 def test_what_is_set_is_in_the_vehicle_and_owed_in_the_journal(
-    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
-    loan.set(NEW)
+    transaction.set(NEW)
     assert held(boat) == pytest.approx(NEW)
     assert Journal.open_debts(path) == pytest.approx(OLD)
 
 
 def test_giving_back_restores_in_reverse_order_and_pays_the_debt(
-    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
-    loan.set(NEW)
-    loan.give_back()
+    transaction.set(NEW)
+    transaction.give_back()
     assert held(boat) == pytest.approx(OLD)
     assert Journal.open_debts(path) == {}
     assert [m.param_id for m in boat.heard if m.get_type() == "PARAM_SET"] == [P, INT, FF, FF, INT, P]
 
 
 def test_keeping_leaves_the_new_values_and_owes_nothing(
-    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
-    loan.set(NEW)
-    assert loan.keep() == pytest.approx(NEW)
-    loan.give_back()
+    transaction.set(NEW)
+    assert transaction.keep() == pytest.approx(NEW)
+    transaction.give_back()
     assert held(boat) == pytest.approx(NEW)
     assert Journal.open_debts(path) == {}
 
 
-def test_a_second_round_after_keeping_owes_the_kept_values(loan: ParameterTransaction, path: Path) -> None:
-    loan.set(NEW)
-    loan.keep()
-    loan.set({P: 0.9})
+def test_a_second_round_after_keeping_owes_the_kept_values(transaction: ParameterTransaction, path: Path) -> None:
+    transaction.set(NEW)
+    transaction.keep()
+    transaction.set({P: 0.9})
     assert Journal.open_debts(path) == {P: pytest.approx(0.5)}
 
 
-def test_leaving_the_context_gives_back_also_after_an_error(loan: ParameterTransaction, boat: ScriptedVehicle) -> None:
-    with pytest.raises(LinkLost), loan:
-        loan.set(NEW)
+def test_leaving_the_context_gives_back_also_after_an_error(
+    transaction: ParameterTransaction, boat: ScriptedVehicle
+) -> None:
+    with pytest.raises(LinkLost), transaction:
+        transaction.set(NEW)
         raise LinkLost("the worst moment")
     assert held(boat) == pytest.approx(OLD)
 
 
-def test_one_refused_value_puts_all_back(loan: ParameterTransaction, path: Path, boat: ScriptedVehicle) -> None:
+def test_one_refused_value_puts_all_back(transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle) -> None:
     boat.read_only.add(FF)
     with pytest.raises(ParameterNotAccepted, match=FF):
-        loan.set(NEW)
+        transaction.set(NEW)
     assert held(boat) == pytest.approx(OLD)
     assert Journal.open_debts(path) == {}
 
 
-def test_a_missing_name_writes_nothing(loan: ParameterTransaction, boat: ScriptedVehicle) -> None:
+def test_a_missing_name_writes_nothing(transaction: ParameterTransaction, boat: ScriptedVehicle) -> None:
     with pytest.raises(ParameterMissing):
-        loan.set({**NEW, "NO_SUCH_THING": 1.0})
+        transaction.set({**NEW, "NO_SUCH_THING": 1.0})
     assert boat.count("PARAM_SET") == 0
 
 
 def test_what_cannot_be_put_back_is_listed_and_stays_owed(
-    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
-    loan.set(NEW)
+    transaction.set(NEW)
     boat.read_only.add(INT)
     with pytest.raises(NotAsFound, match=INT) as caught:
-        loan.give_back()
+        transaction.give_back()
     assert set(caught.value.differences) == {INT}
     assert held(boat) == pytest.approx({**OLD, INT: NEW[INT]})
     assert Journal.open_debts(path) == {INT: pytest.approx(OLD[INT])}
     boat.read_only.clear()
-    loan.give_back()
+    transaction.give_back()
     assert held(boat) == pytest.approx(OLD)
     assert Journal.open_debts(path) == {}
 
 
 def test_a_lost_link_while_setting_names_what_is_owed(
-    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
     def die_at_the_second(m: Any) -> None:
         boat._on_param_set(m)
@@ -138,7 +140,7 @@ def test_a_lost_link_while_setting_names_what_is_owed(
 
     boat.on["PARAM_SET"] = die_at_the_second
     with pytest.raises(NotAsFound) as caught:
-        loan.set(NEW)
+        transaction.set(NEW)
     assert {P, INT} <= set(caught.value.differences)
     assert set(Journal.open_debts(path)) == set(caught.value.differences)
 
@@ -158,8 +160,8 @@ def test_the_operator_may_stop_at_any_pump_and_all_is_as_found(tmp_path: Path, p
     left[0] = pumps
     journal = Journal(path)
     try:
-        with ParameterTransaction(Parameters(session), journal) as loan:
-            loan.set(NEW)
+        with ParameterTransaction(Parameters(session), journal) as transaction:
+            transaction.set(NEW)
             session.pause(2.0)
             raise OperatorStopped("at the end")
     except OperatorStopped:
@@ -175,7 +177,7 @@ class PowerCut(BaseException):
 
 @pytest.mark.parametrize("last", range(1, 8))
 def test_after_a_power_cut_at_any_event_the_journal_covers_every_change(
-    loan: ParameterTransaction, path: Path, boat: ScriptedVehicle, last: int, monkeypatch: pytest.MonkeyPatch
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle, last: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fsync, events = os.fsync, [0]
 
@@ -187,7 +189,7 @@ def test_after_a_power_cut_at_any_event_the_journal_covers_every_change(
 
     monkeypatch.setattr(journal_module.os, "fsync", cut)
     with pytest.raises(PowerCut):
-        loan.set(NEW)
+        transaction.set(NEW)
     changed = {n for n in OLD if boat.parameters[n] != pytest.approx(OLD[n])}
     debts = Journal.open_debts(path)
     assert changed <= set(debts)
@@ -197,14 +199,16 @@ def test_after_a_power_cut_at_any_event_the_journal_covers_every_change(
 # --- the journal itself --------------------------------------------------------------------------------
 
 
-def test_the_journal_tells_how_things_were_found(loan: ParameterTransaction, path: Path) -> None:
+def test_the_journal_tells_how_things_were_found(transaction: ParameterTransaction, path: Path) -> None:
     state = Journal.read(path)
     assert (state.mode, state.armed, state.link, state.closed) == ("HOLD", False, "memory", False)
     assert state.vehicle["vehicle_type"] == 11
 
 
-def test_a_last_line_cut_short_is_ignored_but_a_damaged_middle_is_not(loan: ParameterTransaction, path: Path) -> None:
-    loan.set(NEW)
+def test_a_last_line_cut_short_is_ignored_but_a_damaged_middle_is_not(
+    transaction: ParameterTransaction, path: Path
+) -> None:
+    transaction.set(NEW)
     text = path.read_text()
     path.write_text(text[:-10])
     assert Journal.open_debts(path) == pytest.approx(OLD)
@@ -236,20 +240,20 @@ def full_disk() -> Callable[..., int]:
 
 
 def test_a_full_disk_refuses_every_write(
-    loan: ParameterTransaction, boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
+    transaction: ParameterTransaction, boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(journal_module.os, "write", full_disk())
     with pytest.raises(PreconditionFailed, match="No space left"):
-        loan.set(NEW)
+        transaction.set(NEW)
     assert boat.count("PARAM_SET") == 0
 
 
 def test_a_disk_that_fills_up_does_not_stop_the_giving_back(
-    loan: ParameterTransaction, boat: ScriptedVehicle, parameters: Parameters, monkeypatch: pytest.MonkeyPatch
+    transaction: ParameterTransaction, boat: ScriptedVehicle, parameters: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loan.set(NEW)
+    transaction.set(NEW)
     monkeypatch.setattr(journal_module.os, "write", full_disk())
-    loan.give_back()
+    transaction.give_back()
     assert held(boat) == pytest.approx(OLD)
     assert len(parameters.session.notes) == 3
 

@@ -155,7 +155,7 @@ _VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
 _WINDOW = 2.0
 """Chosen [s of the vehicle's time]: long enough to tell a lost message from a changed rate."""
 _LOW = 0.6
-"""Chosen: share of the rate measured at boarding below which it is asked for again."""
+"""Chosen: share of the rate measured at the handshake below which it is asked for again."""
 _REQUESTS = frozenset({"REQUEST_DATA_STREAM", "MAV_CMD_SET_MESSAGE_INTERVAL"})
 _RATES_LOOK_BACK = 10.0
 
