@@ -240,7 +240,7 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
         found.append(
             Doubt(
                 "outliers-not-weighed",
-                f"{method.name} has no robust loss: every sample counted in full",
+                f"{method.name} is not proof against outliers: if it weighs anything robustly, it is after smoothing",
                 "take output-error, or mend the sensor",
             )
         )

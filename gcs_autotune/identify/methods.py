@@ -75,7 +75,7 @@ METHODS: Mapping[str, Method] = {
             axis=by_least_squares.fit_axis_by_least_squares,
             coupled=by_least_squares.fit_by_least_squares,
             options=by_least_squares.OPTIONS,
-            bears=frozenset({"stamps", "robust"}),
+            bears=frozenset({"stamps"}),
         ),
         Method(
             "instrumental-variables",
@@ -83,7 +83,7 @@ METHODS: Mapping[str, Method] = {
             axis=by_instruments.fit_axis_by_instruments,
             coupled=by_instruments.fit_by_instruments,
             options=by_instruments.OPTIONS,
-            bears=frozenset({"stamps", "robust"}),
+            bears=frozenset({"stamps"}),
         ),
         Method(
             "recursive-least-squares",

@@ -152,7 +152,7 @@ def test_of_causes_as_likely_the_more_usual_comes_first_and_a_likelier_one_befor
 def rest(judged: Sequence[float], *, signal: str = "r", fold: int = 0, penalty: float = 0.0) -> Residual:
     values = np.array(judged, dtype=np.float64)
     nothing = np.zeros(len(values))
-    return Residual(0, signal, nothing, nothing, nothing, values, penalty, fold)
+    return Residual(0, signal, nothing, nothing, nothing, values, penalty=penalty, fold=fold)
 
 
 def held(*rests: Residual, complete: bool = True) -> HeldOut:
