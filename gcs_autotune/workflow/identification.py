@@ -68,8 +68,9 @@ def again_with_step(voyage: Voyage, found: Identified, step: Trial) -> Identifie
     """Return *found* with the curve that *step* tells too, flown about the speed that *found* foretold.
 
     The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
+    Not of a boat: there the autopilot drives its own throttle meanwhile, on which the steering rests.
     """
-    if voyage.axis.dof == "surge":
+    if voyage.axis.dof == "surge" or voyage.axis.needs_speed:
         return found
     voyage.tale.say("identifying, with the step")
     return _with_curve(voyage, found.fit, found.runs, step)
