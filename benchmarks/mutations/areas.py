@@ -10,7 +10,13 @@ AREAS: dict[str, tuple[str, ...]] = {
     "kernels": ("**/*.py",),
     "safety": ("manoeuvres/*.py", "workflow/restore.py", "workflow/decision.py"),
     "journal": ("**/journal.py", "**/parameter_transaction.py", "**/params_file.py", "mavlink/tlog.py"),
-    "stamps": ("**/stamp_correction.py", "**/latency.py", "**/watchdog.py", "logs/dataflash.py", "logs/sample_store.py"),
+    "stamps": (
+        "**/stamp_correction.py",
+        "**/latency.py",
+        "**/watchdog.py",
+        "logs/dataflash.py",
+        "logs/sample_store.py",
+    ),
     "link": ("link/liveness.py", "link/parameters/*.py", "link/vehicle/*.py", "**/transport.py", "**/signing.py"),
     "results": (
         "**/chi_square.py",
