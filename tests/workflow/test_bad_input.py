@@ -26,7 +26,7 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
 
-from .sitl_harness import Later, Moored, SitlHarness, StopsAt
+from .sitl_harness import SLOW_LOOP, Later, Moored, SitlHarness, StopsAt
 
 pytestmark = pytest.mark.usefixtures("plainly")
 
@@ -204,7 +204,7 @@ def test_a_wish_no_gains_can_meet(tmp_path):
 
 @pytest.mark.slow
 def test_leaving_the_safety_envelope(tmp_path):
-    harbour = SitlHarness(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     with pytest.raises(GuardTripped, match="heading excursion"):
         harbour.tune(envelope=Envelope(heading_excursion=math.radians(15.0)))
     harbour.assert_as_found()

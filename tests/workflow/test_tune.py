@@ -11,7 +11,7 @@ from gcs_autotune.link import Journal
 from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
 
-from .sitl_harness import Answers, SitlHarness
+from .sitl_harness import SLOW_LOOP, Answers, SitlHarness
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_the_journal_is_settled_in_the_end(tuned):
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
     runs = []
     for name in ("a", "b"):
-        harbour = SitlHarness(tmp_path / name, "automarine")
+        harbour = SitlHarness(tmp_path / name, "automarine", **SLOW_LOOP)
         harbour.tune(dry_run=True)
         files = sorted((harbour.directory / "trials").glob("*.csv"))
         runs.append([f.read_bytes() for f in files] + [(harbour.directory / "telemetry.tlog").read_bytes()])
@@ -160,7 +160,7 @@ def test_no_to_the_second_question_writes_nothing(tmp_path):
 @pytest.mark.slow
 def test_an_rov_survives_the_operators_long_thinking(tmp_path):
     # ArduSub disarms three seconds after the last pilot input; each question takes four.
-    harbour = SitlHarness(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     story = harbour.tune(Answers(True, True), simulated=False)
     assert story.ending in ("kept", "restored")
 
@@ -189,7 +189,7 @@ def test_a_run_directory_is_never_overwritten(tmp_path):
 
 @pytest.mark.slow
 def test_the_relay_and_the_step_can_be_given(tmp_path):
-    harbour = SitlHarness(tmp_path, "automarine")
+    harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     story = harbour.tune(
         dry_run=True, relay_output=0.4, relay_hysteresis=math.radians(15.0), step=math.radians(20.0), step_duration=15.0
     )
