@@ -27,7 +27,7 @@ from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.base_model import base_limits, fit_base
-from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.segment import Segment, without_signal
@@ -114,7 +114,7 @@ def permuted_channels(
 
 
 def _misfit(form: Form, segments: Sequence[Segment], limits: Limits) -> float:
-    return ground_of(form, segments).misfit(limits)
+    return initial_guess_of(form, segments).misfit(limits)
 
 
 def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.first_look import first_levels
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.preparation import INPUTS
@@ -229,7 +229,7 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
         From no start can the base model follow these runs.
     """
     limits = base_limits(form)
-    ground = ground_of(form, segments)
+    ground = initial_guess_of(form, segments)
     problem = Problem(form, segments, scene_of(form, segments), limits)
     best: Fitted | None = None
     with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
@@ -261,7 +261,7 @@ def given_base(
     """
     form, limits = model.form, base_limits(model.form)
     problem = Problem(form, segments, scene_of(form, segments, model.values), limits)
-    ground = ground_of(form, segments)
+    ground = initial_guess_of(form, segments)
     low, high = limits.of(form.parameters)
     with np.errstate(over="ignore", invalid="ignore"):
         given = problem.states(model.theta, effects, ground.initial)

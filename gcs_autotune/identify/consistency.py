@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.identify.result import Doubt
 
-__all__ = ["Apart", "Estimate", "apart_doubts", "runs_apart"]
+__all__ = ["Apart", "CraftEstimate", "apart_doubts", "runs_apart"]
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ CHANGE = 0.20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class CraftEstimate:
     """What some of the runs say about the craft: ``values`` (p,), ``covariance`` (p, p)."""
 
     values: Array
@@ -48,7 +48,7 @@ class Apart:
 
 
 def runs_apart(
-    names: Sequence[str], estimate: Callable[[tuple[int, ...]], Estimate | None], sigmas: float = SIGMAS
+    names: Sequence[str], estimate: Callable[[tuple[int, ...]], CraftEstimate | None], sigmas: float = SIGMAS
 ) -> tuple[Apart, ...]:
     """Return the runs that do not belong to the others.
 
@@ -72,7 +72,7 @@ def runs_apart(
     return tuple(odd)
 
 
-def _distance(one: Estimate | None, rest: Estimate | None, sigmas: float) -> tuple[float, float]:
+def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: float) -> tuple[float, float]:
     """Return distance in standard errors and largest relative change; zeros when they agree or cannot be compared."""
     if one is None or rest is None:
         return 0.0, 0.0

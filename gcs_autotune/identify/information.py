@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.uncertainty import PHYSICAL, cramer_rao
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
-from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
 from gcs_autotune.identify.problem import Problem
@@ -116,7 +116,7 @@ def fitted_model_of(fit: Fit, trials: Trial | Sequence[Trial]) -> FittedModel:
     if not free:
         raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
-    ground = ground_of(form, records, model_delay(form, theta))
+    ground = initial_guess_of(form, records, model_delay(form, theta))
     found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
         raise NotInformative(f"the model '{form.name}' runs away on run '{records[0].run}': its drag destabilises it")

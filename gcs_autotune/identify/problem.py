@@ -141,9 +141,9 @@ class Problem:
 
     def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
         """Return initial states of any segments, read off their first samples."""
-        from gcs_autotune.identify.coupled.start import ground_of
+        from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 
-        return ground_of(self.form, segments).initial
+        return initial_guess_of(self.form, segments).initial
 
     def states(
         self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0

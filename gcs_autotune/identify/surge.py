@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.along_track import along_track, doubt_of, through_water
-from gcs_autotune.identify.door import fit_axis
+from gcs_autotune.identify.api import fit_axis
 from gcs_autotune.identify.problem import label_of
 from gcs_autotune.identify.result import AxisFit, Doubt, Parameter, Structure
 from gcs_autotune.trial import Trial

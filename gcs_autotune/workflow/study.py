@@ -12,8 +12,8 @@ from typing import Any, Literal
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
+from gcs_autotune.identify.api import form_of
 from gcs_autotune.identify.axis.structure import FREE
-from gcs_autotune.identify.door import form_of
 from gcs_autotune.identify.model_file import whole_model
 from gcs_autotune.identify.result import Structure
 from gcs_autotune.identify.surge import fit_surge

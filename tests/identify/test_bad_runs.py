@@ -15,7 +15,7 @@ from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.cleaning import clipped
-from gcs_autotune.identify.consistency import Estimate, runs_apart
+from gcs_autotune.identify.consistency import CraftEstimate, runs_apart
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]
@@ -242,8 +242,8 @@ def test_runs_of_one_craft_are_called_apart_once_in_a_thousand_times_at_three_si
     for _ in range(400):
         draws = rng.multivariate_normal([1.0, 2.0], C, size=4)
 
-        def estimate(which: tuple[int, ...], draws: np.ndarray = draws) -> Estimate:
-            return Estimate(draws[list(which)].mean(axis=0), C / len(which))
+        def estimate(which: tuple[int, ...], draws: np.ndarray = draws) -> CraftEstimate:
+            return CraftEstimate(draws[list(which)].mean(axis=0), C / len(which))
 
         false += bool(runs_apart(("a", "b", "c", "d"), estimate, sigmas=3.0))
     assert false <= 10  # four comparisons of 0.27 % each: about 4 in 400

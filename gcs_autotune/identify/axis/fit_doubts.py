@@ -13,7 +13,7 @@ from gcs_autotune.identify.axis.evidence import UNDECIDED
 from gcs_autotune.identify.axis.start import Bounds
 from gcs_autotune.identify.axis.structure import Selection
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance
-from gcs_autotune.identify.consistency import Estimate, apart_doubts, runs_apart
+from gcs_autotune.identify.consistency import CraftEstimate, apart_doubts, runs_apart
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
@@ -143,11 +143,11 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
     craft = [EXPLICIT.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
 
-    def estimate(runs: tuple[int, ...]) -> Estimate | None:
+    def estimate(runs: tuple[int, ...]) -> CraftEstimate | None:
         found = _solved(chosen, bounds, [i for run in runs for i in stretches[run]])
         if found is None or found.at_bound:
             return None
-        return Estimate(found.theta[craft], explicit_covariance(found)[np.ix_(craft, craft)])
+        return CraftEstimate(found.theta[craft], explicit_covariance(found)[np.ix_(craft, craft)])
 
     if len(case.names) < 2 or not all(stretches):
         return []

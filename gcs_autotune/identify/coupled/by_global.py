@@ -11,10 +11,10 @@ from gcs_autotune.identify.coupled.by_output_error import fit_of, with_known_del
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.delay import Delayed
 from gcs_autotune.identify.coupled.global_search import box_of, search
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.local import Local, local_fit
-from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.segment import Segment
@@ -56,7 +56,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
         raise UsageError(f"a budget of {budget} simulations finds nothing: give {LEAST} or more")
     limits = limits_of(form, case)
     records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
-    ground = ground_of(form, records)
+    ground = initial_guess_of(form, records)
     found = search(ground, box_of(ground, limits), budget=budget, seed=seed)
     polished = solve_form(form, records, found.theta, ground.initial, limits, levels=ground.levels, robust=case.robust)
     if polished is None:

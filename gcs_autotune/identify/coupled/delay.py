@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.structure import DELAY_EVIDENCE, FIRST_MARGIN, SEARCHED_DELAYS
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.local import MISFIT, SKETCH, Local, local_fit
-from gcs_autotune.identify.coupled.start import ground_of
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.problem import Problem
@@ -71,7 +71,7 @@ def _again(plain: Local, records: Sequence[Segment], limits: Limits, robust: boo
     if plain.pieces:
         return plain
     form, solution = plain.solution.form, plain.solution
-    initial = ground_of(form, records).initial
+    initial = initial_guess_of(form, records).initial
     found = solve_form(
         form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust, effort=SKETCH
     )
@@ -97,7 +97,7 @@ def _lagged(form: Form, without: Local, limits: Limits, hint: float, robust: boo
     p = len(form.free)
     starts = [(np.array([*plain.theta[:p], max(hint, 0.02), *plain.theta[p:]]), plain.initial)]
     for delay in SEARCHED_DELAYS:
-        ground = ground_of(freed, records, delay)
+        ground = initial_guess_of(freed, records, delay)
         starts.append((ground.regression.solve(limits), ground.initial))
     scored = []
     for theta, initial in starts:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs_autotune.identify.coupled.apart import run_apart
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.delay import Delayed
+from gcs_autotune.identify.coupled.odd_run import odd_run
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.solution import Solution, fit_percents
@@ -34,7 +34,7 @@ def doubts_of(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt
     """Return what is doubtful about the chosen fit, what the records already said first."""
     solution, records = chosen.local.solution, chosen.local.records
     found = [doubt for record in case.records for doubt in record.notes]
-    of_its_own = (_pieces(chosen), _reversed(solution), _delay(chosen), run_apart(solution, records, limits))
+    of_its_own = (_pieces(chosen), _reversed(solution), _delay(chosen), odd_run(solution, records, limits))
     found += [*general_doubts(solution, robust=case.robust), *(d for d in of_its_own if d is not None)]
     return tuple({(d.slug, d.cause): d for d in found}.values())
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
+from gcs_autotune.identify.coupled.initial_guess import InitialGuess
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, physical
-from gcs_autotune.identify.coupled.start import Ground
 from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.noise import gaussian_noise
@@ -70,7 +70,7 @@ class Searched:
         return max(self.costs.values()) - min(self.costs.values())
 
 
-def box_of(ground: Ground, limits: Limits) -> Box:
+def box_of(ground: InitialGuess, limits: Limits) -> Box:
     """Return a wide box: from the size of the forces and motions, inertia positive, cut down to *limits*."""
     form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
     speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
@@ -89,7 +89,7 @@ def box_of(ground: Ground, limits: Limits) -> Box:
     return Box(tuple(form.free), np.array(low), np.array(high))
 
 
-def search(ground: Ground, box: Box, *, budget: int, seed: int) -> Searched:
+def search(ground: InitialGuess, box: Box, *, budget: int, seed: int) -> Searched:
     """Search *box* with both optimisers, each with half of *budget* simulations of all records."""
     cost = _Cost(ground)
     found = {}
@@ -107,7 +107,7 @@ def search(ground: Ground, box: Box, *, budget: int, seed: int) -> Searched:
 class _Cost:
     """Minus twice the log-likelihood of the free parameters, noise levels at their best, first states as smoothed."""
 
-    ground: Ground
+    ground: InitialGuess
     spent: int = 0
     simulator: Simulator = field(init=False)
     objective: Objective = field(init=False)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.reweighting import Effort
 from gcs_autotune.identify.segment import Segment
@@ -56,7 +56,7 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
     NotInformative
         No model of this form can be simulated on these runs.
     """
-    ground = ground_of(form, records)
+    ground = initial_guess_of(form, records)
     best: Solution | None = None
     sketch = PATIENT if whole else SKETCH
     for theta in ground.starts(limits):

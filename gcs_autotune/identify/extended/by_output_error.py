@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
 from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
 from gcs_autotune.identify.coupled.fit_doubts import fit_percent_of, general_doubts
-from gcs_autotune.identify.extended.climb import with_effects
 from gcs_autotune.identify.extended.doubts import effect_doubts
-from gcs_autotune.identify.extended.wish import Wish
+from gcs_autotune.identify.extended.effect_spec import EffectSpec
+from gcs_autotune.identify.extended.forward_selection import with_effects
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
@@ -37,7 +37,7 @@ class ExtendedCase:
 
     runs: tuple[Trial, ...]
     form: Form | None = None
-    wishes: tuple[Wish, ...] = ()
+    specs: tuple[EffectSpec, ...] = ()
     start: ExtendedModel | None = None
     dof: str | None = None
     delay: float | None = None
@@ -67,7 +67,7 @@ def fit_with_effects(case: ExtendedCase) -> Fit:
         values = {**start.base.values, **form.known}
         base = CoupledModel(form, {n: values[n] for n in form.parameters})
         problem, _, fitted = given_base(base, start.effects, segments)
-    fitted = with_effects(problem, fitted, case.wishes)
+    fitted = with_effects(problem, fitted, case.specs)
     fitted = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
     return _told(case, problem, fitted, doubts)
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.coupled.start import ground_of
+from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
@@ -216,7 +216,7 @@ def _placed(parts: Sequence[Part], names: Sequence[str], start: Mapping[str, flo
         theta = np.array(
             [start[part.names[form.free.index(n)]] if n in form.free else form.known[n] for n in form.parameters]
         )
-        initial = ground_of(form, part.records).initial
+        initial = initial_guess_of(form, part.records).initial
         objective = Objective(Problem(form, part.records, None, Limits({}, {})), theta, initial)
         own = objective.size - len(form.free)
         shared = np.array([names.index(n) for n in part.names], dtype=np.int64)

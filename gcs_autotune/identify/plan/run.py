@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.door import fit
+from gcs_autotune.identify.api import fit
 from gcs_autotune.identify.plan.combine import Agreement, Estimate, Joint, Part, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, Step
 from gcs_autotune.identify.preparation import prepare_form

@@ -22,7 +22,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import inertia_of
 
-__all__ = ["Ground", "ground_of"]
+__all__ = ["InitialGuess", "initial_guess_of"]
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ground:
+class InitialGuess:
     """What is known before any simulation: smoothed motions, the regression, first states.
 
     ``rough``: each signal's scatter about its neighbours, the least noise a fit can leave; ``levels``: noise to begin
@@ -117,7 +117,7 @@ class Ground:
         return r.with_values(np.clip(values, low, high))
 
 
-def ground_of(form: Form, records: Sequence[Segment], delay: float | None = None) -> Ground:
+def initial_guess_of(form: Form, records: Sequence[Segment], delay: float | None = None) -> InitialGuess:
     """Look at *records* once; *delay* [s] is where a free delay begins."""
     known = form.known.get("delay", 0.0) if delay is None else delay
     motions = tuple(smoothed_motion(form, record, known) for record in records)
@@ -126,7 +126,7 @@ def ground_of(form: Form, records: Sequence[Segment], delay: float | None = None
     rough = first_levels(records)
     spread = {n: max(float(np.std(r.signals[n].values)) for r in records if n in r.signals) for n in rough}
     levels = {n: max(level, SHARE * spread[n]) for n, level in rough.items()}
-    return Ground(form, tuple(records), motions, regression, initial, rough, levels)
+    return InitialGuess(form, tuple(records), motions, regression, initial, rough, levels)
 
 
 def _lagged(x_0: Array, record: Segment, form: Form) -> Array:

@@ -9,11 +9,11 @@ from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
-__all__ = ["Wish", "label_of", "wish_of"]
+__all__ = ["EffectSpec", "effect_spec_of", "label_of"]
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class EffectSpec:
     """An effect to fit; ``place`` None: wherever it explains most."""
 
     slug: str
@@ -39,7 +39,7 @@ class Wish:
                 yield EffectInstance(self.slug, place, dict(start), dict(constants))
 
 
-def wish_of(text: str) -> Wish:
+def effect_spec_of(text: str) -> EffectSpec:
     """Read ``slug`` or ``slug@place``.
 
     Raises
@@ -48,7 +48,7 @@ def wish_of(text: str) -> Wish:
         No such effect in the book.
     """
     slug, _, place = text.strip().partition("@")
-    return Wish(lookup(EFFECTS, slug, "effect").slug, place or None)
+    return EffectSpec(lookup(EFFECTS, slug, "effect").slug, place or None)
 
 
 def label_of(own: EffectInstance, name: str) -> str:

@@ -14,7 +14,7 @@ from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import axis_form
 from gcs_autotune.identify.extended.by_output_error import ExtendedCase, fit_with_effects
-from gcs_autotune.identify.extended.wish import wish_of
+from gcs_autotune.identify.extended.effect_spec import effect_spec_of
 from gcs_autotune.identify.information import with_bounds
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
@@ -77,7 +77,7 @@ def fit(
     if start is not None and not isinstance(start, ExtendedModel):
         options, start = {**options, "start": start}, None
     if effects or start is not None:
-        _plain_wish(method, loss, options, structure if start is not None else None)
+        _refuse_what_effects_cannot(method, loss, options, structure if start is not None else None)
         return fit_with_effects(_case(_all_as_they_are(runs), structure, dof, delay, use, effects, start))
     form = form_of(structure, dof)
     if form is not None:
@@ -99,7 +99,7 @@ def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None
     return None
 
 
-def _plain_wish(method: str, loss: str, options: dict[str, Any], structure: object) -> None:
+def _refuse_what_effects_cannot(method: str, loss: str, options: dict[str, Any], structure: object) -> None:
     """Refuse what a fit with effects cannot do."""
     if method != "output-error":
         raise UsageError(f"effects and start values are for the method output-error, not for '{method}'")
@@ -131,7 +131,7 @@ def _case(
     return ExtendedCase(
         runs=runs,
         form=form,
-        wishes=tuple(wish_of(e) for e in effects),
+        specs=tuple(effect_spec_of(e) for e in effects),
         start=start,
         dof=dof,
         delay=None if delay == "auto" else _seconds(delay),

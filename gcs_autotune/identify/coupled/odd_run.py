@@ -20,7 +20,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve_form
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["run_apart"]
+__all__ = ["odd_run"]
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ MISFIT = 1.5
 """And the odd run, simulated with what the others say, misses by this many times their noise at least."""
 
 
-def run_apart(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
+def odd_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
     """Return a doubt that names the run which does not belong to the rest, None when all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
