@@ -1,6 +1,7 @@
 """From recorded runs to a model with its uncertainty.
 
-:func:`fit` (``api.py``) is what others call, ``METHODS`` the table of methods (``methods.py``). The engine all of them share:
+:func:`fit` (``api.py``) is what others call, ``METHODS`` the table of methods (``methods.py``). The engine
+all of them share:
 
 ================  =============================================================================================
 preparation       runs made into segments; ``intake``, ``cleaning``, ``along_axis`` before it
@@ -15,8 +16,8 @@ information       Fisher information of any fit on its runs, and its Cramer-Rao 
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``validate`` on runs not seen
 ================  =============================================================================================
 
-Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (with effects, on
-a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``open_loop``, ``plan``.
+Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (with effects,
+on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``open_loop``, ``plan``.
 """
 
 from __future__ import annotations
