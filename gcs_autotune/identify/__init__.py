@@ -16,7 +16,7 @@ information       Fisher information of any fit on its runs, and its Cramer-Rao 
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``validate`` on runs not seen
 ================  =============================================================================================
 
-Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (with effects,
+Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (effects,
 on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``open_loop``, ``plan``.
 """
 
