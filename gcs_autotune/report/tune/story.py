@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gcs_autotune.axes import axis_kind
+from gcs_autotune.axes import AXES, OTHER_NAMES
 from gcs_autotune.design.result import Change, Proposal, StepMetrics
 from gcs_autotune.identify.result import AxisFit
 from gcs_autotune.sname import DOFS, Dof
@@ -93,13 +93,16 @@ class TuneStory:
     @property
     def dof(self) -> Dof:
         """The degree of freedom this axis moves in."""
-        name = self.fit.dof if self.fit is not None else axis_kind(self.axis).dof
+        kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
+        name = self.fit.dof if self.fit is not None else "yaw" if kind is None else kind.dof
         return DOFS[name]
 
     @property
     def stepped(self) -> Watched:
         """What the step before and after moves."""
-        signal = axis_kind(self.axis).stepped
+        # A story may come from anywhere, with an axis that is none of ours.
+        kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
+        signal = self.dof.position if kind is None else kind.stepped
         return WATCHED.get(signal, _plain(self.dof))
 
     @property
