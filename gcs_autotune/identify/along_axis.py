@@ -1,6 +1,6 @@
 """Surge and sway where no velocity was recorded: from the distance to a flat surface ahead, or from a straight track.
 
-Thesis 6.6.2 (second approach) and 7.6 for the distance; north and east are turned into ahead and starboard.
+Miskovic2010, 6.6.2 (second approach) and 7.6 for the distance; north and east are turned into ahead and starboard.
 """
 
 from __future__ import annotations

@@ -73,13 +73,15 @@ def again_with_step(voyage: Voyage, found: Identified, step: Trial) -> Identifie
     if voyage.axis.dof == "surge" or voyage.axis.needs_speed:
         return found
     voyage.tale.say("identifying, with the step")
-    return _with_curve(voyage, found.fit, found.runs, step)
+    return _with_curve(voyage, found.fit, found.runs, step, with_band=True)
 
 
-def _with_curve(voyage: Voyage, plain: AxisFit, trials: Sequence[Trial], step: Trial | None) -> Identified:
+def _with_curve(
+    voyage: Voyage, plain: AxisFit, trials: Sequence[Trial], step: Trial | None, *, with_band: bool = False
+) -> Identified:
     curved = None
     if voyage.settings.structure is None:
-        curved = voyage.think(fit_thrust_curve, trials, plain, step)
+        curved = voyage.think(fit_thrust_curve, trials, plain, step, with_band=with_band)
     if curved is not None:
         voyage.tale.say(told(curved, plain, step))
         voyage.tale.fit = with_actuator(curved, plain)

@@ -103,7 +103,7 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
     dwelling = np.round(steps * (0.2 * np.exp(-t / 3.0) * np.cos(2.0 * t) + 0.075 * np.sin(1.1 * t))) / steps
     step = flown("step", np.repeat(dwelling, 20), 0.8, band, {}, lost=0.0)
     plain = fit_axis(runs, dof="yaw")
-    found = fit_thrust_curve(runs, plain, step)
+    found = fit_thrust_curve(runs, plain, step, with_band=True)
     assert found is not None
     zone = next(e for e in found.model.effects if e.slug == "dead-zone")
     assert zone.constants["subtracted"] == 0.0
