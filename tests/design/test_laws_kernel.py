@@ -85,8 +85,8 @@ def test_fast_craft_are_moved_in_more_substeps(alpha: float, beta: float, dt: fl
 
 def vector(**shape: float) -> np.ndarray:
     """Return an actuator as the kernel reads it: perfect but for *shape*."""
-    names = ("is_there", "limit", "rate", "lag", "play", "dead", "square", "reference", "ahead", "astern")
-    usual = dict(zip(names, (1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0), strict=True))
+    names = ("is_there", "limit", "rate", "lag", "play", "dead", "square", "reference", "ahead", "astern", "lost")
+    usual = dict(zip(names, (1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0), strict=True))
     return np.array([{**usual, **shape}[n] for n in names])
 
 
@@ -105,10 +105,11 @@ def acted(outputs: list[float], **shape: float) -> list[float]:
         ([0.2, 1.0, 1.0], {"lag": 0.5}, [0.2, 0.6, 0.8]),
         ([0.5, 0.6, 0.4, 0.1, 0.2], {"play": 0.1}, [0.4, 0.5, 0.5, 0.2, 0.2]),
         ([0.05, 0.5], {"play": 0.1}, [0.0, 0.4]),
-        ([0.05, 0.1, 0.3], {"dead": 0.1}, [0.0, 0.0, 0.2]),
+        ([0.05, 0.1, 0.3], {"dead": 0.1, "lost": 0.1}, [0.0, 0.0, 0.2]),
+        ([0.05, 0.1, 0.3], {"dead": 0.1, "lost": 0.04}, [0.0, 0.0, 0.26]),
         ([0.5, 1.0], {"square": 1.0}, [0.25, 1.0]),
         ([0.5], {"square": 0.4, "reference": 0.8}, [0.5 * (0.6 + 0.4 * 0.5 / 0.8)]),
-        ([0.5], {"dead": 0.1, "square": 1.0}, [0.16]),
+        ([0.5], {"dead": 0.1, "lost": 0.1, "square": 1.0}, [0.16]),
     ],
     ids=[
         "none",
@@ -118,6 +119,7 @@ def acted(outputs: list[float], **shape: float) -> list[float]:
         "play",
         "inside play",
         "dead zone",
+        "dead zone stepped over",
         "square",
         "part square",
         "dead and square",
