@@ -40,7 +40,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     what.add_argument("--use", metavar="A,B", help="signals to compare, e.g. psi,r (default: all measured)")
     tried = what.add_mutually_exclusive_group()
-    tried.add_argument("--effects", metavar="A,B", help="effects to try (default: the whole book)")
+    tried.add_argument("--effects", metavar="A,B", help="effects to try (default: all)")
     tried.add_argument("--without", metavar="A,B", default="", help="effects not to try")
     parser.add_argument(
         "--validate",

@@ -1,4 +1,4 @@
-"""How a design treats each effect of the book, and what a parameter or a screwdriver can do about it.
+"""How a design treats each effect, and what a parameter or a screwdriver can do about it.
 
 MOT_THR_MIN, MOT_THST_EXPO and MOT_THST_ASYM: ArduRover's motor library (the last two for thrusters only); ArduSub's
 thrusters take output to pulse in a straight line, whatever MOT_THST_EXPO says.

@@ -1,10 +1,10 @@
 """Runs as they are handed in, made fit for a diagnosis, or refused with the reason.
 
-Nothing is mended that an effect in the book could be: wrong units, signs and clocks that are merely fast or late pass.
+Nothing is mended that an effect could be: wrong units, signs and clocks that are merely fast or late pass.
 
 One run that no cause could be read from: a clock of the wrong unit, a torn heading, columns that changed places.
 
-What is merely wrong by a factor, a sign or an offset is for the book of effects; here is what leaves nothing to fit.
+What is merely wrong by a factor, a sign or an offset is for the table of effects; here is what leaves nothing to fit.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TORN, ISOLATED, NEIGHBOURS = 0.5, 8.0, 5
 """A jump of the heading: larger than so many rad and so many times any of so many steps either side."""
 
 TURNS = (2.0 * math.pi, 360.0)
-"""A full turn; in degrees too, for a heading whose unit is wrong is an effect in the book."""
+"""A full turn; in degrees too, for a heading whose unit is wrong is an effect."""
 
 SAME = 0.1
 """Relative difference up to which a jump is a full turn."""

@@ -183,7 +183,7 @@ def concerns(place: str, run: str) -> bool:
 
 
 class Effect:
-    """One entry of the book. Class attributes say what it is, methods what it does; see the module's head.
+    """One row of the table of effects. Class attributes say what it is, methods what it does; see the module's head.
 
     ``shown_by``: which residual gives it away; ``mistaken_for``: slugs of what it is easily taken for;
     ``separated_by``: the manoeuvre that tells them apart.

@@ -56,7 +56,7 @@ def fit(
     delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
     use : names of the signals to fit; chosen when None.
     loss : ``soft_l1`` bears with outliers.
-    effects : effects of the book to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
+    effects : effects to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
         *structure* the base is then the plain one: uncoupled, linear damping, what the runs show.
     start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`);
         or start values by name, for a method that has that option.

@@ -80,7 +80,7 @@ def load_model(path: Path) -> ModelFile:
     Raises
     ------
     BadFile
-        Not readable, or no model in it. UnknownName: an effect that is not in the book.
+        Not readable, or no model in it. UnknownName: an effect that there is not.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

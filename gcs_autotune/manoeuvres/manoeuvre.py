@@ -47,7 +47,7 @@ class Manoeuvre(ABC):
     signal, force : what is watched and what is driven, for people. phase, target : where it stands, likewise.
     """
 
-    kind: ClassVar[str]
+    kind: str
     purpose: ClassVar[Purpose] = "identification"
     in_manual: ClassVar[bool] = True
 

@@ -30,7 +30,7 @@ class OpenLoop(Manoeuvre):
     def __init__(
         self, kind: str, programme: Programme, duration: float, *, force: str = "N", keep_still: bool = False
     ) -> None:
-        self.kind = kind  # type: ignore[misc]  # one class flies many kinds
+        self.kind = kind  # one class flies many kinds
         super().__init__(force=force, signal={"X": "u", "Z": "z"}.get(force, "psi"))
         self._programme, self._duration = programme, duration
         held = {"N": "psi", "Z": "z", "X": "x"}.get(force, "x")

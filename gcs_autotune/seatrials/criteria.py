@@ -165,5 +165,7 @@ def known(*figures: Figure) -> tuple[Figure, ...]:
 
 
 def helm_text(helm: float, unit: str) -> str:
-    """Return a helm for a title: degrees of a rudder, else the number."""
-    return f"{math.degrees(helm):.0f}" if unit == "rad" else f"{helm:.3g}"
+    """Return a helm for a title: degrees of a rudder, percent of a share of full output, else the number."""
+    if unit == "rad":
+        return f"{math.degrees(helm):.0f}"
+    return f"{100.0 * helm:.0f} %" if unit == "1" else f"{helm:.3g}"

@@ -22,7 +22,7 @@ __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 class DiagnosisSettings:
     """What ``diagnose`` was asked for; the names as in :func:`gcs_autotune.diagnose.diagnose`.
 
-    ``model``: a model file; ``effects``: slugs to try, the whole book when None; ``without``: slugs to leave out;
+    ``model``: a model file; ``effects``: slugs to try, all when None; ``without``: slugs to leave out;
     ``jobs``: processes.
     """
 
@@ -41,7 +41,7 @@ class DiagnosisSettings:
         Raises
         ------
         UnknownName
-            A slug that is not in the book. UsageError: none is left.
+            A slug of no effect. UsageError: none is left.
         """
         for slug in (*(self.effects or ()), *self.without):
             lookup(EFFECTS, slug, "effect")

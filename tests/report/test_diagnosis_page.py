@@ -110,7 +110,7 @@ def test_a_deviation_card_is_drawn_on_a_compass_rose():
 
 def test_unexplained_says_how_large_it_is_and_recommends_no_command():
     for text in (text_of("unexplained"), terminal_of("unexplained")):
-        assert "not in the book" in text
+        assert "none of the effects known here" in text
         assert "the simulation errs by" in text
         assert "none of the 41 candidates" in text
     assert "--model" not in text_of("unexplained")

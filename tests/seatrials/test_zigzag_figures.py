@@ -15,6 +15,7 @@ from gcs_autotune.identify import fit_axis
 from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods, rows_of
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.seatrials import Particulars, ship_figures
+from gcs_autotune.seatrials.criteria import helm_text
 from gcs_autotune.trial import load_trial
 
 K, T = 0.25, 4.0
@@ -181,3 +182,12 @@ def test_a_tankers_zigzag_predicts_another_one(tanker):
     fit = fit_axis(tanker("Z_20_05"), method="zig-zag", length=7.0, speed=1.177)
     assert fit.model.beta < 0.0  # positive rudder turns to port in these files
     assert fit.validate(tanker("Z_20_10_P")).fit_percent > 75.0
+
+
+@pytest.mark.parametrize(
+    ("helm", "unit", "words"), [(math.radians(20.0), "rad", "20"), (2 / 3, "1", "67 %"), (12.34, "N m", "12.3")]
+)
+def test_a_helm_is_told_in_degrees_of_a_rudder_and_in_percent_of_full_output(
+    helm: float, unit: str, words: str
+) -> None:
+    assert helm_text(helm, unit) == words

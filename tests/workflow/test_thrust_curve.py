@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ import gcs_autotune.workflow.experiment  # noqa: F401
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow.identification import Identified, again_with_step
 from gcs_autotune.workflow.third_level import third_level
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, reduction_with_curve, told
 
@@ -113,6 +115,30 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
     true = 0.07 * (0.2 + 0.8 * 0.07) * float(found.model.base.inertia[0, 0]) / ALPHA
     assert float(actuator.static(np.array([0.07]))[0]) == pytest.approx(true, rel=0.15)
     assert "acts at once beyond" in told(found, plain, step)
+
+
+@pytest.mark.parametrize(("dof", "needs_speed"), [("yaw", True), ("surge", False)])
+def test_the_step_of_a_boats_turn_rate_tune_stays_out_of_its_model(dof: str, needs_speed: bool):
+    found = Identified(SimpleNamespace(), ())
+    voyage = SimpleNamespace(axis=SimpleNamespace(dof=dof, needs_speed=needs_speed))
+    assert again_with_step(voyage, found, dying_swing(0.0, 0.0)) is found
+
+
+def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral_band_is_looked_for(dead_band):
+    runs, plain = dead_band
+    asked = []
+
+    def think(work: Callable[..., object], *args: object, **named: object) -> None:
+        asked.append((work, args, named))
+
+    axis = SimpleNamespace(dof="yaw", needs_speed=False)
+    voyage = SimpleNamespace(
+        axis=axis, settings=SimpleNamespace(structure=None), think=think, tale=SimpleNamespace(say=asked.append)
+    )
+    step = dying_swing(0.0, DEAD_BAND)
+    assert again_with_step(voyage, Identified(plain, runs), step).curved is None
+    assert asked == ["identifying, with the step", (fit_thrust_curve, (runs, plain, step), {"with_band": True})]
+    assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
 
 def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):

@@ -45,7 +45,7 @@ def effect_spec_of(text: str) -> EffectSpec:
     Raises
     ------
     UnknownName
-        No such effect in the book.
+        No such effect.
     """
     slug, _, place = text.strip().partition("@")
     return EffectSpec(lookup(EFFECTS, slug, "effect").slug, place or None)

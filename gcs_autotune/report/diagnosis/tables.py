@@ -168,12 +168,12 @@ def diagnosis_summary(told: Diagnosis) -> Group:
     return Group(*parts)
 
 
-def effects_list(book: Mapping[str, Effect]) -> Group:
+def effects_list(effects: Mapping[str, Effect]) -> Group:
     """Return every effect by family: slug, meaning, parameters with units, what it is mistaken for, what separates."""
     parts: list[RenderableType] = []
     for family, heading in FAMILIES.items():
         rows: list[tuple[str, str]] = []
-        for effect in (e for e in book.values() if e.family == family):
+        for effect in (e for e in effects.values() if e.family == family):
             rows.append((effect.slug, sentence(effect.meaning)))
             bounds = usual_bounds(effect)
             rows.extend(
@@ -201,8 +201,8 @@ def _unit(unit: str) -> str:
     return pretty_unit(unit.replace(INPUT, "unit of the input").replace(SIGNAL, "unit of the signal")) or "1"
 
 
-def effects_to_dict(book: Mapping[str, Effect]) -> dict[str, Any]:
-    """Return the JSON form of the book, in its own order; units with the words the entries use."""
+def effects_to_dict(effects: Mapping[str, Effect]) -> dict[str, Any]:
+    """Return the JSON form of the table of effects, in its own order; units with the words the entries use."""
     return {
         "schema": 1,
         "bounds_of": CRAFT,
@@ -216,7 +216,7 @@ def effects_to_dict(book: Mapping[str, Effect]) -> dict[str, Any]:
                 "mistaken_for": list(e.mistaken_for),
                 "separated_by": e.separated_by,
             }
-            for e in book.values()
+            for e in effects.values()
         ],
     }
 

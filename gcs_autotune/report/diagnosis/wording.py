@@ -242,7 +242,7 @@ def numbers_title(numbers: Numbers) -> str:
 
 def _hypotheses(told: Diagnosis) -> str:
     if not told.causes:
-        return "Part of the error stays unexplained: no cause in the book pays on unseen data."
+        return "Part of the error stays unexplained: no cause that is known here pays on unseen data."
     names = "The name is a hypothesis: it pays" if len(told.causes) == 1 else "The names are hypotheses: they pay"
     return f"{names} on unseen data, but part of the error stays unexplained."
 
@@ -289,7 +289,7 @@ def _is_noise(left: Signature) -> bool:
 def _remains(left: Signature) -> str:
     if _is_noise(left):
         return "what remains cannot be told from measurement noise"
-    return "what remains is correlated, too small or too odd for any entry of the book: it stays unexplained"
+    return "what remains is correlated, too small or too odd for any effect that is known here: it stays unexplained"
 
 
 def _as_closely(left: Signature) -> str:
@@ -300,7 +300,7 @@ def _as_closely(left: Signature) -> str:
 
 def _unexplained(told: Diagnosis) -> str:
     error, unit, signal = base_error(told)
-    said = "Something is missing, and it is not in the book"
+    said = "Something is missing, and it is none of the effects known here"
     if math.isfinite(error):
         said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
     return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
