@@ -17,6 +17,7 @@ import pytest
 
 from gcs_autotune.clock import WallClock
 from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped, UnknownName
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.registry import lookup
 from gcs_autotune.workflow import voyage
 from gcs_autotune.workflow.desk import Desk
@@ -29,8 +30,8 @@ class Company:
     """A craft on a link in real time, that counts how often it is looked at."""
 
     def __init__(self, look: Any = lambda: time.sleep(0.001)) -> None:
-        self.clock, self.firmware = WallClock(), SimpleNamespace(kind="boat")
-        self.session = SimpleNamespace(pump=self.glance, shielded=nullcontext)
+        self.clock, self.firmware = WallClock(), FIRMWARE["ardurover"]
+        self.session = SimpleNamespace(pump=self.glance, operator=SimpleNamespace(shielded=nullcontext))
         self.look, self.looked, self.sent = look, 0, 0
 
     def send(self, command: object) -> None:
