@@ -29,7 +29,7 @@ def test_a_vehicle_with_new_names_is_tuned_in_its_own_units(tuned):
     inside = {own: (name, scale) for own, name, scale in zip(GAINS, INSIDE, SCALES, strict=True)}
     for own, value in story.proposal.new.items():
         name, scale = inside[own]
-        assert harbour.vehicle.spoken[own] == pytest.approx(value, rel=1e-6)
+        assert harbour.vehicle.dialect[own] == pytest.approx(value, rel=1e-6)
         assert harbour.vehicle.parameters[name] == pytest.approx(value / scale, rel=1e-6)
 
 
