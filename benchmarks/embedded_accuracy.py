@@ -31,7 +31,7 @@ from gcs_autotune.manoeuvres import Envelope, Sequencer
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow.aboard import telemetry_rates
+from gcs_autotune.workflow.connection import telemetry_rates
 from gcs_autotune.workflow.experiments import relay_for, second_output, speed_for
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 from sitl import load_vehicle, open_vehicle

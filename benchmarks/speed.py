@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.link import Session, open_craft, open_link
-from gcs_autotune.workflow.aboard import SERVO_RATE
+from gcs_autotune.workflow.connection import SERVO_RATE
 
 CONTROL_RATE = 10.0
 SIMULATED = 600.0

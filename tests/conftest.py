@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-WARM_UP = "from gcs_autotune.workflow.warming import warm_up; warm_up(['surge', 'yaw'], [])"
+WARM_UP = "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], [])"
 """Compiles what most tests need."""
 
 

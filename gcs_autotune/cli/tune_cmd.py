@@ -31,7 +31,7 @@ from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection
-    from gcs_autotune.workflow.given_gains import GivenGains
+    from gcs_autotune.workflow.supplied_gains import SuppliedGains
 
 __all__ = ["COMMAND"]
 
@@ -159,11 +159,11 @@ def _proving(args: argparse.Namespace) -> str:
     return f"{shlex.join(words)} --gains"
 
 
-def _gains(args: argparse.Namespace) -> GivenGains | None:
+def _gains(args: argparse.Namespace) -> SuppliedGains | None:
     """Read the gains to prove."""
     if args.gains is None:
         return None
-    from gcs_autotune.workflow.given_gains import load_gains
+    from gcs_autotune.workflow.supplied_gains import load_gains
 
     return load_gains(args.gains, args.axis)
 

@@ -1,9 +1,10 @@
 """Whole jobs, from link to report: what the command line's verbs do.
 
-* ``tune``: its legs ``announcement``, ``axis_parameters``, ``preflight``, ``identification``, ``proof``, ``designing``,
-  ``decision`` share a ``voyage``; ``experiment`` is the first half of it. Both steer by the ``helm``, come ``aboard``,
-  keep a ``ledger`` and fill a ``record`` directory; ``experiments`` says what is flown on an axis.
-* ``restore``, ``parameter_files``: putting a vehicle back. ``study``, ``diagnosis``, ``findings``: work at the desk.
+* ``tune``, its first half ``experiment``, and ``fly`` share a ``context``: ``connection``, ``preflight``, the
+  ``runner`` of manoeuvres, the ``record`` directory, a ``worker`` that computes in the ``background``.
+  ``announcement`` and ``itinerary`` say beforehand what ``identification``, ``proof``, ``designing`` and
+  ``accept_or_revert`` do then.
+* ``restore``: putting a vehicle back. ``study`` (in ``study_sections``), ``diagnosis``: work on records, without one.
 """
 
 from __future__ import annotations
@@ -11,8 +12,7 @@ from __future__ import annotations
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.fly import FlightResult, FlySettings, fly, preview_of_model
 from gcs_autotune.workflow.operator import Operator, Unattended
-from gcs_autotune.workflow.parameter_files import restore_parameters, save_parameters
-from gcs_autotune.workflow.restore import is_settled, link_of, restore_run
+from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.tune import tune

@@ -8,11 +8,11 @@ from gcs_autotune.axes import axis_kind, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
-from gcs_autotune.workflow.aboard import TWITCHING
+from gcs_autotune.workflow.connection import TWITCHING
+from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.voyage import Voyage
 
 __all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]
 
@@ -20,7 +20,7 @@ ROV_ROOM, BELOW = 2.0, 1.5
 """Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
 
 
-def announce(voyage: Voyage) -> None:
+def announce(context: TuneContext) -> None:
     """Say what will be done and ask for leave.
 
     Raises
@@ -28,34 +28,34 @@ def announce(voyage: Voyage) -> None:
     OperatorStopped
         The answer was no.
     """
-    now, firmware, axis = voyage.craft.observe(), voyage.craft.firmware, voyage.axis
+    now, firmware, axis = context.craft.observe(), context.craft.firmware, context.axis
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    itinerary = voyage.tale.itinerary = Itinerary(_legs(voyage, now))
-    voyage.tale.announce(
+    itinerary = context.log.itinerary = Itinerary(_legs(context, now))
+    context.log.announce(
         (
             ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
             + f"; {TWITCHING}",
             f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
-            f"move: {_movements(voyage, now)}",
-            room(voyage.axis.dof, voyage.speed, voyage.settings, now),
+            f"move: {_movements(context, now)}",
+            room(context.axis.dof, context.speed, context.settings, now),
             how_long(itinerary),
-            battery(now, voyage.settings.envelope, itinerary.seconds),
-            *after_a_silence(voyage.settings, now),
+            battery(now, context.settings.envelope, itinerary.seconds),
+            *after_a_silence(context.settings, now),
             "write no parameter (dry run)"
-            if voyage.settings.dry_run
+            if context.settings.dry_run
             else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
         )
     )
-    if not voyage.agrees("Go ahead?"):
+    if not context.agrees("Go ahead?"):
         raise OperatorStopped("not started: the answer was no; nothing was armed, moved or written")
 
 
-def _legs(voyage: Voyage, now: Observation) -> tuple[Leg, ...]:
-    dof, firmware = voyage.axis.dof, voyage.craft.firmware
-    given = voyage.given is not None or voyage.settings.gains is not None
+def _legs(context: TuneContext, now: Observation) -> tuple[Leg, ...]:
+    dof, firmware = context.axis.dof, context.craft.firmware
+    given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
-    moving = voyage.law.controls_velocity
-    return legs_of_tune(voyage.settings, dof, under_way=firmware.needs_way, moving=moving, given=given, dives=dives)
+    moving = context.law.controls_velocity
+    return legs_of_tune(context.settings, dof, under_way=firmware.needs_way, moving=moving, given=given, dives=dives)
 
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> str:
@@ -107,16 +107,16 @@ def _minutes(seconds: float) -> str:
     return f"{math.ceil(seconds / 60.0)} min"
 
 
-def _movements(voyage: Voyage, now: Observation) -> str:
-    axis, d, speed = voyage.axis, axis_kind(voyage.axis.name), voyage.speed
-    step = voyage.settings.step if voyage.settings.step is not None else d.step
+def _movements(context: TuneContext, now: Observation) -> str:
+    axis, d, speed = context.axis, axis_kind(context.axis.name), context.speed
+    step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
-    shown = "" if voyage.law.controls_velocity else shown
+    shown = "" if context.law.controls_velocity else shown
     turning = ", turning about in between" if speed else ""
     under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
-    dive = dive_for(axis.dof, voyage.craft.firmware, now)
+    dive = dive_for(axis.dof, context.craft.firmware, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
     signs = d.excitation.check
     kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {d.excitation.title}"
-    swings = f" and {kind}" if voyage.given is None and voyage.settings.gains is None else ""
+    swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{swings}{under_way}"

@@ -36,7 +36,6 @@ from gcs_autotune.manoeuvres import (
     PaperCraft,
     Preview,
     preview,
-    restore_on_exit,
 )
 from gcs_autotune.models import SingleDof
 from gcs_autotune.registry import lookup
@@ -44,18 +43,17 @@ from gcs_autotune.report import render_flight, render_preview
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.aboard import TWITCHING, come_aboard, say_link_times
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
+from gcs_autotune.workflow.background import agreed, beside
+from gcs_autotune.workflow.connection import TWITCHING, connect_craft
+from gcs_autotune.workflow.context import armed
 from gcs_autotune.workflow.experiments import dive_for
-from gcs_autotune.workflow.helm import Helm
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
-from gcs_autotune.workflow.ledger import Ledger
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import STAGE, see_depth_is_told, see_signs, sign_check_for
-from gcs_autotune.workflow.readiness import make_ready
 from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.waiting import agreed, beside
 
 __all__ = ["FlightResult", "FlySettings", "fly", "preview_of_model"]
 
@@ -177,7 +175,7 @@ def fly(
     """
     s, kind = settings.common, settings.kind
     record = RunDirectory(s.directory)
-    with come_aboard(s.connection, operator, watcher, record, s.control_rate, s.axis) as craft:
+    with connect_craft(s.connection, operator, watcher, record, s.control_rate, s.axis) as craft:
         firmware = craft.firmware
         _see_it_suits(settings, craft)
         cruise = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF"])
@@ -208,22 +206,14 @@ def fly(
         _announce(settings, craft, operator, watcher, now, itinerary, foreseen, excitation_of(dof).check if dof else "")
         watcher = Paced(watcher, itinerary)
         keep = lambda trial: beside(craft, partial(record.keep, trial))  # noqa: E731 - as tune and experiment do
-        helm = Helm(craft, envelope, watcher, keep, s.patience, partial(agreed, craft, operator, watcher))
-        ledger = Ledger(record, s.connection, watcher.say)
-        try:
-            with restore_on_exit(craft, watcher, ledger.settle) as found:
-                ledger.open(craft, found)
-                make_ready(craft, watcher)
-                craft.arm()
-                say_link_times(craft, watcher)
-                if dof:
-                    check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
-                    see_signs(check, helm.fly)
-                if dive is not None:
-                    helm.achieve(dive, "diving")
-                trial = helm.achieve(settings.make(throttle, keep_still=keep_still), kind.name).trial
-        finally:
-            ledger.leave()
+        runner = ManoeuvreRunner(craft, envelope, watcher, keep, s.patience, partial(agreed, craft, operator, watcher))
+        with armed(craft, watcher, record, s.connection):
+            if dof:
+                check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
+                see_signs(check, runner.attempt)
+            if dive is not None:
+                runner.fly(dive, "diving")
+            trial = runner.fly(settings.make(throttle, keep_still=keep_still), kind.name).trial
     return _read(settings, record, foreseen, trial, when)
 
 

@@ -1,4 +1,4 @@
-"""Identifying aboard: self-oscillations, or two runs of throttle steps, and the model that explains both."""
+"""Identifying on the water: self-oscillations, or two runs of throttle steps, and the model that explains both."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from gcs_autotune.identify import AxisFit, Fit, fit_axis
 from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.surge import fit_surge
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.third_level import fly_third, third_level
+from gcs_autotune.workflow.third_relay import fly_third, third_relay
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, told
-from gcs_autotune.workflow.voyage import Voyage
 
 __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
@@ -30,12 +30,15 @@ class Identified:
     curved: Fit | None = None
 
 
-def identify(voyage: Voyage, step: Trial | None = None) -> Identified:
+def identify(context: TuneContext, step: Trial | None = None, *, turns_first: bool = True) -> Identified:
     """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``.
 
     step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
+    turns_first : bring a boat back before the first of them, too.
     """
-    return _by_throttle_steps(voyage) if voyage.axis.dof == "surge" else _by_relays(voyage, step)
+    if context.axis.dof == "surge" and context.craft.firmware.needs_way:
+        return _by_throttle_steps(context, turns_first=turns_first)
+    return _by_relays(context, step, turns_first=turns_first)
 
 
 def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
@@ -43,63 +46,66 @@ def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
     return "auto" if settings.delay is None else settings.delay
 
 
-def _by_relays(voyage: Voyage, step: Trial | None) -> Identified:
-    s, tale, craft, dof = voyage.settings, voyage.tale, voyage.craft, voyage.axis.dof
-    still, throttle, least = not craft.firmware.needs_way, voyage.throttle, craft.least_period
+def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -> Identified:
+    s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
+    still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
     relay = relay_for(s, dof, throttle, s.relay_output, "relay-1", keep_still=still, least_period=least)
-    voyage.come_about("relay-1")
-    first = voyage.fly(relay, "first self-oscillation").trial
-    relay = relay_for(s, dof, throttle, second_output(first), "relay-2", keep_still=still, least_period=least)
-    voyage.come_about("relay-2")
-    trials = [first, voyage.fly(relay, "second self-oscillation").trial]
-    tale.say("identifying")
-    plain = _plain(voyage, trials)
+    if turns_first:
+        context.come_about("relay-1")
+    first = context.fly(relay, "first self-oscillation").trial
+    room = 0.9 - abs(throttle) if dof == "surge" else 0.9
+    relay = relay_for(s, dof, throttle, second_output(first, room), "relay-2", keep_still=still, least_period=least)
+    context.come_about("relay-2")
+    trials = [first, context.fly(relay, "second self-oscillation").trial]
+    log.say("identifying")
+    plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
-        third = voyage.think(third_level, trials, plain)
+        third = context.run_in_background(third_relay, trials, plain)
         if third is not None:
-            voyage.come_about("relay-3")
-            trials += fly_third(third, s, dof, craft, throttle, voyage.helm, tale)
-            plain = _plain(voyage, trials)
-    tale.fit = plain
-    return _with_curve(voyage, plain, trials, step)
+            context.come_about("relay-3")
+            trials += fly_third(third, s, dof, craft, throttle, context.runner, log)
+            plain = _plain(context, trials)
+    log.fit = plain
+    return _with_curve(context, plain, trials, step)
 
 
-def again_with_step(voyage: Voyage, found: Identified, step: Trial) -> Identified:
+def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
     """Return *found* with the curve that *step* tells too, flown about the speed that *found* foretold.
 
     The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
     Not of a boat: there the autopilot drives its own throttle meanwhile, on which the steering rests.
     """
-    if voyage.axis.dof == "surge" or voyage.axis.needs_speed:
+    if context.axis.dof == "surge" or context.axis.needs_speed:
         return found
-    voyage.tale.say("identifying, with the step")
-    return _with_curve(voyage, found.fit, found.runs, step, with_band=True)
+    context.log.say("identifying, with the step")
+    return _with_curve(context, found.fit, found.runs, step, with_band=True)
 
 
 def _with_curve(
-    voyage: Voyage, plain: AxisFit, trials: Sequence[Trial], step: Trial | None, *, with_band: bool = False
+    context: TuneContext, plain: AxisFit, trials: Sequence[Trial], step: Trial | None, *, with_band: bool = False
 ) -> Identified:
     curved = None
-    if voyage.settings.structure is None:
-        curved = voyage.think(fit_thrust_curve, trials, plain, step, with_band=with_band)
+    if context.settings.structure is None:
+        curved = context.run_in_background(fit_thrust_curve, trials, plain, step, with_band=with_band)
     if curved is not None:
-        voyage.tale.say(told(curved, plain, step))
-        voyage.tale.fit = with_actuator(curved, plain)
+        context.log.say(told(curved, plain, step))
+        context.log.fit = with_actuator(curved, plain)
     return Identified(plain, trials, curved)
 
 
-def _plain(voyage: Voyage, trials: list[Trial]) -> AxisFit:
-    s, dof = voyage.settings, voyage.axis.dof
-    return voyage.think(fit_axis, trials, dof=dof, structure=s.structure, delay=delay_of(s))
+def _plain(context: TuneContext, trials: list[Trial]) -> AxisFit:
+    s, dof = context.settings, context.axis.dof
+    return context.run_in_background(fit_axis, trials, dof=dof, structure=s.structure, delay=delay_of(s))
 
 
-def _by_throttle_steps(voyage: Voyage) -> Identified:
-    s, trials = voyage.settings, list[Trial]()
+def _by_throttle_steps(context: TuneContext, *, turns_first: bool) -> Identified:
+    s, trials = context.settings, list[Trial]()
     for n, stage in enumerate(("first throttle steps", "second throttle steps")):
         name = f"throttle-{n + 1}"
-        voyage.come_about(name)
-        trials.append(voyage.fly(throttle_steps_for(voyage.throttle, n, name), stage).trial)
-    voyage.tale.say("identifying")
-    fit = voyage.think(fit_surge, trials, structure=s.structure, delay=delay_of(s))
-    voyage.tale.fit = fit
+        if n or turns_first:
+            context.come_about(name)
+        trials.append(context.fly(throttle_steps_for(context.throttle, n, name), stage).trial)
+    context.log.say("identifying")
+    fit = context.run_in_background(fit_surge, trials, structure=s.structure, delay=delay_of(s))
+    context.log.fit = fit
     return Identified(fit, trials)

@@ -52,8 +52,7 @@ def legs_of_tune(
     step = _step_seconds(settings, dof, moving=moving)
     legs = _first(dives=dives)
     before = Leg("step with present gains", step, kind="step")
-    names = [f"{n} throttle steps" if dof == "surge" else f"{n} self-oscillation" for n in ("first", "second")]
-    swings = [] if given else [replace(_swing(dof, under_way, name), before=turn) for name in names]
+    swings = [] if given else [replace(swing, before=turn) for swing in _swings(dof, under_way)]
     legs += [*swings, replace(before, before=turn if swings else 0.0)] if moving else [before, *swings]
     if not settings.dry_run:
         legs.append(Leg("step with new gains", step, turn, "step"))
@@ -62,21 +61,18 @@ def legs_of_tune(
 
 def legs_of_experiment(dof: str, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
-    turn = TURN if under_way else 0.0
-    throttles = dof == "surge" and under_way
-    names = ("throttle-1", "throttle-2") if throttles else ("relay-1", "relay-2")
-    first = [] if throttles else _first(dives=dives)
-    return (*first, _swing(dof, under_way, names[0]), replace(_swing(dof, under_way, names[1]), before=turn))
+    first, second = _swings(dof, under_way)
+    return (*_first(dives=dives), first, replace(second, before=TURN if under_way else 0.0))
 
 
 def _first(*, dives: bool) -> list[Leg]:
     return [Leg(STAGE, CHECK)] + [Leg("diving", DIVE)] * dives
 
 
-def _swing(dof: str, under_way: bool, name: str) -> Leg:
+def _swings(dof: str, under_way: bool) -> list[Leg]:
     if dof == "surge" and under_way:
-        return Leg(name, LEVEL * len(LEVELS[0]), kind="throttle")
-    return Leg(name, RELAY, kind="relay")
+        return [Leg(f"{n} throttle steps", LEVEL * len(LEVELS[0]), kind="throttle") for n in ("first", "second")]
+    return [Leg(f"{n} self-oscillation", RELAY, kind="relay") for n in ("first", "second")]
 
 
 def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:

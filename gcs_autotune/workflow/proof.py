@@ -13,19 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_autotune.axes import axis_kind
-from gcs_autotune.design import Actuator
+from gcs_autotune.design import Actuator, Reduction
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
 from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design.reduction import Remark
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
+from gcs_autotune.identify import AxisFit
+from gcs_autotune.identify.surge import CURVE, square_of
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow.experiments import noise_in
-from gcs_autotune.workflow.given import Given
 from gcs_autotune.workflow.identification import Identified
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.surge_curve import reduction_of
+from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.thrust_curve import reduction_with_curve
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "proof_of_speed",
     "proof_of_turn_rate",
     "proof_of_velocity",
+    "reduction_of",
 ]
 
 FILTERED = ("surge",)
@@ -71,7 +74,7 @@ class Known:
     noise_std: float
 
 
-def known_of(source: Identified | Given, axis: Axis) -> Known:
+def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
     """Return what experiments, or a model given by file, tell of *axis* before the loop itself is flown.
 
     What a model leaves unexplained is no noise: of what was flown the noise is that between neighbouring samples. But
@@ -198,3 +201,22 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
         steady_band=RATE_BAND,
     )
     return Proof(step, None, {})
+
+
+STRAIGHT = 0.2
+"""A bend of the thrust curve below this is not worth a word."""
+
+
+def reduction_of(fit: AxisFit) -> Reduction | None:
+    """Return the model of a surge fit with its thrust curve; None when it has none."""
+    if CURVE not in fit.extra:
+        return None
+    square = square_of(fit)
+    curve = Remark(
+        "quadratic-actuator",
+        fit.model.axis.force,
+        f"thrust goes by {square:.0%} with the square of the throttle; the margins hold at both ends of the step",
+        f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would straighten it (then tune again)",
+    )
+    remarks = (curve,) if abs(square) > STRAIGHT else ()
+    return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)

@@ -15,7 +15,7 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.mavlink import SigningKey
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow.given_gains import GivenGains
+    from gcs_autotune.workflow.supplied_gains import SuppliedGains
 
 __all__ = ["Connection", "TuneSettings"]
 
@@ -109,7 +109,7 @@ class TuneSettings:
     dry_run: bool = False
     control_rate: float | None = None
     most_relays: int = 3
-    gains: GivenGains | None = None
+    gains: SuppliedGains | None = None
     proving: str = ""
     patience: float = 60.0
     resume: Path | None = None

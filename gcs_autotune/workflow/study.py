@@ -21,7 +21,7 @@ from gcs_autotune.identify.validate import Validation, join, validate
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.report import Outcome, RunRow, Study
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.findings import (
+from gcs_autotune.workflow.study_sections import (
     Intervals,
     Proposed,
     Weighed,

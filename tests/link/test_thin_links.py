@@ -17,7 +17,7 @@ from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.link.vehicle.bandwidth import Demand, least
 from gcs_autotune.link.vehicle.congestion import is_queueing
 from gcs_autotune.link.vehicle.latency import Latency
-from gcs_autotune.workflow.aboard import telemetry_rates
+from gcs_autotune.workflow.connection import telemetry_rates
 from sitl import open_vehicle
 
 WANTED = telemetry_rates(10.0)

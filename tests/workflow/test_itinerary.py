@@ -109,9 +109,9 @@ def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
 def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
     itinerary = Itinerary(legs_of_experiment("yaw", under_way=False, dives=False))
     at(itinerary, 0.0, "sign check")
-    at(itinerary, 20.0, "relay-1")
-    at(itinerary, 120.0, "relay-2")
-    assert at(itinerary, 9999.0, "relay-2").left == 0.0
+    at(itinerary, 20.0, "first self-oscillation")
+    at(itinerary, 120.0, "second self-oscillation")
+    assert at(itinerary, 9999.0, "second self-oscillation").left == 0.0
 
 
 def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_80_columns():

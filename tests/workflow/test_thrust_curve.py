@@ -15,7 +15,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.identification import Identified, again_with_step
-from gcs_autotune.workflow.third_level import third_level
+from gcs_autotune.workflow.third_relay import third_relay
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, reduction_with_curve, told
 
 workflow_experiment = sys.modules["gcs_autotune.workflow.experiment"]
@@ -120,53 +120,56 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
 @pytest.mark.parametrize(("dof", "needs_speed"), [("yaw", True), ("surge", False)])
 def test_the_step_of_a_boats_turn_rate_tune_stays_out_of_its_model(dof: str, needs_speed: bool):
     found = Identified(SimpleNamespace(), ())
-    voyage = SimpleNamespace(axis=SimpleNamespace(dof=dof, needs_speed=needs_speed))
-    assert again_with_step(voyage, found, dying_swing(0.0, 0.0)) is found
+    context = SimpleNamespace(axis=SimpleNamespace(dof=dof, needs_speed=needs_speed))
+    assert again_with_step(context, found, dying_swing(0.0, 0.0)) is found
 
 
 def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral_band_is_looked_for(dead_band):
     runs, plain = dead_band
     asked = []
 
-    def think(work: Callable[..., object], *args: object, **named: object) -> None:
+    def run_in_background(work: Callable[..., object], *args: object, **named: object) -> None:
         asked.append((work, args, named))
 
     axis = SimpleNamespace(dof="yaw", needs_speed=False)
-    voyage = SimpleNamespace(
-        axis=axis, settings=SimpleNamespace(structure=None), think=think, tale=SimpleNamespace(say=asked.append)
+    context = SimpleNamespace(
+        axis=axis,
+        settings=SimpleNamespace(structure=None),
+        run_in_background=run_in_background,
+        log=SimpleNamespace(say=asked.append),
     )
     step = dying_swing(0.0, DEAD_BAND)
-    assert again_with_step(voyage, Identified(plain, runs), step).curved is None
+    assert again_with_step(context, Identified(plain, runs), step).curved is None
     assert asked == ["identifying, with the step", (fit_thrust_curve, (runs, plain, step), {"with_band": True})]
     assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
 
 def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
-    third = third_level(runs, plain)
+    third = third_relay(runs, plain)
     assert third is not None
     assert min(abs(third.output / 0.3 - 1.0), abs(third.output / 0.6 - 1.0)) > 0.2
     three = [*runs, oscillation("relay-3", third.output, 0.6, 0.0, DEAD_BAND)]
-    assert third_level(three, fit_axis(three, dof="yaw")) is None
+    assert third_relay(three, fit_axis(three, dof="yaw")) is None
 
 
 def test_a_straight_actuator_needs_no_third_size():
     runs = two(0.0)
-    assert third_level(runs, fit_axis(runs, dof="yaw")) is None
+    assert third_relay(runs, fit_axis(runs, dof="yaw")) is None
 
 
 def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does(monkeypatch: pytest.MonkeyPatch):
-    def at_once(craft: object, desk: object, bear: object, work: Callable[..., object], *args: object) -> object:
+    def at_once(craft: object, worker: object, bear: object, work: Callable[..., object], *args: object) -> object:
         return work(*args)
 
-    monkeypatch.setattr(workflow_experiment, "think", at_once)
+    monkeypatch.setattr(workflow_experiment, "run_in_background", at_once)
     runs, said = two(0.8), []
-    plain, watcher, helm = fit_axis(runs, dof="yaw"), SimpleNamespace(say=said.append), SimpleNamespace(bear=None)
+    plain, watcher, runner = fit_axis(runs, dof="yaw"), SimpleNamespace(say=said.append), SimpleNamespace(bear=None)
     free, asked = SimpleNamespace(structure=None), SimpleNamespace(structure="affine")
-    found = workflow_experiment._with_curve(free, runs, plain, None, watcher, None, helm)  # type: ignore[arg-type]
+    found = workflow_experiment._with_curve(free, runs, plain, None, watcher, None, runner)  # type: ignore[arg-type]
     assert [e.slug for e in found.effects] == ["quadratic-actuator"]
     assert found.fit_percent > plain.fit_percent + 5.0
     assert found.covariance.shape == (len(found.parameters),) * 2 == (6, 6)
     assert found.correlation[0, 5] != 0.0
     assert any("weak for small commands" in text for text in said)
-    assert workflow_experiment._with_curve(asked, runs, plain, None, watcher, None, helm) is plain  # type: ignore[arg-type]
+    assert workflow_experiment._with_curve(asked, runs, plain, None, watcher, None, runner) is plain  # type: ignore[arg-type]

@@ -8,13 +8,13 @@ from typing import Any, cast
 import pytest
 
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.workflow.decision import _on_the_other_axis
+from gcs_autotune.workflow.accept_or_revert import _on_the_other_axis
 
 
 def said(firmware: str, axis: str) -> list[str]:
     own = FIRMWARE[firmware]
-    voyage = SimpleNamespace(craft=SimpleNamespace(firmware=own), axis=own.axes[axis])
-    return list(_on_the_other_axis(cast(Any, voyage)))
+    context = SimpleNamespace(craft=SimpleNamespace(firmware=own), axis=own.axes[axis])
+    return list(_on_the_other_axis(cast(Any, context)))
 
 
 @pytest.mark.parametrize("firmware", ["ardurover", "ardusub"])

@@ -20,11 +20,11 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import relay_for
-from gcs_autotune.workflow.helm import Helm
+from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.thrust_curve import CURVE, DEAD, fitted, left, number, pays
 
-__all__ = ["ThirdLevel", "fly_third", "third_level"]
+__all__ = ["ThirdRelay", "fly_third", "third_relay"]
 
 Array = NDArray[np.float64]
 
@@ -38,14 +38,14 @@ _APART = 1.25
 
 
 @dataclass(frozen=True, slots=True)
-class ThirdLevel:
+class ThirdRelay:
     """What to fly: relay ``output`` [fraction of full], and ``why`` in words."""
 
     output: float
     why: str
 
 
-def third_level(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdLevel | None:
+def third_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
     """Return the relay that tells a dead band from a curve; None when the *runs* call for neither, or tell already.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
@@ -59,7 +59,7 @@ def third_level(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     output = _telling(_force_of(dead), _force_of(bent), [float(run.meta["C"]) for run in runs], room)
     if output is None:
         return None
-    return ThirdLevel(
+    return ThirdRelay(
         output,
         f"the oscillations so far fit an actuator that does nothing below {number(dead, DEAD).value:.0%} of full as "
         f"well as one that is bent ({number(bent, CURVE).value:.0%} of its force with the square of the command); a "
@@ -68,12 +68,12 @@ def third_level(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
 
 
 def fly_third(
-    third: ThirdLevel,
+    third: ThirdRelay,
     settings: TuneSettings,
     dof: str,
     craft: MavlinkCraft,
     throttle: float,
-    helm: Helm,
+    runner: ManoeuvreRunner,
     watcher: Watcher,
 ) -> list[Trial]:
     """Say why, and fly the third size; nothing comes back when the craft would not swing: two are enough to go on."""
@@ -89,7 +89,7 @@ def fly_third(
         least_period=least,
     )
     try:
-        return [helm.achieve(relay, "third self-oscillation").trial]
+        return [runner.fly(relay, "third self-oscillation").trial]
     except NotAchieved as error:
         watcher.say(f"{error}; going on with the two that were flown")
         return []

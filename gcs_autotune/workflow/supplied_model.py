@@ -1,4 +1,4 @@
-"""A model given by file instead of identified aboard: is it about this axis, does it explain what the craft does?"""
+"""A model given by file instead of identified: is it about this axis, does it explain what the craft does?"""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gcs_autotune.identify.validate import validate
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
-__all__ = ["STRANGE", "Given", "explained", "given_for"]
+__all__ = ["STRANGE", "SuppliedModel", "explained", "supplied_for"]
 
 STRANGE = 50.0
 """Percent of a flown step that a model of the craft explains at least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Given:
+class SuppliedModel:
     """A model file seen from one axis.
 
     ``full_scale`` input [its unit] at full output; ``noise_std`` of what is stepped (SI).
@@ -33,7 +33,7 @@ class Given:
     noise_std: float
 
 
-def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
+def supplied_for(file: ModelFile, axis: Axis, full_scale: float | None) -> SuppliedModel:
     """Return *file* as the model of *axis*, checked before anything moves.
 
     Raises
@@ -52,7 +52,7 @@ def given_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Given:
         raise UsageError(f"--full-scale {full_scale:g}: give the input at full output, not zero")
     moving = lookup(LAWS, axis.law, "control law").controls_velocity
     noise = file.noise.get(reduction.model.axis.velocity if moving else reduction.model.axis.position, 0.0)
-    return Given(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
+    return SuppliedModel(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
 
 
 def _hint(file: ModelFile, channel: str) -> str:
@@ -60,7 +60,7 @@ def _hint(file: ModelFile, channel: str) -> str:
     return f" (its runs went up to {largest:.3g})" if largest else ""
 
 
-def explained(given: Given, step: Trial) -> float:
+def explained(given: SuppliedModel, step: Trial) -> float:
     """Return how much [%] of a flown step the model explains, only its initial state fitted; NaN when it cannot say.
 
     step : with the output as a fraction of full, as ``tune`` records it.

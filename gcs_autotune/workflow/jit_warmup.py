@@ -1,4 +1,4 @@
-"""What a tune will compute aboard is compiled, in the process that will compute it, before anything is armed.
+"""What a tune will compute is compiled, in the process that will compute it, before anything is armed.
 
 The compiled parts are kept on disk; only the first run after an installation pays for them, up to a minute.
 """
@@ -22,11 +22,11 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.desk import Desk
+from gcs_autotune.workflow.background import finish
 from gcs_autotune.workflow.thrust_curve import DEAD, fitted
-from gcs_autotune.workflow.waiting import finish
+from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["warm_up", "warmed", "warming"]
+__all__ = ["await_warmup", "jit_warmup", "warm_up"]
 
 _PATIENCE = 2.0
 """Seconds after which it is said why nothing happens."""
@@ -36,20 +36,20 @@ _MODEL = (1.0, 0.5)
 
 
 @contextmanager
-def warming(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Iterator[Desk]:
-    """Yield a desk at which identification in *dofs* and the control laws named *laws* are being made ready.
+def jit_warmup(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Iterator[Worker]:
+    """Yield a worker at which identification in *dofs* and the control laws named *laws* are being made ready.
 
     Nothing is done where *connection* (a URI) is to a simulated vehicle whose time stands still meanwhile.
     """
-    with Desk(apart=not connection.startswith(_LOCK_STEPPED)) as desk:
-        if desk.apart:
-            desk.begin(partial(warm_up, sorted(set(dofs)), sorted(set(laws))))
-        yield desk
+    with Worker(apart=not connection.startswith(_LOCK_STEPPED)) as worker:
+        if worker.apart:
+            worker.begin(partial(warm_up, sorted(set(dofs)), sorted(set(laws))))
+        yield worker
 
 
-def warmed(craft: MavlinkCraft, desk: Desk, watcher: Watcher) -> None:
-    """Wait until the *desk* is ready, saying why if that takes long; the craft is only watched meanwhile."""
-    if not desk.apart or isinstance(craft.clock, ManualClock):
+def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
+    """Wait until the *worker* is ready, saying why if that takes long; the craft is only watched meanwhile."""
+    if not worker.apart or isinstance(craft.clock, ManualClock):
         return  # in simulated time nobody waits: what is computed is computed at once
     told: Deadline | None = Deadline.after(craft.clock, _PATIENCE)
 
@@ -59,7 +59,7 @@ def warmed(craft: MavlinkCraft, desk: Desk, watcher: Watcher) -> None:
             watcher.say("making ready; the first time after installation this takes up to a minute")
             told = None
 
-    finish(craft, desk, tell)
+    finish(craft, worker, tell)
 
 
 def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.resting import jitter_in, resting_noise
+from gcs_autotune.workflow.noise_estimate import jitter_in, noise_while_held
 
 T = np.arange(0.0, 20.0, 0.1)
 
@@ -20,20 +20,20 @@ def held(values: np.ndarray, t: np.ndarray = T) -> Trial:
 def test_noise_is_read_off_the_hold_and_not_off_the_step():
     noise = np.random.default_rng(1).normal(0.0, 0.003, len(T))
     step = np.where(T > 10.0, 0.5 * (1.0 - np.exp(-(T - 10.0))), 0.0)
-    assert resting_noise(held(noise + step)) == pytest.approx(0.003, rel=0.4)
+    assert noise_while_held(held(noise + step)) == pytest.approx(0.003, rel=0.4)
 
 
 def test_a_slow_drift_while_holding_is_no_noise():
-    assert resting_noise(held(0.02 * T + 0.001 * T**2)) < 1e-9
+    assert noise_while_held(held(0.02 * T + 0.001 * T**2)) < 1e-9
 
 
 def test_a_coarse_sensor_that_rests_on_one_step_still_rounds():
-    assert resting_noise(held(np.zeros(len(T))), 0.035) == pytest.approx(0.035 / math.sqrt(12.0))
+    assert noise_while_held(held(np.zeros(len(T))), 0.035) == pytest.approx(0.035 / math.sqrt(12.0))
 
 
 def test_without_a_hold_nothing_is_known():
     few = T[::20]
-    assert resting_noise(held(np.zeros(len(few)), few)) == math.inf
+    assert noise_while_held(held(np.zeros(len(few)), few)) == math.inf
 
 
 def test_what_wanders_is_no_jitter_and_what_jitters_is():

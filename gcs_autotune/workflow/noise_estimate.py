@@ -10,7 +10,7 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 
-__all__ = ["jitter_in", "noise_behind", "resting_noise"]
+__all__ = ["jitter_in", "noise_behind", "noise_while_held"]
 
 _LOOK_BACK = 3.0
 """Seconds of the hold before a step: as long as it has to be steady before the step begins."""
@@ -28,10 +28,10 @@ def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> 
     signal = str(step.meta["signal"])
     if moving:
         return fit.noise[signal] if signal in fit.noise else noise_in(step, signal)
-    return min(fit.noise.get(signal, fit.noise_std), resting_noise(step, resolution))
+    return min(fit.noise.get(signal, fit.noise_std), noise_while_held(step, resolution))
 
 
-def resting_noise(step: Trial, resolution: float = 0.0) -> float:
+def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
     """Return the standard deviation [rad or m] of the stepped signal while it was held, slow motion taken off.
 
     What a model leaves unexplained is no noise: a poor model must not make a poor step look good. At least what

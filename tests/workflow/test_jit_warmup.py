@@ -9,7 +9,7 @@ import pytest
 from gcs_autotune.clock import WallClock
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.workflow import warming
+from gcs_autotune.workflow import jit_warmup
 
 
 class Listener:
@@ -24,23 +24,23 @@ class Listener:
 def test_every_law_of_an_axis_is_compiled(axis):
     axes = [f.axes[axis] for f in FIRMWARE.values() if axis in f.axes]
     assert axes
-    warming.warm_up(sorted({a.dof for a in axes}), sorted({a.law for a in axes}))
+    jit_warmup.warm_up(sorted({a.dof for a in axes}), sorted({a.law for a in axes}))
     assert all(LAWS[a.law].kernel.signatures for a in axes)
 
 
 def test_time_that_stands_still_needs_no_process_and_no_warming():
     listener = Listener()
-    with warming.warming("sitl:charlie", ["yaw"], ["rover-heading"]) as desk:
-        warming.warmed(None, desk, listener)
-        assert not desk.apart
+    with jit_warmup.jit_warmup("sitl:charlie", ["yaw"], ["rover-heading"]) as worker:
+        jit_warmup.await_warmup(None, worker, listener)
+        assert not worker.apart
     assert listener.said == []
 
 
 def test_a_long_compilation_is_told_of_once_while_the_craft_is_watched(monkeypatch):
-    monkeypatch.setattr(warming, "_PATIENCE", 0.0)
+    monkeypatch.setattr(jit_warmup, "_PATIENCE", 0.0)
     listener, looked = Listener(), []
     craft = SimpleNamespace(clock=WallClock(), observe=lambda: looked.append(1))
-    with warming.warming("udpin:0.0.0.0:14550", [], []) as desk:
-        warming.warmed(craft, desk, listener)
+    with jit_warmup.jit_warmup("udpin:0.0.0.0:14550", [], []) as worker:
+        jit_warmup.await_warmup(craft, worker, listener)
     assert looked != []
     assert [text[:12] for text in listener.said] == ["making ready"]

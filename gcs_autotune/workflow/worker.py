@@ -23,16 +23,16 @@ from typing import Any, BinaryIO, Self
 
 from gcs_autotune.errors import AutotuneError
 
-__all__ = ["Desk", "serve"]
+__all__ = ["Worker", "serve"]
 
-_COMMAND = "from gcs_autotune.workflow.desk import serve; serve()"
+_COMMAND = "from gcs_autotune.workflow.worker import serve; serve()"
 _POLITE = 5
 """Chosen: niceness; the loop that holds the sticks, and the simulator beside it, come first."""
 _GRACE = 5.0
 """Chosen: seconds that an ended process may take to be gone."""
 
 
-class Desk:
+class Worker:
     """One piece of work at a time, done elsewhere.
 
     Parameters

@@ -8,14 +8,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterTransaction
 from gcs_autotune.report import format_factor
-from gcs_autotune.workflow.designing import Ruler
+from gcs_autotune.workflow.context import TuneContext
+from gcs_autotune.workflow.designing import StepCriteria
 from gcs_autotune.workflow.experiments import measure
-from gcs_autotune.workflow.voyage import Voyage
 
-__all__ = ["decide", "decide_on_given"]
+__all__ = ["accept_or_revert", "accept_or_revert_supplied"]
 
 
-def decide(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
+def accept_or_revert(
+    context: TuneContext, proposal: Proposal, before: StepMetrics, criteria: StepCriteria, journal: Journal
+) -> None:
     """End the tune with *proposal*, as it deserves and the operator wants; *before* is the step with present gains.
 
     Raises
@@ -23,56 +25,60 @@ def decide(voyage: Voyage, proposal: Proposal, before: StepMetrics, ruler: Ruler
     ParameterNotAccepted, LinkError, NotAchieved, ...
         Writing or flying the new gains failed; by then the old ones are back.
     """
-    tale = voyage.tale
+    log = context.log
     if proposal.changes:
-        tale.say(_promise(proposal))
+        log.say(_promise(proposal))
     if not proposal.changes:
-        tale.end(
+        log.end(
             "unchanged",
             "no gains found inside the documented ranges do better than the present ones; nothing was written",
         )
     elif _is_hopeless(proposal, before):
-        tale.end(
+        log.end(
             "unchanged",
             "the present gains do better than any that keep the wanted reserve promise to; nothing was written",
         )
-    elif voyage.settings.dry_run:
-        tale.end("dry-run", "dry run: nothing was written")
-    elif not voyage.agrees(f"Write {_shown(proposal.changes)} and prove it by the same step?"):
-        tale.end("declined", "the new gains were not wanted; nothing was written")
+    elif context.settings.dry_run:
+        log.end("dry-run", "dry run: nothing was written")
+    elif not context.agrees(f"Write {_shown(proposal.changes)} and prove it by the same step?"):
+        log.end("declined", "the new gains were not wanted; nothing was written")
     else:
-        _prove(voyage, proposal.new, before, ruler, journal)
+        _prove(context, proposal.new, before, criteria, journal)
 
 
-def decide_on_given(voyage: Voyage, before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
+def accept_or_revert_supplied(
+    context: TuneContext, before: StepMetrics, criteria: StepCriteria, journal: Journal
+) -> None:
     """End the tune with the gains given by file, likewise; errors as those of :func:`decide`."""
-    tale, changes = voyage.tale, voyage.tale.given_changes
-    if voyage.settings.dry_run:
-        tale.end("dry-run", "dry run: nothing was written")
-    elif not voyage.agrees(f"Write {_shown(changes)} and prove it by the same step?"):
-        tale.end("declined", "the gains of the file were not wanted; nothing was written")
+    log, changes = context.log, context.log.given_changes
+    if context.settings.dry_run:
+        log.end("dry-run", "dry run: nothing was written")
+    elif not context.agrees(f"Write {_shown(changes)} and prove it by the same step?"):
+        log.end("declined", "the gains of the file were not wanted; nothing was written")
     else:
-        _prove(voyage, {c.parameter: c.new for c in changes}, before, ruler, journal)
+        _prove(context, {c.parameter: c.new for c in changes}, before, criteria, journal)
 
 
-def _prove(voyage: Voyage, new: Mapping[str, float], before: StepMetrics, ruler: Ruler, journal: Journal) -> None:
-    tale = voyage.tale
-    with ParameterTransaction(voyage.craft.parameters, journal) as loan:
-        tale.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
+def _prove(
+    context: TuneContext, new: Mapping[str, float], before: StepMetrics, criteria: StepCriteria, journal: Journal
+) -> None:
+    log = context.log
+    with ParameterTransaction(context.craft.parameters, journal) as loan:
+        log.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
         loan.set(new)
-        tale.say("written and read back")
-        voyage.come_about("step-after")
-        after = voyage.fly(ruler.proof.step("step-after"), "step with new gains")
-        tale.metrics_after = measure(after.trial, ruler.noise, ruler.grain)
-        verdict = is_better(before, tale.metrics_after, voyage.law.free_overshoot)
-        tale.verdict = (verdict.better, verdict.reasons)
+        log.say("written and read back")
+        context.come_about("step-after")
+        after = context.fly(criteria.proof.step("step-after"), "step with new gains")
+        log.metrics_after = measure(after.trial, criteria.noise, criteria.grain)
+        verdict = is_better(before, log.metrics_after, context.law.free_overshoot)
+        log.verdict = (verdict.better, verdict.reasons)
         if verdict.better:
             loan.keep()
-            for sentence in _on_the_other_axis(voyage):
-                tale.say(sentence)
-            tale.end("kept", "the new gains are better and stay")
+            for sentence in _on_the_other_axis(context):
+                log.say(sentence)
+            log.end("kept", "the new gains are better and stay")
     if not verdict.better:
-        tale.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
+        log.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
 
 
 def _is_hopeless(proposal: Proposal, measured: StepMetrics) -> bool:
@@ -84,9 +90,9 @@ HELD_LAST = "heading"
 """Of axes that set the same parameters, the one to tune last (decision 10)."""
 
 
-def _on_the_other_axis(voyage: Voyage) -> Iterator[str]:
+def _on_the_other_axis(context: TuneContext) -> Iterator[str]:
     """Say which of two axes that set the same parameters is to be tuned last, and why."""
-    axes, own = voyage.craft.firmware.axes, voyage.axis
+    axes, own = context.craft.firmware.axes, context.axis
     mine = {gain.parameter for gain in axes[own.name].gains}
     for other in axes.values():
         shared = [own.names.own(gain.parameter) for gain in other.gains if gain.parameter in mine]

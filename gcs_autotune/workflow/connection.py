@@ -1,4 +1,4 @@
-"""Coming aboard: open the link, find the vehicle, learn what it is, ask for telemetry; and leave again."""
+"""Open the link, find the vehicle, learn what it is, ask for telemetry; and leave again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["TWITCHING", "axis_of", "come_aboard", "connect", "say_link_times", "telemetry_rates"]
+__all__ = ["TWITCHING", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
 TWITCHING = "twitch the steering by 5 %, without thrust, to see that it obeys and how late"
 """What arming brings with it, for announcements."""
@@ -61,7 +61,7 @@ def connect(
 
 
 @contextmanager
-def come_aboard(
+def connect_craft(
     connection: Connection,
     operator: Operator,
     watcher: Watcher,

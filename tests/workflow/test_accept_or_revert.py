@@ -8,7 +8,7 @@ from typing import cast
 import pytest
 
 from gcs_autotune.design import Proposal, StepMetrics
-from gcs_autotune.workflow.decision import _is_hopeless
+from gcs_autotune.workflow.accept_or_revert import _is_hopeless
 
 
 def step(itae: float) -> StepMetrics:

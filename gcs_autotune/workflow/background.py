@@ -1,7 +1,7 @@
 """Thinking and asking while a vehicle is armed in the water: the link must not fall silent meanwhile.
 
 ArduSub disarms three seconds after the last pilot input, ArduRover goes to HOLD after two. So neutral
-overrides keep flowing while the desk works in its own process, or while the operator thinks.
+overrides keep flowing while the worker works in its own process, or while the operator thinks.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError, LinkError
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.desk import Desk
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "beside", "finish", "think"]
+__all__ = ["agreed", "ask", "beside", "finish", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -29,50 +29,50 @@ _GLANCE = 0.01
 """Chosen: seconds between two looks whether the work is done."""
 
 
-def think(
+def run_in_background(
     craft: MavlinkCraft,
-    desk: Desk,
+    worker: Worker,
     bear: Callable[[AutotuneError], bool],
     work: Callable[P, T],
     *args: P.args,
     **named: P.kwargs,
 ) -> T:
-    """Return what *work* comes to at the *desk*, keeping the craft company meanwhile; what it raises is raised here.
+    """Return what *work* comes to at the *worker*, keeping the craft company meanwhile; what it raises is raised here.
 
     *bear* tells of trouble with the craft whether it is over; then the work goes on. On a lock-stepped link time stands
-    still while we think, so there the work is simply done.
+    still while we run_in_background, so there the work is simply done.
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
     _keep_company(craft)
-    desk.begin(partial(work, *args, **named))
+    worker.begin(partial(work, *args, **named))
     while True:
         try:
-            _watch(craft, desk)
+            _watch(craft, worker)
         except AutotuneError as error:
             if not bear(error):
-                desk.abandon()
+                worker.abandon()
                 raise
             _keep_company(craft)
         except BaseException:
-            desk.abandon()
+            worker.abandon()
             raise
         else:
-            return desk.result()  # type: ignore[no-any-return]
+            return worker.result()  # type: ignore[no-any-return]
 
 
-def finish(craft: MavlinkCraft, desk: Desk, meanwhile: Callable[[], None] = lambda: None) -> Any:
-    """Watch the craft until what was begun at the *desk* is done, and return it; likewise."""
+def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> Any:
+    """Watch the craft until what was begun at the *worker* is done, and return it; likewise."""
     try:
-        _watch(craft, desk, meanwhile)
+        _watch(craft, worker, meanwhile)
     except BaseException:
-        desk.abandon()
+        worker.abandon()
         raise
-    return desk.result()
+    return worker.result()
 
 
-def _watch(craft: MavlinkCraft, desk: Desk, meanwhile: Callable[[], None] = lambda: None) -> None:
-    while not desk.done:
+def _watch(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> None:
+    while not worker.done:
         craft.observe()
         meanwhile()
 

@@ -1,4 +1,4 @@
-"""Gains given by file instead of designed aboard: those a dry run proposed, or anybody's; proved like our own."""
+"""Gains given by file instead of designed here: those a dry run proposed, or anybody's; proved like our own."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gcs_autotune.logs import TRIALS_FOLDER
 from gcs_autotune.manoeuvres import StepSettings
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.trial import Trial, load_trial
+from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.record import PROPOSED
-from gcs_autotune.workflow.voyage import Voyage
 
-__all__ = ["GivenGains", "changes_of", "load_gains", "step_of"]
+__all__ = ["SuppliedGains", "changes_of", "load_gains", "step_of"]
 
 
 @dataclass(frozen=True, slots=True)
-class GivenGains:
+class SuppliedGains:
     """Values by the vehicle's own parameter names, the ``file`` they are from, and the ``step`` flown in its run.
 
     ``step`` is None where the file does not lie in the directory of a run that has flown one. ``noise``: standard
@@ -36,7 +36,7 @@ class GivenGains:
     noise: Mapping[str, float] = field(default_factory=dict)
 
 
-def load_gains(path: Path, axis: str) -> GivenGains:
+def load_gains(path: Path, axis: str) -> SuppliedGains:
     """Read a parameter file, or the run directory whose proposal is meant, for the proof of *axis*.
 
     Raises
@@ -63,10 +63,10 @@ def load_gains(path: Path, axis: str) -> GivenGains:
             "keeps: give the directory of a dry run (`tune ... --dry-run`)"
         )
     if flown is None:
-        return GivenGains(file, values, None)
+        return SuppliedGains(file, values, None)
     fit = file.with_name("fit.json")
     noise = load_model(fit).noise if fit.is_file() else {}
-    return GivenGains(file, values, _settings_of(flown), noise)
+    return SuppliedGains(file, values, _settings_of(flown), noise)
 
 
 def _proof_in(folder: Path) -> Trial | None:
@@ -84,12 +84,12 @@ def _settings_of(flown: Trial) -> StepSettings:
         raise BadFile(f"the side file of '{flown.name}' does not tell the step that was flown: {error}") from error
 
 
-def step_of(given: GivenGains, asked: StepSettings) -> StepSettings:
+def step_of(given: SuppliedGains, asked: StepSettings) -> StepSettings:
     """Return the step the run of *given* has flown, in size and time as *asked* where it has flown none."""
     return asked if given.step is None else replace(given.step, speed=asked.speed)
 
 
-def changes_of(voyage: Voyage, given: GivenGains) -> tuple[Change, ...]:
+def changes_of(context: TuneContext, given: SuppliedGains) -> tuple[Change, ...]:
     """Return what *given* would change on the vehicle; nothing is written.
 
     Raises
@@ -97,20 +97,20 @@ def changes_of(voyage: Voyage, given: GivenGains) -> tuple[Change, ...]:
     UsageError
         A parameter that is no gain of this axis, or a value outside the range its vendor documents.
     """
-    names = voyage.axis.names
-    gains = {names.own(g.parameter): g for g in voyage.axis.gains}
+    names = context.axis.names
+    gains = {names.own(g.parameter): g for g in context.axis.gains}
     changes = []
     for own, new in given.values.items():
         gain = gains.get(own)
         if gain is None:
             raise UsageError(
-                f"{given.file} sets {own}, which is no gain of the {voyage.axis.name} loop of this vehicle; those are "
+                f"{given.file} sets {own}, which is no gain of the {context.axis.name} loop of this vehicle; those are "
                 f"{', '.join(gains)}"
             )
         low, high = sorted(names.own_value(gain.parameter, limit) for limit in (gain.low, gain.high))
         if not low <= new <= high:
             raise UsageError(f"{given.file} sets {own} to {new:g}; its documented range is {low:g} to {high:g}")
-        old = names.own_value(gain.parameter, voyage.present[gain.parameter])
+        old = names.own_value(gain.parameter, context.present[gain.parameter])
         if not same_float32(old, new):
             changes.append(Change(own, old, new, low, high, f"{gain.meaning}: from {given.file}"))
     return tuple(changes)

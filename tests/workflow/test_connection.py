@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.errors import LinkLost, NotAsFound
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import aboard
+from gcs_autotune.workflow import connection
 
 
 @pytest.fixture
@@ -22,13 +22,13 @@ def silent_craft(monkeypatch: pytest.MonkeyPatch) -> None:
 
     session = SimpleNamespace(transport=SimpleNamespace(is_simulated=True), notes=[])
     craft = SimpleNamespace(release=silent, rates=SimpleNamespace(restore=lambda: None))
-    monkeypatch.setattr(aboard, "connect", lambda *_: nullcontext(session))
-    monkeypatch.setattr(aboard, "open_craft", lambda *_, **__: craft)
+    monkeypatch.setattr(connection, "connect", lambda *_: nullcontext(session))
+    monkeypatch.setattr(connection, "open_craft", lambda *_, **__: craft)
 
 
 def come() -> Any:
     nothing: Any = None
-    return aboard.come_aboard(nothing, nothing, SilentWatcher(), nothing, None, "heading")
+    return connection.connect_craft(nothing, nothing, SilentWatcher(), nothing, None, "heading")
 
 
 @pytest.mark.usefixtures("silent_craft")

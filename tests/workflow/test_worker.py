@@ -19,9 +19,9 @@ from gcs_autotune.clock import WallClock
 from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped, UnknownName
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.registry import lookup
-from gcs_autotune.workflow import voyage
-from gcs_autotune.workflow.desk import Desk
-from gcs_autotune.workflow.waiting import beside, think
+from gcs_autotune.workflow import context
+from gcs_autotune.workflow.background import beside, run_in_background
+from gcs_autotune.workflow.worker import Worker
 
 from .sitl_harness import SitlHarness
 
@@ -51,44 +51,44 @@ def never(error: AutotuneError) -> bool:
 
 
 @pytest.fixture(scope="module")
-def desk() -> Any:
-    with Desk() as desk:
-        yield desk
+def worker() -> Any:
+    with Worker() as worker:
+        yield worker
 
 
-def test_what_is_thought_about_is_computed_in_another_process_while_the_craft_is_kept_company(desk: Desk) -> None:
+def test_what_is_thought_about_is_computed_in_another_process_while_the_craft_is_kept_company(worker: Worker) -> None:
     craft: Any = Company()
-    assert think(craft, desk, never, os.getpid) != os.getpid()
+    assert run_in_background(craft, worker, never, os.getpid) != os.getpid()
     assert craft.sent == 1 and craft.looked > 0
 
 
-def test_an_error_crosses_with_its_type_its_words_and_what_it_carries(desk: Desk) -> None:
+def test_an_error_crosses_with_its_type_its_words_and_what_it_carries(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises(UnknownName, match="'rover-headin'") as caught:
-        think(craft, desk, never, lookup, {"rover-heading": 1}, "rover-headin", "control law")
+        run_in_background(craft, worker, never, lookup, {"rover-heading": 1}, "rover-headin", "control law")
     assert caught.value.nearest == ("rover-heading",)
     assert "in lookup" in caught.value.__notes__[0]
     with pytest.raises(ZeroDivisionError, match="by zero"):
-        think(craft, desk, never, divmod, 1, 0)
+        run_in_background(craft, worker, never, divmod, 1, 0)
 
 
-def test_what_cannot_cross_is_an_error_and_the_desk_works_on(desk: Desk) -> None:
+def test_what_cannot_cross_is_an_error_and_the_desk_works_on(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises((AttributeError, pickle.PicklingError)):
-        think(craft, desk, never, lambda: 1)
+        run_in_background(craft, worker, never, lambda: 1)
     with pytest.raises(RuntimeError, match="module cannot be sent"):
-        think(craft, desk, never, __import__, "os")
-    assert think(craft, desk, never, divmod, 7, 2) == (3, 1)
+        run_in_background(craft, worker, never, __import__, "os")
+    assert run_in_background(craft, worker, never, divmod, 7, 2) == (3, 1)
 
 
-def test_a_process_that_dies_at_work_is_told_of_and_another_takes_its_place(desk: Desk) -> None:
+def test_a_process_that_dies_at_work_is_told_of_and_another_takes_its_place(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises(AutotuneError, match=r"process that computes has ended by itself \(code 3"):
-        think(craft, desk, never, os._exit, 3)
-    assert think(craft, desk, never, divmod, 7, 2) == (3, 1)
+        run_in_background(craft, worker, never, os._exit, 3)
+    assert run_in_background(craft, worker, never, divmod, 7, 2) == (3, 1)
 
 
-def test_a_silence_that_is_over_does_not_lose_the_work(desk: Desk) -> None:
+def test_a_silence_that_is_over_does_not_lose_the_work(worker: Worker) -> None:
     troubles = [LinkLost("silent for 3.0 s")]
 
     def look() -> None:
@@ -96,11 +96,11 @@ def test_a_silence_that_is_over_does_not_lose_the_work(desk: Desk) -> None:
             raise troubles.pop()
 
     craft: Any = Company(look)
-    assert think(craft, desk, lambda error: isinstance(error, LinkLost), divmod, 7, 2) == (3, 1)
+    assert run_in_background(craft, worker, lambda error: isinstance(error, LinkLost), divmod, 7, 2) == (3, 1)
     assert troubles == [] and craft.sent == 2  # company is kept anew
     troubles.append(LinkLost("silent again"))
     with pytest.raises(LinkLost, match="again"):
-        think(craft, desk, never, time.sleep, 0.01)
+        run_in_background(craft, worker, never, time.sleep, 0.01)
 
 
 def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
@@ -108,20 +108,20 @@ def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
         raise OperatorStopped("Ctrl-C")
 
     craft: Any = Company(stop)
-    with Desk() as desk:
-        process: Any = desk._process
+    with Worker() as worker:
+        process: Any = worker._process
         with pytest.raises(OperatorStopped):
-            think(craft, desk, never, time.sleep, 1000.0)
+            run_in_background(craft, worker, never, time.sleep, 1000.0)
     assert process.returncode is not None and process.stdin.closed and process.stdout.closed
 
 
 PARENT = """
 import sys, time
 from functools import partial
-from gcs_autotune.workflow.desk import Desk
-desk = Desk()
-desk.begin(partial(time.sleep, 1000.0))
-print(desk._process.pid, flush=True)
+from gcs_autotune.workflow.worker import Worker
+worker = Worker()
+worker.begin(partial(time.sleep, 1000.0))
+print(worker._process.pid, flush=True)
 time.sleep(1000.0)
 """
 
@@ -161,11 +161,11 @@ def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> N
 def test_everything_that_a_tune_computes_can_cross_to_another_process(tmp_path: Any, monkeypatch: Any) -> None:
     crossed = []
 
-    def there_and_back(craft: Any, desk: Desk, bear: Any, work: Any, *args: Any, **named: Any) -> Any:
+    def there_and_back(craft: Any, worker: Worker, bear: Any, work: Any, *args: Any, **named: Any) -> Any:
         crossed.append(work.__name__)
         return pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(partial(work, *args, **named)))()))
 
-    monkeypatch.setattr(voyage, "think", there_and_back)
+    monkeypatch.setattr(context, "run_in_background", there_and_back)
     story = SitlHarness(tmp_path).tune(dry_run=True)
     assert story.ending == "dry-run"
     assert {"fit_axis", "design"} <= set(crossed)

@@ -16,10 +16,10 @@ from gcs_autotune.watch import Progress, Watcher
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["Tale"]
+__all__ = ["TuneLog"]
 
 
-class Tale:
+class TuneLog:
     """A watcher that remembers, and passes everything on to the watcher in front of the person."""
 
     def __init__(self, settings: TuneSettings, when: str, watcher: Watcher) -> None:

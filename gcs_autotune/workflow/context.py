@@ -1,0 +1,158 @@
+"""What the stages of one tune or experiment have in common: the vehicle, the axis, the wish, and who is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import ParamSpec, TypeVar
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.firmware import Axis
+from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, restore_on_exit
+from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.background import agreed, beside, run_in_background
+from gcs_autotune.workflow.connection import say_link_times
+from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.preflight import STAGE, make_ready, see_signs, sign_check_for
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.resuming import Earlier
+from gcs_autotune.workflow.runner import ManoeuvreRunner
+from gcs_autotune.workflow.settings import Connection, TuneSettings
+from gcs_autotune.workflow.supplied_model import SuppliedModel
+from gcs_autotune.workflow.tune_log import TuneLog
+from gcs_autotune.workflow.worker import Worker
+
+__all__ = ["TuneContext", "armed", "recorder"]
+
+T = TypeVar("T")
+P = ParamSpec("P")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TuneContext:
+    """One tune or experiment on one vehicle.
+
+    ``axis`` has the vehicle's own parameter names; ``present`` are its values under the canonical ones. ``given`` is
+    the model to design from, None to identify on the water. ``throttle`` [fraction] and ``speed`` [m/s] are what is
+    tuned at. ``worker`` is where it is computed; ``earlier`` what was flown before.
+    """
+
+    settings: TuneSettings
+    operator: Operator
+    log: TuneLog
+    record: RunDirectory
+    craft: MavlinkCraft
+    runner: ManoeuvreRunner
+    worker: Worker
+    earlier: Earlier
+    axis: Axis
+    given: SuppliedModel | None
+    present: Mapping[str, float]
+    throttle: float
+    speed: float
+
+    @property
+    def law(self) -> Law:
+        """The autopilot's control law of the axis (``UnknownName`` for an axis that is only identified)."""
+        return lookup(LAWS, self.axis.law, "control law")
+
+    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
+        """Say which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it comes to no good end."""
+        flown = self.earlier.take(manoeuvre.name)
+        if flown is not None:
+            beside(self.craft, partial(self.record.keep, flown))
+            self.log.flown(flown)
+            self.log.say(f"{stage}: not flown, {flown.name} of the earlier run is used")
+            return Flown(flown, Outcome("completed", flown.reason))
+        self.log.say(stage)
+        return self.runner.fly(manoeuvre, stage)
+
+    def come_about(self, before: str) -> None:
+        """Bring a boat back before the trial *before*; not before one that an earlier run has flown."""
+        if not self.earlier.has(before):
+            self.runner.come_about(self.throttle)
+
+    def begin(self) -> None:
+        """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""
+        axis, firmware, servos = self.axis, self.craft.firmware, self.craft.servos
+        output = self.settings.relay_output
+        self.log.say(STAGE)
+        see_signs(
+            sign_check_for(axis.dof, firmware, servos, self.throttle, axis.needs_speed, output), self.runner.attempt
+        )
+        dive = dive_for(axis.dof, firmware, self.craft.observe())
+        if dive is not None:
+            self.fly(dive, "diving")
+
+    def run_in_background(self, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
+        """Return ``work(*args, **named)``, done by the worker while the link is served."""
+        return run_in_background(self.craft, self.worker, self.runner.bear, work, *args, **named)
+
+    def agrees(self, question: str) -> bool:
+        """Whether the operator agrees; of a simulated vehicle nobody is asked."""
+        return agreed(self.craft, self.operator, self.log, question)
+
+
+def recorder(craft: MavlinkCraft, record: RunDirectory, log: TuneLog) -> Callable[[Trial], None]:
+    """Return what keeps a trial on disk and tells of it, while the link is served."""
+
+    def keep(trial: Trial) -> None:
+        beside(craft, partial(record.keep, trial))
+        log.flown(trial.proper)
+        log.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
+
+    return keep
+
+
+@contextmanager
+def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connection: Connection) -> Iterator[Journal]:
+    """Arm, and put everything back on the way out; the journal is on disk before anything is armed, moved or written.
+
+    It is settled only when the craft was left as found, else ``gcs-autotune restore`` has work to do.
+
+    Raises
+    ------
+    PreconditionFailed
+        The journal cannot be written; then nothing is done.
+    NotAsFound
+        Something could not be put back.
+    """
+    journal: Journal | None = None
+
+    def settle() -> None:
+        try:
+            if journal is not None:
+                journal.close()
+        except PreconditionFailed as error:  # a disk that is full by now does no harm
+            watcher.say(
+                f"all is as found, but the journal does not say so ({error}); `gcs-autotune restore` will look again"
+            )
+
+    def open_journal(found: Observation) -> Journal:
+        return Journal(
+            record.journal,
+            vehicle=craft.session.vehicle,
+            link=connection.uri,
+            mode=found.mode,
+            armed=found.armed,
+            fingerprint=fingerprint_of(craft.parameters),
+        )
+
+    try:
+        with restore_on_exit(craft, watcher, settle) as found:
+            journal = open_journal(found)
+            make_ready(craft, watcher)
+            craft.arm()
+            say_link_times(craft, watcher)
+            yield journal
+    finally:
+        if journal is not None:
+            journal.leave()
