@@ -84,7 +84,7 @@ def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
         overshoot = float((side * after).max()) - side * float(np.interp(at[k], psi.t, psi.values))
         assert read[name] == pytest.approx(overshoot, abs=1.0 * DEG)
         side = -side
-    assert read["runner"] == pytest.approx(20.0 * DEG, rel=0.02)
+    assert read["helm"] == pytest.approx(20.0 * DEG, rel=0.02)
     assert read["heading"] == pytest.approx(20.0 * DEG, abs=1.5 * DEG)
 
 
