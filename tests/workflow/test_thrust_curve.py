@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-import gcs_autotune.workflow.experiment  # noqa: F401
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.identification import Identified, again_with_step
 from gcs_autotune.workflow.third_relay import third_relay
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, reduction_with_curve, told
-
-workflow_experiment = sys.modules["gcs_autotune.workflow.experiment"]
-"""The module: its name in the package is that of its function."""
 
 ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
@@ -158,18 +154,21 @@ def test_a_straight_actuator_needs_no_third_size():
     assert third_relay(runs, fit_axis(runs, dof="yaw")) is None
 
 
-def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does(monkeypatch: pytest.MonkeyPatch):
-    def at_once(craft: object, worker: object, bear: object, work: Callable[..., object], *args: object) -> object:
-        return work(*args)
-
-    monkeypatch.setattr(workflow_experiment, "run_in_background", at_once)
+def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():
     runs, said = two(0.8), []
-    plain, watcher, runner = fit_axis(runs, dof="yaw"), SimpleNamespace(say=said.append), SimpleNamespace(bear=None)
-    free, asked = SimpleNamespace(structure=None), SimpleNamespace(structure="affine")
-    found = workflow_experiment._with_curve(free, runs, plain, None, watcher, None, runner)  # type: ignore[arg-type]
+    plain = fit_axis(runs, dof="yaw")
+
+    def told_of(structure: str | None) -> AxisFit:
+        log = SimpleNamespace(say=said.append, fit=plain)
+        settings = SimpleNamespace(structure=structure)
+        context = SimpleNamespace(log=log, settings=settings, run_in_background=lambda work, *args: work(*args))
+        identification._with_curve(context, plain, runs, None)  # type: ignore[arg-type]
+        return log.fit
+
+    found = told_of(None)
     assert [e.slug for e in found.effects] == ["quadratic-actuator"]
     assert found.fit_percent > plain.fit_percent + 5.0
     assert found.covariance.shape == (len(found.parameters),) * 2 == (6, 6)
     assert found.correlation[0, 5] != 0.0
     assert any("weak for small commands" in text for text in said)
-    assert workflow_experiment._with_curve(asked, runs, plain, None, watcher, None, runner) is plain  # type: ignore[arg-type]
+    assert told_of("affine") is plain
