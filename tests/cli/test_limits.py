@@ -84,7 +84,7 @@ def bare(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.link.open_link", opened)
     monkeypatch.setattr("gcs_autotune.workflow.settings.open_link", opened)
     for name in ("tune", "experiment"):
-        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "warming", opened)
+        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "jit_warmup", opened)
     return tmp_path
 
 

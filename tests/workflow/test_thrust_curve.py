@@ -161,7 +161,9 @@ def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():
     def told_of(structure: str | None) -> AxisFit:
         log = SimpleNamespace(say=said.append, fit=plain)
         settings = SimpleNamespace(structure=structure)
-        context = SimpleNamespace(log=log, settings=settings, run_in_background=lambda work, *args: work(*args))
+        context = SimpleNamespace(
+            log=log, settings=settings, run_in_background=lambda work, *args, **named: work(*args, **named)
+        )
         identification._with_curve(context, plain, runs, None)  # type: ignore[arg-type]
         return log.fit
 
