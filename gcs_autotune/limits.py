@@ -349,6 +349,8 @@ _FLOWN = (
         "it is what the closed loop swings at: slower takes minutes, quicker no actuator follows",
     ),
 )
+_SWEPT = "slower than a thousand seconds nobody waits for, and quicker no link commands"
+_FADED = "0 is none, and five minutes are longer than any sweep"
 _MANOEUVRED = (
     Limit(
         "heading",
@@ -389,6 +391,51 @@ _MANOEUVRED = (
         "an overshoot takes two, and beyond forty the battery tells nothing new",
         5,
         whole=True,
+    ),
+    Limit(
+        "turn",
+        "change of heading of the turning circle; from two turns on the current is told, too",
+        "deg",
+        90.0,
+        3600.0,
+        "a circle's figures begin at 90 degrees, and ten turns tell no more",
+        720.0,
+        slips=(_RADIANS,),
+    ),
+    Limit(
+        "levels",
+        "levels to either side",
+        "",
+        2,
+        12,
+        "two and amidships are the fewest that show a curve, and finer steps drown in the noise",
+        3,
+        whole=True,
+    ),
+    Limit("astern", "thrust astern, of full", "", 0.0, 1.0, _FULL, unset="none", slips=(_PERCENT,)),
+    Limit("f-start", "first frequency", "Hz", 0.001, 10.0, _SWEPT, 0.02),
+    Limit("f-stop", "last frequency", "Hz", 0.001, 10.0, _SWEPT, 0.5),
+    Limit("fade-in", "time to full size", "s", 0.0, 300.0, _FADED, 5.0, slips=(_MS,)),
+    Limit("fade-out", "time from full size to none", "s", 0.0, 300.0, _FADED, 2.0, slips=(_MS,)),
+    Limit(
+        "shortest",
+        "shortest time between two changes",
+        "s",
+        0.1,
+        60.0,
+        "quicker no link commands, and slower nothing quick is told",
+        1.0,
+        slips=(_MS,),
+    ),
+    Limit(
+        "push",
+        "how long it is pushed before it is let go",
+        "s",
+        0.5,
+        300.0,
+        "in less nothing moves, for longer it only goes further",
+        10.0,
+        slips=(_MS,),
     ),
     Limit(
         "duration",

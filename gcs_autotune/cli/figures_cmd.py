@@ -22,7 +22,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="CSV files with heads like t[s],psi[deg],delta[deg], or folders",
     )
     parser.add_argument(
-        "--manoeuvre", metavar="NAME", help="zig-zag, turning-circle, spiral, reverse-spiral or pull-out"
+        "--manoeuvre", metavar="NAME", help="zig-zag, turning-circle, spiral, reverse-spiral, pull-out or stopping"
     )
     add_number(parser, "length", "L")
     add_number(parser, "speed", "V", limit="trial-speed")
@@ -62,7 +62,7 @@ def _plain(thing: object) -> object:
 
 COMMAND = Command(
     name="figures",
-    help="read ship figures (IMO, ITTC) off a zig-zag, turning circle, spiral or pull-out",
+    help="read ship figures (IMO, ITTC) off a zig-zag, turning circle, spiral, pull-out or stop",
     description="Recognise the manoeuvre in a recorded run and print its figures with standard errors, the criteria of "
     "IMO MSC.137(76) beside them: overshoot angles, initial turning, advance, tactical diameter, stability.",
     add_arguments=_add_arguments,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import textwrap
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,7 +33,10 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 DEFAULT_CONNECTION = "sitl:charlie"
-OPTIONS = ("heading", "rudder", "full-rudder", "steering", "executes", "duration")
+OPTIONS = (
+    "heading", "rudder", "full-rudder", "steering", "executes", "turn", "levels", "astern", "duration", "f-start",
+    "f-stop", "fade-in", "fade-out", "shortest", "push",
+)  # fmt: skip
 """What one manoeuvre or another takes."""
 
 
@@ -50,6 +54,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     for name in OPTIONS:
         add_number(group, name, marked=True)
     group.add_argument("--first-to", choices=("starboard", "port"), default="starboard", help="the side it begins to")
+    group.add_argument(
+        "--force", choices=tuple("XYZKMN"), default="", help="the force driven, of those that take any (default N)"
+    )
     for name, metavar in (("throttle", "X"), ("speed", "X"), ("control-rate", "HZ"), ("delay", "S"), ("patience", "S")):
         add_number(group, name, metavar)
     group.add_argument("--model", type=Path, metavar="FILE", help="model file to preview with, as identify writes them")
@@ -77,8 +84,12 @@ def _list() -> int:
 
     for kind in MANOEUVRES.values():
         tells = f"Tells about {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
-        how = f"takes {', '.join(f'--{n}' for n in kind.options)}" if kind.make else f"flown by {kind.command}"
-        sys.stdout.write(f"{kind.name}\n    {kind.help}. {tells}Room: {kind.room}; {how}.\n")
+        if kind.for_force:
+            tells = "Tells about what is driven. "
+        options = (*(["force"] if kind.for_force else []), *kind.options)
+        how = f"takes {', '.join(f'--{n}' for n in options)}" if kind.make else f"flown by {kind.command}"
+        text = f"{kind.help}. {tells}Room: {kind.room}; {how}."
+        sys.stdout.write(f"{kind.name}\n{textwrap.fill(text, 80, initial_indent='    ', subsequent_indent='    ')}\n")
     return 0
 
 
@@ -104,6 +115,7 @@ def _settings(args: argparse.Namespace, connection: Connection, now: datetime) -
         side=1 if args.first_to == "starboard" else -1,
         model=None if args.model is None else load_model(args.model),
         full_scale=args.full_scale,
+        force=args.force,
     )
 
 

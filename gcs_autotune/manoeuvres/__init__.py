@@ -4,18 +4,21 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: a generator of
 Only :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
 
 What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
-one degree of freedom in a few oscillations; ``zig-zag`` for the figures and the model of steering; ``throttle-steps``
-to identify a boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back between two of them;
+one degree of freedom in a few oscillations; ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and
+``stopping`` for the figures of ships; ``steps`` to ``free-decay`` for any force; ``throttle-steps`` to identify a
+boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back between two of them;
 ``dive`` to take an ROV off the surface. :data:`MANOEUVRES` is the table of them all.
 """
 
 from __future__ import annotations
 
+from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
-from gcs_autotune.manoeuvres.preview import PaperCraft, Preview, preview
+from gcs_autotune.manoeuvres.open_loop import DOF_OF
+from gcs_autotune.manoeuvres.preview import SPEED_TIME, PaperCraft, Preview, preview
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
@@ -29,9 +32,11 @@ from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
     "DISARMED_ITSELF",
+    "DOF_OF",
     "GUARDS",
     "LEVELS",
     "MANOEUVRES",
+    "SPEED_TIME",
     "Dive",
     "DiveSettings",
     "Ending",
@@ -50,6 +55,7 @@ __all__ = [
     "Sequencer",
     "SignCheck",
     "SignCheckSettings",
+    "Steering",
     "Step",
     "StepSettings",
     "ThrottleSteps",

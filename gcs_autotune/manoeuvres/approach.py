@@ -1,15 +1,27 @@
-"""Before the relay: get way on where it is needed, and measure the noise of the watched signal."""
+"""Before a manoeuvre proper: get way on where it is needed, and measure the noise of the watched signal.
+
+:class:`UnderWay` is what the standard ship manoeuvres (zig-zag, circle, spiral, stopping) have in common: the approach
+straight ahead, then helm orders, each held until the craft turns steadily.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from gcs_autotune.craft import Observation
+from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HeadingHold, HoldController, hold
+from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
 
-__all__ = ["Approach"]
+__all__ = ["Approach", "Part", "Steadiness", "Steering", "UnderWay"]
+
+Part = Generator[Command, Observation, Observation]
+"""A part of a manoeuvre: commands out, observations in; it returns the observation that the next part begins with."""
 
 LEAST_TIME = 3.0
 """Chosen [s]: enough samples at 10 Hz to tell the noise within about 15 %."""
@@ -18,6 +30,47 @@ LONGEST_TIME = 30.0
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.03
 """Speed counts as steady when it changes less than this share (or 2 cm/s) over the window [s]."""
+STEADY_RATE = 0.02
+"""A turn counts as steady when its rate changes less than this share of the largest seen over the window."""
+LONGEST_HOLD = 60.0
+"""Chosen [s]: a helm whose turn is not steady by then (waves, an unstable craft) is left as it is."""
+
+
+class Steadiness:
+    """Whether a signal stands still: the means of both halves of the last ``window`` [s] are compared."""
+
+    def __init__(self, window: float = STEADY_WINDOW) -> None:
+        self.window = window
+        self._seen: deque[tuple[float, float]] = deque()
+        self._start = math.nan
+
+    def update(self, t: float, x: float) -> None:
+        """Take one sample: time [s] and value."""
+        if not self._seen:
+            self._start = t
+        self._seen.append((t, x))
+        while self._seen[0][0] < t - self.window:
+            self._seen.popleft()
+
+    @property
+    def halves(self) -> tuple[float, float] | None:
+        """The mean of the earlier and of the later half; None before the window is full or with a value unknown."""
+        values = [x for _, x in self._seen]
+        if not values or self._seen[-1][0] - self._start < self.window or not all(math.isfinite(x) for x in values):
+            return None
+        half = len(values) // 2
+        return float(np.mean(values[:half])), float(np.mean(values[half:]))
+
+    @property
+    def mean(self) -> float:
+        """The mean of what is known in the window, NaN when nothing is."""
+        known = [x for _, x in self._seen if math.isfinite(x)]
+        return float(np.mean(known)) if known else math.nan
+
+    def is_within(self, band: float) -> bool:
+        """Whether the halves differ by less than *band*."""
+        halves = self.halves
+        return halves is not None and abs(halves[1] - halves[0]) < band
 
 
 class Approach:
@@ -34,7 +87,7 @@ class Approach:
         self._needs_way = needs_way
         self._start = math.nan
         self._x: list[float] = []
-        self._speeds: deque[tuple[float, float]] = deque()
+        self._speeds = Steadiness()
 
     def start(self, observation: Observation) -> None:
         """Take the time of the first observation."""
@@ -43,9 +96,7 @@ class Approach:
     def update(self, t: float, x: float, speed: float) -> None:
         """Take one sample: time [s], watched signal [rad or m], speed [m/s] (NaN when unknown)."""
         self._x.append(x)
-        self._speeds.append((t, speed))
-        while self._speeds[0][0] < t - STEADY_WINDOW:
-            self._speeds.popleft()
+        self._speeds.update(t, speed)
         elapsed = t - self._start
         if elapsed < LEAST_TIME:
             return
@@ -53,16 +104,111 @@ class Approach:
             self._finish()
 
     def _is_steady(self) -> bool:
-        speeds = [s for _, s in self._speeds]
-        if not all(math.isfinite(s) for s in speeds):
-            return False
-        half = len(speeds) // 2
-        early, late = float(np.mean(speeds[:half])), float(np.mean(speeds[half:]))
-        return late > 0.0 and abs(late - early) < max(STEADY_SHARE * late, 0.02)
+        halves = self._speeds.halves
+        return halves is not None and halves[1] > 0.0 and self._speeds.is_within(max(STEADY_SHARE * halves[1], 0.02))
 
     def _finish(self) -> None:
         tail = np.diff(np.asarray(self._x[-60:]), n=2)
         self.noise_std = float(np.sqrt(np.mean(tail**2) / 6.0)) if len(tail) else 0.0
-        finite = [s for _, s in self._speeds if math.isfinite(s)]
-        self.speed = float(np.mean(finite)) if finite else math.nan
+        self.speed = self._speeds.mean
         self.done = True
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """How a craft is steered through a standard manoeuvre.
+
+    Attributes
+    ----------
+    share : rudder, or yaw moment, as a fraction of full output.
+    side : 1 begins to starboard, -1 to port.
+    throttle : constant thrust ahead.
+    full_rudder : rudder angle [rad] at full steering output; None when there is no rudder, or nobody knows.
+    keep_still : hold an ROV's depth meanwhile.
+    """
+
+    share: float
+    side: int = 1
+    throttle: float = 0.0
+    full_rudder: float | None = None
+    keep_still: bool = False
+
+    @classmethod
+    def of(cls, options: Mapping[str, float]) -> Steering:
+        """Return what *options* (those of a row of the table of manoeuvres) say."""
+        return cls(
+            options.get("steering", 0.0),
+            int(options["side"]),
+            options["throttle"],
+            options.get("full-rudder"),
+            bool(options["keep-still"]),
+        )
+
+
+class UnderWay(Manoeuvre):
+    """A manoeuvre that begins with an approach straight ahead. Marks ``execute`` where the helm is put over.
+
+    ``signal`` is watched during the approach, for its noise.
+    """
+
+    def __init__(self, steering: Steering, name: str = "", *, signal: str = "psi", force: str = "N") -> None:
+        super().__init__(name, signal=signal, force=force)
+        self._steering = steering
+        self._approach = Approach(signal, needs_way=steering.throttle != 0.0)
+        self._heading_hold = HeadingHold()
+        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["psi"]] if steering.keep_still else []
+        self._fastest = 0.0
+        self._rates: list[tuple[float, float]] = []
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Steering and what the approach found."""
+        s = self._steering
+        return {
+            "dof": "yaw",
+            "signal": self.signal,
+            "force": self.force,
+            "steering": s.side * s.share,
+            **({} if s.full_rudder is None else {"full_rudder": s.full_rudder}),
+            "throttle": s.throttle,
+            "noise_std": self._approach.noise_std,
+            "speed": self._approach.speed,
+        }
+
+    def _approached(self, now: Observation) -> Part:
+        """Go straight ahead until the speed is steady; a light hand keeps the heading of a craft that needs way."""
+        self.phase, throttle = "approach", self._steering.throttle
+        self._approach.start(now)
+        self._heading_hold.start(now)
+        while True:
+            self._approach.update(now.t, now.value(self.signal), now.speed)
+            if self._approach.done:
+                return now
+            now = yield self._command(self._heading_hold.steer(now) if throttle else 0.0, now)
+
+    def _execute(self, phase: str, share: float, now: Observation) -> None:
+        """Note that the helm goes to *share* (of full, to starboard) now."""
+        self.phase = phase
+        self._mark(now.t, "execute", {"N": share})
+
+    def _held(self, share: float, now: Observation, least: float = 0.0) -> Part:
+        """Hold the helm at *share* until the turn is steady, and for as long again, at least *least* seconds.
+
+        ``_rates`` is afterwards its times since the order [s] and rates [rad/s].
+        """
+        steadiness, start, steady_at = Steadiness(), now.t, math.inf
+        self._rates = []
+        while now.t - start < LONGEST_HOLD:
+            self._fastest = max(self._fastest, abs(now.r))
+            steadiness.update(now.t, now.r)
+            self._rates.append((now.t - start, now.r))
+            if steady_at == math.inf and steadiness.is_within(STEADY_RATE * self._fastest):
+                steady_at = now.t
+            if now.t - start >= max(least, 2.0 * (steady_at - start)):
+                break
+            now = yield self._command(share, now)
+        return now
+
+    def _command(self, steering: float, now: Observation, throttle: float | None = None) -> Command:
+        thrust = self._steering.throttle if throttle is None else throttle
+        return hold(Actuate(X=thrust, N=steering), self._holds, now)

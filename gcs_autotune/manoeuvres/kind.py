@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
 
@@ -52,6 +53,7 @@ class ManoeuvreKind:
     needs_way : for craft that steer under way only.
     presets : what `identify --plan-next` weighs.
     command : what flies it when ``gcs-autotune fly`` does not.
+    for_force : the same row for another force, of those that can be driven by the clock; see :meth:`of`.
     """
 
     name: str
@@ -66,6 +68,21 @@ class ManoeuvreKind:
     needs_way: bool = False
     presets: tuple[Preset, ...] = ()
     command: str = "fly"
+    for_force: Callable[[str], ManoeuvreKind] | None = None
+
+    def of(self, force: str) -> ManoeuvreKind:
+        """Return the row for *force* (``X`` to ``N``; empty: as it is).
+
+        Raises
+        ------
+        UsageError
+            It drives no other force than its own.
+        """
+        if not force or self.drives == {force}:
+            return self
+        if self.for_force is None:
+            raise UsageError(f"{self.name} drives {' and '.join(sorted(self.drives))}; it takes no --force {force}")
+        return self.for_force(force)
 
     def suits(self, firmware: Firmware) -> bool:
         """Whether a craft with this *firmware* has what it drives."""

@@ -1,21 +1,24 @@
-"""Manoeuvres by the clock: forces as functions of time, whatever the craft does. Steps, doublets, circles, spirals,
-S-manoeuvres, coasting, pseudo-random levels (Miskovic2010, section 4.3)."""
+"""Manoeuvres by the clock: forces as functions of time, whatever the craft does. Steps, staircases, doublets, chirps,
+multisines, pseudo-random levels, free decay, each of any force; and S-manoeuvres (Miskovic2010, section 4.3)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HeadingHold, HoldController, hold
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.sname import DOFS
 
-__all__ = ["KINDS", "OpenLoop", "Programme"]
+__all__ = ["DOF_OF", "KINDS", "WITHOUT_THROTTLE", "OpenLoop", "Programme", "coasting", "turning"]
 
 Programme = Callable[[float], Mapping[str, float]]
 """Time since the beginning [s] -> force name -> fraction of full."""
@@ -23,35 +26,57 @@ Programme = Callable[[float], Mapping[str, float]]
 APPROACH, NO_APPROACH = 0.12, 0.02
 """Shares of the time spent straight ahead, or at rest, before anything is steered."""
 
+DOF_OF: Mapping[str, str] = {dof.force: name for name, dof in DOFS.items()}
+"""Force -> the degree of freedom that it drives."""
+
 
 class OpenLoop(Manoeuvre):
-    """Flies a programme for ``duration`` [s]. Marks ``level`` where a force jumps."""
+    """Flies a programme for ``duration`` [s]. Marks ``level`` where *force* jumps.
+
+    ``keep_still``: an ROV's other axes are held meanwhile. ``on_course``: a light hand on the rudder keeps the heading.
+    """
 
     def __init__(
-        self, kind: str, programme: Programme, duration: float, *, force: str = "N", keep_still: bool = False
+        self,
+        kind: str,
+        programme: Programme,
+        duration: float,
+        *,
+        force: str = "N",
+        keep_still: bool = False,
+        on_course: bool = False,
     ) -> None:
         self.kind = kind  # one class flies many kinds
-        super().__init__(force=force, signal={"X": "u", "Z": "z"}.get(force, "psi"))
+        super().__init__(force=force, signal={"X": "u", "Y": "v", "Z": "z", "K": "phi", "M": "theta"}.get(force, "psi"))
         self._programme, self._duration = programme, duration
         held = {"N": "psi", "Z": "z", "X": "x"}.get(force, "x")
         self._holds = [HoldController(gains) for gains in HELD_MEANWHILE[held]] if keep_still else []
+        self._heading_hold = HeadingHold() if on_course else None
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Force and duration."""
-        return {"force": self.force, "duration": self._duration}
+        """Force, its degree of freedom and the duration."""
+        return {"dof": DOF_OF[self.force], "force": self.force, "duration": self._duration}
 
     def commands(self, now: Observation) -> Commands:
         """Yield the programme's forces."""
         start, level = now.t, math.nan
+        if self._heading_hold is not None:
+            self._heading_hold.start(now)
         while True:
             shares = self._programme(now.t - start)
-            if shares.get(self.force, 0.0) != level:
-                level = shares.get(self.force, 0.0)
+            last, level = level, shares.get(self.force, 0.0)
+            if not abs(level - last) < JUMP:
                 self._mark(now.t, "level", {self.force: level})
+                self.phase = f"{self.force} {100.0 * level:+.0f} %"
             if now.t - start >= self._duration:
                 self._end("completed", f"flown for {self._duration:.0f} s")
-            now = yield hold(Actuate(**shares), self._holds, now)
+            command = hold(Actuate(**shares), self._holds, now)
+            now = yield command if self._heading_hold is None else replace(command, N=self._heading_hold.steer(now))
+
+
+JUMP = 0.1
+"""A force that changes by so much of full between two commands jumps; by less it follows a curve."""
 
 
 # --- programmes: functions of time from 0 to 1 after the approach ------------------------------------------------
@@ -101,15 +126,115 @@ def _random(forces: str, thrust: tuple[float, float], shortest: float, size: flo
     return at
 
 
-def _coast(shares: tuple[float, ...], size: float, seconds: float) -> Programme:
-    """Return acceleration at each share of thrust in turn, and coasting after it."""
-    each = seconds / len(shares)
+def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoop]:
+    """Return what makes, for so many seconds, acceleration at each share of thrust in turn, and coasting after it."""
+
+    def make(seconds: float) -> OpenLoop:
+        each = seconds / len(shares)
+
+        def at(t: float) -> Mapping[str, float]:
+            k = min(int(t / each), len(shares) - 1)
+            return {"X": shares[k] if t - k * each < 0.55 * each else 0.0}
+
+        return OpenLoop(kind, at, seconds, force="X")
+
+    return make
+
+
+def turning(kind: str, thrust: float) -> Callable[[float], OpenLoop]:
+    """Return what makes, for so many seconds, a turn at full steering and constant *thrust*."""
+    return lambda seconds: OpenLoop(kind, _timed(_full, "N", thrust, 1.0, seconds), seconds)
+
+
+def _s_legs(thrust: float, astern: float, size: float, seconds: float) -> Programme:
+    """Return the yaw moment one way and the other at constant *thrust*, then again astern (Miskovic2007, II-D)."""
+    legs = [(thrust, size), (thrust, -size)] + [(-astern, size), (-astern, -size)] * (astern > 0.0)
+    begin = APPROACH * seconds
 
     def at(t: float) -> Mapping[str, float]:
-        k = min(int(t / each), len(shares) - 1)
-        return {"X": size * shares[k] if t - k * each < 0.55 * each else 0.0}
+        if t < begin:
+            return {"X": thrust, "N": 0.0}
+        X, N = legs[min(int((t - begin) / (seconds - begin) * len(legs)), len(legs) - 1)]
+        return {"X": X, "N": N}
 
     return at
+
+
+def _staircase(levels: int, both: bool) -> Callable[[float], float]:
+    """Return levels that rise to full in equal steps and come down again; *both*: to either side."""
+    up = [k / levels for k in range(levels + 1)]
+    there = [*up, *reversed(up[:-1])]
+    return _levels(*there, *([-x for x in there[1:]] if both else []))
+
+
+def _chirp(options: Mapping[str, float]) -> Callable[[float], float]:
+    """Return a sine whose frequency goes exponentially from one to the other, faded in and out by half a cosine."""
+    seconds, first, last = options["duration"], options["f-start"], options["f-stop"]
+    fade_in, fade_out = options["fade-in"], options["fade-out"]
+    if fade_in + fade_out > seconds:
+        raise UsageError(
+            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s are longer than the {seconds:g} s of --duration"
+        )
+    rate = math.log(last / first) / seconds
+
+    def at(x: float) -> float:
+        t = x * seconds
+        phase = first * (math.expm1(rate * t) / rate if abs(rate) > 1e-9 else t)
+        share = min(t / fade_in if fade_in else 1.0, (seconds - t) / fade_out if fade_out else 1.0, 1.0)
+        return 0.5 * (1.0 - math.cos(math.pi * max(share, 0.0))) * math.sin(2.0 * math.pi * phase)
+
+    return at
+
+
+LINES = 20
+"""Chosen: the most frequencies of a multisine; more share the same power."""
+
+
+def _multisine(options: Mapping[str, float]) -> Callable[[float], float]:
+    """Return sines of one size at whole multiples of one per duration, with Schroeder's phases, scaled to a peak of 1.
+
+    Its peaks are low for its power (Schroeder1970).
+    """
+    seconds = options["duration"]
+    low, high = sorted((options["f-start"], options["f-stop"]))
+    first, last = max(math.ceil(low * seconds - 1e-9), 1), math.floor(high * seconds + 1e-9)
+    if last < first:
+        raise UsageError(
+            f"no whole period of a frequency from {low:g} to {high:g} Hz fits into {seconds:g} s: give a longer "
+            "--duration or a higher --f-stop"
+        )
+    every = max(math.ceil((last - first + 1) / LINES), 1)
+    lines = np.arange(first, last + 1, every, dtype=np.float64)
+    phases = -math.pi * np.arange(len(lines)) * (np.arange(len(lines)) - 1.0) / len(lines)
+
+    def plain(x: float) -> float:
+        return float(np.cos(2.0 * math.pi * lines * x + phases).sum())
+
+    peak = max(abs(plain(x)) for x in np.linspace(0.0, 1.0, 40 * int(lines[-1])).tolist())
+    return lambda x: plain(min(x, 1.0)) / peak
+
+
+TAPS: Mapping[int, int] = {3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9}
+"""Length of a shift register -> the other stage that it feeds back from for the longest sequence (Ljung1999, 13.3)."""
+
+
+def _prbs(options: Mapping[str, float]) -> Callable[[float], float]:
+    """Return the two-level sequence of longest period of a shift register, held for ``shortest`` [s] at least."""
+    bits = max(math.ceil(options["duration"] / options["shortest"]), 1)
+    length = next((n for n in TAPS if 2**n - 1 >= bits), max(TAPS))
+    register, levels = [1] * length, []
+    for _ in range(bits):
+        levels.append(2.0 * register[-1] - 1.0)
+        register = [register[-1] ^ register[TAPS[length] - 1], *register[:-1]]
+    return _levels(*levels)
+
+
+def _decay(options: Mapping[str, float]) -> Callable[[float], float]:
+    """Return a push and nothing afterwards: the craft is let go."""
+    share = options["push"] / options["duration"]
+    if share >= 1.0:
+        raise UsageError(f"--push {options['push']:g} s leaves nothing of the {options['duration']:g} s of --duration")
+    return lambda x: 1.0 if x < share else 0.0
 
 
 def _s_throttle(size: float, seconds: float) -> Programme:
@@ -124,175 +249,175 @@ def _s_throttle(size: float, seconds: float) -> Programme:
 
 # --- the kinds ----------------------------------------------------------------------------------------------
 
+Signal = Callable[[float], float]
+
 
 def _preset(title: str, forces: str, kind: str, programme: Callable[[float, float], Programme]) -> Preset:
     """Return a preset of *programme*, a function of size and seconds, at full size."""
     return Preset(title, forces, lambda seconds: OpenLoop(kind, programme(1.0, seconds), seconds, force=forces[-1]))
 
 
-def _kind(
+def _of_any_force(
     name: str,
     help: str,
-    excites: str,
-    force: str,
-    flown: Callable[[float, float, float], Programme],
+    signal: Callable[[Mapping[str, float], bool], Signal],
     *presets: tuple[str, str, Callable[[float, float], Programme]],
-    room: str = "about where the craft is",
-    turns: bool = False,
+    options: Sequence[str] = (),
 ) -> ManoeuvreKind:
-    """Return a row; *flown* (throttle, size, seconds) is what ``fly`` flies."""
+    """Return a row; *signal* (options, whether the force may go either way) is what the force chosen follows."""
 
-    def make(options: Mapping[str, float]) -> OpenLoop:
-        seconds, thrust = options["duration"], options["throttle"]
-        size = options["side"] * options["steering"] if force == "N" else options["steering"]
-        keep_still = bool(options["keep-still"])
-        return OpenLoop(name, flown(thrust, size, seconds), seconds, force=force, keep_still=keep_still)
+    def row(force: str) -> ManoeuvreKind:
+        def make(given: Mapping[str, float]) -> OpenLoop:
+            seconds, keep_still = given["duration"], bool(given["keep-still"])
+            ahead_only = force == "X" and not keep_still
+            size = given["steering"] * (1.0 if ahead_only else given["side"])
+            thrust = 0.0 if force == "X" else given["throttle"]
+            programme = _timed(signal(given, not ahead_only), force, thrust, size, seconds)
+            return OpenLoop(name, programme, seconds, force=force, keep_still=keep_still, on_course=ahead_only)
+
+        return ManoeuvreKind(
+            name=name,
+            help=help,
+            excites=frozenset({DOF_OF[force]}),
+            drives=frozenset({force}),
+            make=make,
+            options=("steering", "duration", *options),
+            room=ROOM[force],
+            turns=force == "N",
+            presets=tuple(_preset(title, forces, name, programme) for title, forces, programme in presets),
+            for_force=row,
+        )
+
+    return row("N")
+
+
+def _steered(
+    name: str,
+    help: str,
+    flown: Callable[[Mapping[str, float]], Programme],
+    *presets: tuple[str, str, Callable[[float, float], Programme]],
+    room: str,
+    options: Sequence[str] = (),
+) -> ManoeuvreKind:
+    """Return a row that steers under way; *flown* makes the programme of the options."""
+
+    def make(given: Mapping[str, float]) -> OpenLoop:
+        return OpenLoop(name, flown(given), given["duration"], keep_still=bool(given["keep-still"]))
 
     return ManoeuvreKind(
         name=name,
         help=help,
-        excites=frozenset(excites.split()),
-        drives=frozenset({force}),
+        excites=frozenset({"yaw", "surge", "sway"}),
+        drives=frozenset({"N"}),
         make=make,
-        options=("steering", "duration"),
+        options=("steering", "duration", *options),
         room=room,
-        turns=turns,
+        turns=True,
         presets=tuple(_preset(title, forces, name, programme) for title, forces, programme in presets),
     )
 
 
-def _by_throttle(signal: Callable[[float], float], force: str = "N") -> Callable[[float, float, float], Programme]:
-    return lambda thrust, size, seconds: _timed(signal, force, thrust, size, seconds)
+def _ahead(signal: Signal, either_way: bool) -> Signal:
+    """Return *signal*, or, of a force that goes one way only, the same about half of full."""
+    return signal if either_way else lambda x: 0.5 + 0.5 * signal(x)
 
 
+def _s_flown(given: Mapping[str, float]) -> Programme:
+    thrust = given["throttle"] or WITHOUT_THROTTLE
+    astern = given.get("astern", 0.0) or (thrust if given["keep-still"] else 0.0)
+    return _s_legs(thrust, astern, given["side"] * given["steering"], given["duration"])
+
+
+def _grown(given: Mapping[str, float]) -> Programme:
+    return _timed(_growing, "N", given["throttle"], given["side"] * given["steering"], given["duration"])
+
+
+WITHOUT_THROTTLE = 0.5
+"""Chosen: thrust ahead, where it takes some, of a craft that has no cruise and was told no --throttle."""
+ROOM: Mapping[str, str] = {
+    "N": "some turning circles under way, about where the craft is without --throttle",
+    "X": "what the speed makes of the duration, straight ahead",
+    "Y": "some metres to either side",
+    "Z": "the depth that it takes",
+    "K": "about where the craft is",
+    "M": "about where the craft is",
+}
 _UP_AND_DOWN = _levels(1.0, 0.0, -1.0, 0.0, 0.5, -0.5)
 _EITHER_WAY = _levels(1.0, 0.5, 0.0, -1.0, -0.5, 0.0)
 _THROTTLES = _levels(0.3, 1.0, 0.0, 0.6, 0.2, 0.8)
-_DOUBLETS = _levels(1.0, -1.0, 0.0, 1.0, -1.0, 0.0)
-_AHEAD = "what the speed makes of the duration, straight ahead"
-_WIDE = "some turning circles"
+_DOUBLET, _DOUBLETS = _levels(1.0, -1.0, 0.0), _levels(1.0, -1.0, 0.0, 1.0, -1.0, 0.0)
 
 KINDS: tuple[ManoeuvreKind, ...] = (
-    _kind(
-        "steering-steps",
-        "steering by the clock: full, half, none, then the other way",
-        "yaw",
-        "N",
-        _by_throttle(_EITHER_WAY),
+    _of_any_force(
+        "steps",
+        "one force by the clock: full, half, none, then the other way (a boat's thrust: ahead only)",
+        lambda given, either_way: _EITHER_WAY if either_way else _THROTTLES,
         ("steering step", "N", partial(_timed, _full, "N", 0.0)),
         ("steering steps", "N", partial(_timed, _EITHER_WAY, "N", 0.0)),
-        room=_WIDE,
-        turns=True,
+        ("throttle steps", "X", partial(_timed, _THROTTLES, "X", 0.0)),
+        ("heave steps", "Z", partial(_timed, _UP_AND_DOWN, "Z", 0.0)),
+        ("sway steps", "Y", partial(_timed, _UP_AND_DOWN, "Y", 0.0)),
     ),
-    _kind(
-        "steering-doublet",
-        "steering one way, the other way, none",
-        "yaw",
-        "N",
-        _by_throttle(_levels(1.0, -1.0, 0.0)),
-        ("steering doublet", "N", partial(_timed, _levels(1.0, -1.0, 0.0), "N", 0.0)),
-        room=_WIDE,
-        turns=True,
+    _of_any_force(
+        "staircase",
+        "one force in equal steps up and down again, then the other way (a boat's thrust: ahead only)",
+        lambda given, either_way: _staircase(int(given["levels"]), either_way),
+        options=("levels",),
     ),
-    _kind(
-        "turning-circle",
-        "the same steering for all of the duration",
-        "yaw surge sway",
-        "N",
-        _by_throttle(_full),
-        *((f"turning circle at {p} % throttle", "X N", partial(_timed, _full, "N", p / 100.0)) for p in (30, 60, 100)),
-        room="a few turning circles",
-        turns=True,
+    _of_any_force(
+        "doublets",
+        "one force one way, the other way, none; and again",
+        lambda given, either_way: _DOUBLETS if either_way else _levels(1.0, 0.0, 0.5, 1.0, 0.0, 0.5),
+        ("steering doublet", "N", partial(_timed, _DOUBLET, "N", 0.0)),
+        ("roll doublets", "K", partial(_timed, _DOUBLETS, "K", 0.0)),
+        ("pitch doublets", "M", partial(_timed, _DOUBLETS, "M", 0.0)),
     ),
-    _kind(
-        "s-manoeuvre",
-        "steering as a sine of three periods",
-        "yaw surge sway",
-        "N",
-        _by_throttle(_sine(3.0)),
-        ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, _sine(3.0), "N", 0.6)),
-        ("S-manoeuvre with changing throttle", "X N", _s_throttle),
-        room=_AHEAD,
-        turns=True,
+    _of_any_force(
+        "chirp",
+        "one force as a sine from one frequency to another, faded in and out",
+        lambda given, either_way: _ahead(_chirp(given), either_way),
+        options=("f-start", "f-stop", "fade-in", "fade-out"),
     ),
-    _kind(
-        "growing-turn",
-        "steering that grows from none to all",
-        "yaw surge sway",
-        "N",
-        _by_throttle(_growing),
-        ("growing turn (spiral) at 60 % throttle", "X N", partial(_timed, _growing, "N", 0.6)),
-        ("growing turn (spiral) at 100 % throttle", "X N", partial(_timed, _growing, "N", 1.0)),
-        room=_WIDE,
-        turns=True,
+    _of_any_force(
+        "multisine",
+        "one force as many sines at once, from one frequency to another",
+        lambda given, either_way: _ahead(_multisine(given), either_way),
+        options=("f-start", "f-stop"),
     ),
-    _kind(
-        "steering-random",
-        "pseudo-random steering",
-        "yaw",
-        "N",
-        lambda thrust, size, seconds: _random("N", (0.0, thrust), 1.0, size, seconds),
+    _of_any_force(
+        "prbs",
+        "one force at two levels, in a pseudo-random binary sequence",
+        lambda given, either_way: _ahead(_prbs(given), either_way),
         ("pseudo-random steering", "N", partial(_random, "N", (0.0, 0.0), 1.0)),
         ("pseudo-random steering at 60 % throttle", "X N", partial(_random, "N", (0.0, 0.6), 1.0)),
         ("pseudo-random steering and throttle", "X N", partial(_random, "N X", (0.1, 1.0), 1.5)),
         ("pseudo-random sway and steering", "Y N", partial(_random, "Y N", (0.0, 0.0), 1.5)),
-        room=_WIDE,
-        turns=True,
-    ),
-    _kind(
-        "thrust-steps",
-        "thrust ahead by the clock",
-        "surge",
-        "X",
-        _by_throttle(_THROTTLES, "X"),
-        ("throttle steps", "X", partial(_timed, _THROTTLES, "X", 0.0)),
         ("pseudo-random throttle", "X", partial(_random, "X", (0.1, 1.0), 1.5)),
-        room=_AHEAD,
-    ),
-    _kind(
-        "coast-down",
-        "thrust ahead for a little over half of the duration, then none",
-        "surge",
-        "X",
-        lambda thrust, size, seconds: _coast((1.0,), size, seconds),
-        ("acceleration and coast-down", "X", partial(_coast, (1.0,))),
-        ("accelerations to three speeds and coast-down", "X", partial(_coast, (0.3, 0.6, 1.0))),
-        room=_AHEAD,
-    ),
-    _kind(
-        "heave-steps",
-        "vertical thrust by the clock",
-        "heave",
-        "Z",
-        _by_throttle(_UP_AND_DOWN, "Z"),
-        ("heave steps", "Z", partial(_timed, _UP_AND_DOWN, "Z", 0.0)),
         ("pseudo-random heave", "Z", partial(_random, "Z", (0.0, 0.0), 1.0)),
-        room="the depth that it takes",
+        options=("shortest",),
     ),
-    _kind(
-        "sway-steps",
-        "thrust sideways by the clock",
-        "sway",
-        "Y",
-        _by_throttle(_UP_AND_DOWN, "Y"),
-        ("sway steps", "Y", partial(_timed, _UP_AND_DOWN, "Y", 0.0)),
-        room="some metres to either side",
+    _of_any_force(
+        "free-decay",
+        "one force for a while, then none: how the motion dies away, or the craft comes back",
+        lambda given, either_way: _decay(given),
+        options=("push",),
     ),
-    _kind(
-        "roll-doublets",
-        "roll moment one way and the other",
-        "roll",
-        "K",
-        _by_throttle(_DOUBLETS, "K"),
-        ("roll doublets", "K", partial(_timed, _DOUBLETS, "K", 0.0)),
+    _steered(
+        "s-manoeuvre",
+        "constant thrust, steering one way and the other; then the same astern (ROVs, and with --astern)",
+        _s_flown,
+        ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, _sine(3.0), "N", 0.6)),
+        ("S-manoeuvre with changing throttle", "X N", _s_throttle),
+        room="what the speed makes of the duration, straight ahead",
+        options=("astern",),
     ),
-    _kind(
-        "pitch-doublets",
-        "pitch moment one way and the other",
-        "pitch",
-        "M",
-        _by_throttle(_DOUBLETS, "M"),
-        ("pitch doublets", "M", partial(_timed, _DOUBLETS, "M", 0.0)),
+    _steered(
+        "growing-turn",
+        "steering that grows from none to all",
+        _grown,
+        ("growing turn (spiral) at 60 % throttle", "X N", partial(_timed, _growing, "N", 0.6)),
+        ("growing turn (spiral) at 100 % throttle", "X N", partial(_timed, _growing, "N", 1.0)),
+        room="some turning circles",
     ),
 )
 """The rows of the table that are flown by the clock."""

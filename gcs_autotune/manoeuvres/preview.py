@@ -1,14 +1,15 @@
 """A manoeuvre flown on paper before anything moves: the track, the room and the time it takes, and what would end it.
 
-The craft on paper turns as a model of its yaw says and goes at one speed; it does not slip sideways. For room that is
-enough: a craft that slows down in its turns needs less.
+The craft on paper is one degree of freedom beside the other: it turns as a model of its yaw says, and does not slow
+down in its turns nor slip sideways unless it is pushed. For room that is enough: a craft that slows down needs less.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["PaperCraft", "Preview", "preview"]
+__all__ = ["SPEED_TIME", "PaperCraft", "Preview", "preview"]
 
 TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
@@ -30,21 +31,29 @@ SPEED_TIME = 3.0
 
 @dataclass(frozen=True, slots=True)
 class PaperCraft:
-    """``yaw``: its turning, input as a fraction of full output. ``speed`` [m/s] at the throttle flown, ``source`` of
-    these numbers in words. ``assumed``: they are guesses, good enough for room but not to refuse by."""
+    """A craft on paper; inputs are fractions of full output.
+
+    Attributes
+    ----------
+    yaw : its turning. others : its motion along a force (``X``, ``Y``, ``Z``); without, it does not answer to ``Y``
+        and ``Z``, and any thrust ahead brings it to ``speed`` [m/s].
+    source : of these numbers in words. assumed : they are guesses, good enough for room but not to refuse by.
+    """
 
     yaw: SingleDof
     speed: float
     source: str
     assumed: bool = False
+    others: Mapping[str, SingleDof] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:
     """What came of it.
 
-    ``trial`` has psi, r, x, y, u, N and X. ``outcome``: how it ended, None when a safety limit did, which ``refusal``
-    tells. ``room`` [m] is the longer side of the box around the track, ``turned`` [rad] the range of the heading.
+    ``trial`` has psi, r, x, y, u and the forces. ``outcome``: how it ended, None when a safety limit did, which
+    ``refusal`` tells. ``room`` [m] is the longer side of the box around the track, ``turned`` [rad] the range of the
+    heading, ``deep`` [m] that of the depth.
     """
 
     trial: Trial
@@ -53,6 +62,7 @@ class Preview:
     craft: PaperCraft
     room: float = math.nan
     turned: float = math.nan
+    deep: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -70,19 +80,25 @@ class Preview:
         """Return time, room and turning in one sentence."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
         turned = math.degrees(self.turned)
-        return f"{self.seconds:.0f} s{way}, {turned:.0f} deg of turning, by {self.craft.source}"
+        deep = f", {self.deep:.1f} m of depth" if self.deep >= 0.1 else ""
+        return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning, by {self.craft.source}"
 
 
 def preview(manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floats: bool = True) -> Preview:
     """Fly *manoeuvre* on paper inside *envelope*, from rest, bow to the north; *floats*: it has no depth."""
-    t = psi = r = x = y = u = 0.0
+    t = psi = r = x = y = 0.0
     z = math.nan if floats else 10.0
+    along = dict.fromkeys("XYZ", 0.0)
     late: deque[float] = deque([0.0] * round(craft.yaw.delay * INSIDE / TICK))
     rows: list[tuple[float, ...]] = []
 
     def seen(command: Actuate) -> Observation:
-        output = {"N": command.N, "X": command.X}
-        return Observation(t=t, psi=psi, r=r, x=x, y=y, z=z, u=u, v=0.0, w=0.0, speed=u, output=output, armed=True)
+        u, v, w = along.values()
+        output = {"N": command.N, "X": command.X, "Y": command.Y, "Z": command.Z}
+        return Observation(
+            t=t, psi=psi, r=r, phi=0.0, theta=0.0, x=x, y=y, z=z, u=u, v=v, w=w, speed=math.hypot(u, v),
+            output=output, armed=True,
+        )  # fmt: skip
 
     now = seen(Actuate())
     watch, commands = Watch(envelope, now), manoeuvre.commands(now)
@@ -90,7 +106,7 @@ def preview(manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floa
     command = next(commands)
     while t < LONGEST:
         asked = command if isinstance(command, Actuate) else Actuate()
-        rows.append((t, psi, r, x, y, u, asked.N, asked.X))
+        rows.append((t, psi, r, x, y, z, along["X"], asked.N, asked.X, asked.Y, asked.Z))
         outcome = manoeuvre.outcome
         if outcome is not None:
             break
@@ -99,8 +115,12 @@ def preview(manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floa
             late.append(asked.N)
             r += h * _acceleration(craft.yaw, r, late.popleft())
             psi += h * r
-            u += h * ((craft.speed if asked.X > 0.0 else 0.0) - u) / SPEED_TIME
-            x, y = x + h * u * math.cos(psi), y + h * u * math.sin(psi)
+            for force, tau in (("X", asked.X), ("Y", asked.Y), ("Z", asked.Z)):
+                along[force] += h * _along(craft, force, along[force], tau)
+            u, v, w = along.values()
+            x += h * (u * math.cos(psi) - v * math.sin(psi))
+            y += h * (u * math.sin(psi) + v * math.cos(psi))
+            z += h * w
         t += TICK
         now = seen(asked)
         try:
@@ -110,12 +130,24 @@ def preview(manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floa
             break
         command = commands.send(now)
     table = np.array(rows).T
-    units = {"psi": "rad", "r": "rad/s", "x": "m", "y": "m", "u": "m/s", "N": "1", "X": "1"}
+    units = {
+        "psi": "rad", "r": "rad/s", "x": "m", "y": "m", "z": "m", "u": "m/s", "N": "1", "X": "1", "Y": "1", "Z": "1"
+    }  # fmt: skip
     channels = {n: Channel(n, unit, table[0], table[i]) for i, (n, unit) in enumerate(units.items(), start=1)}
+    if floats:
+        del channels["z"]
     trial = Trial("predicted", channels, tuple(manoeuvre.take_marks()), meta=manoeuvre.settings)
-    room = max(float(np.ptp(table[3])), float(np.ptp(table[4])))
-    return Preview(trial, outcome, refusal, craft, room, float(np.ptp(table[1])))
+    spans = np.ptp(table, axis=1)
+    deep = 0.0 if floats else float(spans[5])
+    return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep)
 
 
-def _acceleration(yaw: SingleDof, r: float, tau: float) -> float:
-    return (tau + yaw.delta - (yaw.beta + yaw.beta_quadratic * abs(r)) * r) / yaw.alpha
+def _along(craft: PaperCraft, force: str, nu: float, tau: float) -> float:
+    """Return the acceleration [m/s^2] along a force; what nobody knows goes ahead at its one speed, or not at all."""
+    if force in craft.others:
+        return _acceleration(craft.others[force], nu, tau)
+    return ((craft.speed if tau > 0.0 else 0.0) - nu) / SPEED_TIME if force == "X" else 0.0
+
+
+def _acceleration(motion: SingleDof, nu: float, tau: float) -> float:
+    return (tau + motion.delta - (motion.beta + motion.beta_quadratic * abs(nu)) * nu) / motion.alpha

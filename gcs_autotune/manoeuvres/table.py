@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from gcs_autotune.manoeuvres import open_loop, zig_zag
+from gcs_autotune.manoeuvres import open_loop, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 
@@ -86,6 +86,9 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
     kind.name: kind
     for kind in (
         zig_zag.KIND,
+        *turning.KINDS,
+        *spiral.KINDS,
+        stopping.KIND,
         *open_loop.KINDS,
         _RELAY,
         _THROTTLE_STEPS,

@@ -6,6 +6,7 @@ criteria        the sheet, and the criteria of MSC.137(76)
 zigzag          overshoot angles, times, initial turning, K and T
 turning_circle  advance, transfer, tactical diameter, the steady turn, the current
 spiral          directional stability: direct and reverse spirals, pull-outs
+stopping        track reach, head reach and time of a craft whose thrust is taken off or reversed
 ==============  ===============================================================================
 
 Models are fitted to the same runs by the methods ``step`` and ``zig-zag`` (:mod:`gcs_autotune.identify.open_loop`).

@@ -27,8 +27,8 @@ __all__ = [
     "second_overshoot_limit",
 ]
 
-ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING = 4.5, 5.0, 2.5
-"""Largest values in ship lengths; 5.3.1 and 5.3.2."""
+ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH = 4.5, 5.0, 2.5, 15.0
+"""Largest values in ship lengths; 5.3.1, 5.3.2 and, full astern, 5.3.4."""
 
 FIRST_OVERSHOOT_20 = math.radians(25.0)
 """Largest first overshoot of a 20/20 zig-zag [rad]; 5.3.3.3."""
@@ -167,5 +167,5 @@ def known(*figures: Figure) -> tuple[Figure, ...]:
 def helm_text(helm: float, unit: str) -> str:
     """Return a helm for a title: degrees of a rudder, percent of a share of full output, else the number."""
     if unit == "rad":
-        return f"{math.degrees(helm):.0f}"
-    return f"{100.0 * helm:.0f} %" if unit == "1" else f"{helm:.3g}"
+        return f"{round(math.degrees(helm))}"
+    return f"{round(100.0 * helm)} %" if unit == "1" else f"{helm:.3g}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.open_loop.readings import Reading
@@ -20,6 +20,7 @@ from gcs_autotune.seatrials.criteria import (
     known,
 )
 from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
+from gcs_autotune.seatrials.stopping import stopping_sheet
 from gcs_autotune.seatrials.turning_circle import read_turning_circle
 from gcs_autotune.seatrials.zigzag import zigzag_sheet
 from gcs_autotune.trial import Trial
@@ -36,8 +37,8 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     ----------
     run : with psi and delta (or N); r, x, y, u, v, U are used when there.
     ship : for figures in ship lengths and the criteria that depend on L/V.
-    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral only when asked for, or when the run's
-        meta data say so).
+    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral and a stop only when asked for, or when
+        the run's meta data say so).
 
     Raises
     ------
@@ -48,27 +49,36 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     UnknownName
         No such manoeuvre.
     """
-    log, particulars = ship_log(run), ship or Particulars()
+    particulars = ship or Particulars()
     told = run.meta.get("manoeuvre")
     asked = manoeuvre or (told if isinstance(told, str) and told in MANOEUVRES else None)
     if asked is not None:
-        return (lookup(MANOEUVRES, asked, "ship manoeuvre")(run, log, particulars),)
-    found: list[Sheet] = []
-    missing: list[str] = []
-    for name in ("zig-zag", "spiral", "turning-circle", "pull-out"):
-        if found and name in ("spiral", "turning-circle"):
-            continue
-        try:
-            found.append(MANOEUVRES[name](run, log, particulars))
-        except (NotInformative, MissingChannel) as error:
-            missing.append(str(error))
+        sheet = lookup(MANOEUVRES, asked, "ship manoeuvre")(run, particulars)
+        return (sheet, *(() if manoeuvre or asked not in ENDS_IN else _all_of(ENDS_IN[asked], run, particulars)[0]))
+    ship_log(run)  # its errors are about the run, not about one manoeuvre or another
+    found, missing = _all_of(("zig-zag", "spiral", "turning-circle", "pull-out"), run, particulars)
     if not found:
         raise NotInformative("; ".join(dict.fromkeys(missing)))
     return tuple(found)
 
 
-def _turning_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
-    c = read_turning_circle(log)
+def _all_of(names: Sequence[str], run: Trial, ship: Particulars) -> tuple[list[Sheet], list[str]]:
+    """Return the sheets of those manoeuvres that are in a run, and what the others miss."""
+    found: list[Sheet] = []
+    missing: list[str] = []
+    for name in names:
+        if found and name in ("spiral", "turning-circle"):
+            continue
+        try:
+            found.append(MANOEUVRES[name](run, ship))
+        except (NotInformative, MissingChannel) as error:
+            missing.append(str(error))
+    return found, missing
+
+
+def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
+    log = ship_log(run)
+    c = read_turning_circle(log, [m.t for m in run.marks if m.kind == "execute"])
     unit = log.steering.unit
     figures = known(
         judged("helm", "helm", Reading(abs(c.rudder), NAN, unit)),
@@ -103,12 +113,14 @@ def _turning_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     return Sheet(log.name, "turning-circle", f"turning circle to {side}", figures, "", c.doubts)
 
 
-def _spiral_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+def _spiral_sheet(run: Trial, ship: Particulars) -> Sheet:
+    log = ship_log(run)
     return _sheet_of(read_spiral(run, log), log)
 
 
-def _reverse_spiral_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
-    return _sheet_of(read_reverse_spiral(log), log)
+def _reverse_spiral_sheet(run: Trial, ship: Particulars) -> Sheet:
+    log = ship_log(run)
+    return _sheet_of(read_reverse_spiral(run, log), log)
 
 
 _STABILITY: Mapping[str, str] = {
@@ -139,7 +151,12 @@ def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     return Sheet(log.name, kind, f"{s.kind} spiral", figures, _STABILITY[s.verdict], s.doubts)
 
 
-def _pull_out_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
+def _zigzag_sheet(run: Trial, ship: Particulars) -> Sheet:
+    return zigzag_sheet(run, ship_log(run), ship)
+
+
+def _pull_out_sheet(run: Trial, ship: Particulars) -> Sheet:
+    log = ship_log(run)
     p = read_pull_out(run, log)
     figures = known(
         judged("turning", "yaw rate of the turns", p.turning),
@@ -151,11 +168,15 @@ def _pull_out_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     return Sheet(log.name, "pull-out", "pull-out", figures, _STABILITY[p.verdict], p.doubts)
 
 
-MANOEUVRES: Mapping[str, Callable[[Trial, ShipLog, Particulars], Sheet]] = {
-    "zig-zag": zigzag_sheet,
+MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
+    "zig-zag": _zigzag_sheet,
     "turning-circle": _turning_sheet,
     "spiral": _spiral_sheet,
     "reverse-spiral": _reverse_spiral_sheet,
     "pull-out": _pull_out_sheet,
+    "stopping": stopping_sheet,
 }
 """Name -> reader."""
+
+ENDS_IN: Mapping[str, Sequence[str]] = {"turning-circle": ("pull-out",)}
+"""Manoeuvre -> those it ends in when it is flown whole."""

@@ -74,11 +74,13 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     NotInformative
         Fewer than three steady helms on each way.
     """
-    readings = read_steps(prepare(trial, "yaw"))
+    orders = [m.t for m in trial.marks if m.kind == "execute"]
+    readings = read_steps(prepare(trial.between(orders[0], trial.end) if orders else trial, "yaw"))
     steady = [r for r in readings if r.settled]
     ways = _ways([r.tau for r in steady])
     points = tuple(
-        SpiralPoint(Reading(r.tau, 0.0, log.steering.unit), r.k_ss, way) for r, way in zip(steady, ways, strict=True)
+        SpiralPoint(Reading(r.tau * log.scale, 0.0, log.steering.unit), r.k_ss, way)
+        for r, way in zip(steady, ways, strict=True)
     )
     up, down = [p for p in points if p.way > 0.0], [p for p in points if p.way < 0.0]
     if min(len(up), len(down)) < 3:
@@ -160,8 +162,10 @@ def _central_slope(points: Sequence[SpiralPoint]) -> float:
     return float(np.polyfit([p.helm.value for p in near], [p.rate.value for p in near], 1)[0])
 
 
-def read_reverse_spiral(log: ShipLog) -> Spiral:
+def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
     """Return the reverse spiral in a run: stretches of steady yaw rate, and the mean helm each took.
+
+    The stretches are those between the trial's marks ``rate``, where it has any.
 
     Raises
     ------
@@ -179,10 +183,12 @@ def read_reverse_spiral(log: ShipLog) -> Spiral:
     smooth = np.convolve(np.pad(r, 4, mode="edge"), np.full(9, 1.0 / 9.0), mode="valid")
     stretch = (float(t[-1]) - float(t[0])) / 60.0
     points = []
-    for hold in find_holds(t, smooth, float(t[-1]), stretch):
-        late = hold.start + 0.3 * hold.duration
-        keep = (t >= late) & (t <= hold.end)
-        helm = log.steering.between(late, hold.end)
+    ordered = [*(m.t for m in trial.marks if m.kind == "rate"), trial.end]
+    holds = find_holds(t, smooth, float(t[-1]), stretch) if len(ordered) == 1 else ()
+    for start, end in [*((h.start, h.end) for h in holds), *itertools.pairwise(ordered)]:
+        late = start + (0.3 if holds else 0.5) * (end - start)
+        keep = (t >= late) & (t <= end)
+        helm = log.steering.between(late, end)
         if int(keep.sum()) < 8 or len(helm) < 8:
             continue
         points.append(

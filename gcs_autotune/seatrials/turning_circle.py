@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,8 +144,10 @@ class TurningCircle:
     doubts: tuple[Doubt, ...]
 
 
-def read_turning_circle(log: ShipLog) -> TurningCircle:
+def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCircle:
     """Return the figures of the turning circle in a run.
+
+    orders : when the helm was put over [s], where the run tells; the turn is then the longest between two.
 
     Raises
     ------
@@ -155,7 +157,7 @@ def read_turning_circle(log: ShipLog) -> TurningCircle:
         The heading never changes by 90 degrees under one held helm after an approach.
     """
     track = track_of(log)
-    start, end, level = _turn(log)
+    start, end, level = _turn(log) if not orders else _ordered(log, orders)
     before = (track.t <= start) & (track.t >= start - 0.5 * (end - start))
     if int(before.sum()) < 5:
         raise NotInformative(
@@ -226,6 +228,15 @@ def _turn(log: ShipLog) -> tuple[float, float, float]:
             "after a straight approach with the helm amidships"
         )
     return best.before, best.end, best.level
+
+
+def _ordered(log: ShipLog, orders: Sequence[float]) -> tuple[float, float, float]:
+    """Return start and end [s] of the largest turn between two helm orders, and its helm."""
+    turns = list(itertools.pairwise([*orders, log.end]))
+    start, end = max(turns, key=lambda turn: abs(float(np.ptp(np.interp(turn, log.t, log.psi)))))
+    if abs(float(np.ptp(np.interp([start, end], log.t, log.psi)))) < 0.5 * math.pi:
+        raise NotInformative(f"run '{log.name}' holds no turning circle: the heading never changes by 90 degrees")
+    return start, end, float(np.median(log.steering.between(start + 0.3 * (end - start), end).values))
 
 
 def _is_straight(log: ShipLog, before: Hold, turn: Hold) -> bool:

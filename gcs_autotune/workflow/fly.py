@@ -29,7 +29,9 @@ from gcs_autotune.identify.model_file import ModelFile, save_model
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
+    DOF_OF,
     MANOEUVRES,
+    SPEED_TIME,
     Envelope,
     Manoeuvre,
     ManoeuvreKind,
@@ -40,7 +42,9 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.models import SingleDof
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import render_flight, render_preview
+from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
@@ -57,6 +61,8 @@ from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["FlightResult", "FlySettings", "fly", "preview_of_model"]
 
+_NOTED, _LIMITED = 0.1, 0.9
+"""An order that matters, as a share of full, and the share of it that must come out."""
 _DOF = {"N": "yaw", "X": "surge", "Z": "heave"}
 """Force -> degree of freedom whose actuator is checked before it is driven."""
 _UNTUNED = 0.2
@@ -65,14 +71,16 @@ _RADIUS, _LAG = 4.0, 1.5
 """Chosen: turning radius [m] at full rudder and time constant [s] of boats of 1 to 3 m, where nothing is known."""
 _ROV_RATE, _ROV_LAG = 0.8, 1.0
 """Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise."""
+_FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 0.5, "Z": 0.5}
+"""Chosen [m/s]: speed at full output along each force, likewise."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlySettings:
     """What to fly: ``options`` (SI and radians) are those given, by their names in the table of limits.
 
-    ``side`` is 1 to begin to starboard, -1 to port. ``model`` is what the preview is made with, ``full_scale`` its
-    input at full output; without, the vehicle's own figures are.
+    ``side`` is 1 to begin to starboard, -1 to port; ``force`` the one driven, where any may be. ``model`` is what the
+    preview is made with, ``full_scale`` its input at full output; without, the vehicle's own figures are.
 
     Raises
     ------
@@ -86,6 +94,7 @@ class FlySettings:
     side: int = 1
     model: ModelFile | None = None
     full_scale: float | None = None
+    force: str = ""
 
     def __post_init__(self) -> None:
         """See that it can be flown at all."""
@@ -102,11 +111,12 @@ class FlySettings:
             )
         if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
             raise UsageError("--rudder is more than --full-rudder: it goes no further")
+        self.make(0.0)
 
     @property
     def kind(self) -> ManoeuvreKind:
         """The row of the table."""
-        return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre")
+        return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
 
     def make(self, throttle: float, *, keep_still: bool = False) -> Manoeuvre:
         """Return the manoeuvre; what was not given is as the table of limits says."""
@@ -142,12 +152,16 @@ def preview_of_model(settings: FlySettings, when: str) -> FlightResult:
     UsageError
         No model, one without yaw, or no speed for a throttle.
     """
-    s = settings.common
+    s, kind = settings.common, settings.kind
     assert settings.model is not None  # asked by the command
     throttle = s.throttle or 0.0
     if throttle and s.speed is None:
         raise UsageError("say with --speed how fast the craft goes at that throttle")
-    paper = PaperCraft(yaw_of(settings.model, settings.full_scale), s.speed or 0.0, f"model '{settings.model.name}'")
+    paper = _paper(settings, None, {}, throttle, s.speed or 0.0)
+    if paper.assumed:
+        wanted = " and ".join(sorted(DOF_OF[force] for force in kind.drives))
+        have = ", ".join(settings.model.model.base.form.dofs)
+        raise UsageError(f"model '{settings.model.name}' is about {have}; {kind.name} moves {wanted}")
     seen = preview(settings.make(throttle), paper, _envelope(settings, s.speed or 0.0))
     return FlightResult(seen, _draw_preview(settings, seen, when))
 
@@ -182,7 +196,7 @@ def fly(
         throttle, speed = _cruise(settings, firmware, cruise)
         envelope = _envelope(settings, speed)
         keep_still = not firmware.needs_way
-        paper = _paper(settings, firmware, cruise, speed)
+        paper = _paper(settings, firmware, cruise, throttle, speed)
         foreseen = preview(settings.make(throttle), paper, envelope, floats=not keep_still)
         watcher.say(f"preview: {foreseen.told()}")
         if foreseen.trouble and not paper.assumed:
@@ -219,11 +233,11 @@ def fly(
 
 def _read(settings: FlySettings, record: RunDirectory, foreseen: Preview, trial: Trial, when: str) -> FlightResult:
     """Read figures and model off the record; what it does not tell is a remark, for the record itself is good."""
-    remarks: list[str] = []
+    remarks = _limited(trial)
     sheets: Sequence[Sheet] = ()
     fit: AxisFit | None = None
     try:
-        sheets = ship_figures(trial, manoeuvre=settings.kind.name if settings.kind.name == "zig-zag" else None)
+        sheets = ship_figures(trial) if settings.kind.name in SHIP_MANOEUVRES else ()
     except AutotuneError as error:
         remarks.append(f"no figures: {error}")
     s, dof = settings.common, str(trial.meta.get("dof", ""))
@@ -242,15 +256,33 @@ def _read(settings: FlySettings, record: RunDirectory, foreseen: Preview, trial:
     return FlightResult(foreseen, page, trial, sheets, fit, remarks)
 
 
-def yaw_of(file: ModelFile, full_scale: float | None) -> SingleDof:
-    """Return the yaw of a model file with its input as a fraction of full output.
+def _limited(trial: Trial) -> list[str]:
+    """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
+    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
+    for k, order in enumerate(orders):
+        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
+        for force, asked in order.detail.items():
+            if force not in DOF_OF or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
+                continue
+            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
+            came = float(np.median(held)) / asked if len(held) else 1.0
+            if came < _LIMITED:
+                return [
+                    f"of {abs(asked):.0%} {force} asked for, {abs(came * asked):.0%} came out: it stands at a limit "
+                    "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
+                ]
+    return []
+
+
+def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
+    """Return one degree of freedom of a model file with its input as a fraction of full output.
 
     Raises
     ------
     UsageError
-        It has none, or its input is an angle or a moment and nobody says what full output is.
+        It has none, or its input is an angle or a force and nobody says what full output is.
     """
-    reduction = reduce(file.model, "yaw", file.inputs, names=file.names, covariance=file.covariance)
+    reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
     if unit != "1" and full_scale is None:
         raise UsageError(f"the model's input is in {unit}: say with --full-scale how many {unit} full output gives")
@@ -285,16 +317,39 @@ def _envelope(settings: FlySettings, speed: float) -> Envelope:
     return replace(envelope, heading_excursion=math.inf) if settings.kind.turns else envelope
 
 
-def _paper(settings: FlySettings, firmware: Firmware, present: Mapping[str, float], speed: float) -> PaperCraft:
+def _paper(
+    settings: FlySettings, firmware: Firmware | None, present: Mapping[str, float], throttle: float, speed: float
+) -> PaperCraft:
     """Return the craft on paper: from the model given, from its feed-forward gain, else an assumed one of its size."""
-    if settings.model is not None:
-        return PaperCraft(yaw_of(settings.model, settings.full_scale), speed, f"model '{settings.model.name}'")
+    under_way = firmware is not None and firmware.needs_way
     gain = present.get("ATC_STR_RAT_FF", 0.0)
-    if firmware.needs_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:
-        return PaperCraft(SingleDof("yaw", "1", gain * _LAG, gain), speed, f"its ATC_STR_RAT_FF {gain:g}", assumed=True)
-    rate, lag = (max(speed, 0.1) / _RADIUS, _LAG) if firmware.needs_way else (_ROV_RATE, _ROV_LAG)
-    words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
-    return PaperCraft(SingleDof("yaw", "1", lag / rate, 1.0 / rate), speed, words, assumed=True)
+    if under_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:
+        yaw, words = SingleDof("yaw", "1", gain * _LAG, gain), f"its ATC_STR_RAT_FF {gain:g}"
+    else:
+        rate, lag = (max(speed, 0.1) / _RADIUS, _LAG) if under_way else (_ROV_RATE, _ROV_LAG)
+        yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate)
+        words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
+    ahead = speed / math.sqrt(throttle) if speed and throttle else _FULL_SPEED["X"]
+    others = {f: _lag_of(DOF_OF[f], full) for f, full in {**_FULL_SPEED, "X": ahead}.items()}
+    known: set[str] = set()
+    if settings.model is not None:
+        for dof in settings.model.model.base.form.dofs:
+            force = DOFS[dof].force
+            if force in settings.kind.drives or force == "N":
+                motion = motion_of(settings.model, dof, settings.full_scale)
+                yaw, others = (motion, others) if force == "N" else (yaw, {**others, force: motion})
+                known.add(force)
+        words = f"model '{settings.model.name}'"
+    missing = sorted(DOF_OF[f] for f in settings.kind.drives - known)
+    if known and missing:
+        words += f" with an assumed {' and '.join(missing)}"
+    return PaperCraft(yaw, speed, words, assumed=bool(missing), others=others)
+
+
+def _lag_of(dof: str, full_speed: float) -> SingleDof:
+    """Return a craft that reaches *full_speed* [m/s] at full output, with drag by the square and a usual lag."""
+    drag = full_speed**-2
+    return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
 
 
 def _checked(kind: ManoeuvreKind) -> str:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gcs_autotune.manoeuvres import (
-    MANOEUVRES,
     Envelope,
     PaperCraft,
     Sequencer,
+    Steering,
     ZigZag,
     ZigZagSettings,
     preview,
@@ -26,8 +26,9 @@ PAPER = PaperCraft(SingleDof("yaw", "1", 1.25, 1.0), 1.0, "a test")
 """The pond's own yaw: gain 1, drag 0.8."""
 
 
-def settings(heading: float = 20.0, steering: float = 0.5, **changes: object) -> ZigZagSettings:
-    return ZigZagSettings(math.radians(heading), steering, **changes)  # type: ignore[arg-type]
+def zigzag(heading: float = 20.0, side: int = 1, throttle: float = 0.0, **changes: float) -> ZigZag:
+    settings = ZigZagSettings(math.radians(heading), **changes)  # type: ignore[arg-type]
+    return ZigZag(settings, Steering(0.5, side, throttle))
 
 
 def fly(manoeuvre: ZigZag, craft: PondCraft):
@@ -36,7 +37,7 @@ def fly(manoeuvre: ZigZag, craft: PondCraft):
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side: int) -> None:
-    flown = fly(ZigZag(settings(side=side)), PondCraft())
+    flown = fly(zigzag(side=side), PondCraft())
     executes = [m for m in flown.trial.marks if m.kind == "execute"]
     assert flown.outcome.ending == "completed"
     assert [np.sign(m.detail["N"]) for m in executes] == [side * (-1) ** k for k in range(5)]
@@ -46,15 +47,15 @@ def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side
 
 
 def test_an_angle_that_is_never_reached_is_given_up_with_the_number_and_the_cure() -> None:
-    flown = fly(ZigZag(settings(60.0, patience=20.0)), PondCraft(gain=0.02))
+    flown = fly(zigzag(60.0, patience=20.0), PondCraft(gain=0.02))
     assert flown.outcome.ending == "aborted"
     assert "60 deg are wanted" in flown.outcome.reason
     assert "--heading" in flown.outcome.reason
 
 
 def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None:
-    flown = fly(ZigZag(settings()), PondCraft())
-    foreseen = preview(ZigZag(settings()), PAPER, FREE)
+    flown = fly(zigzag(), PondCraft())
+    foreseen = preview(zigzag(), PAPER, FREE)
     assert foreseen.trouble == ""
     peaks = [float(np.max(np.abs(t["psi"].values - t["psi"].values[0]))) for t in (flown.trial, foreseen.trial)]
     assert peaks[0] == pytest.approx(peaks[1], abs=math.radians(2.0))
@@ -62,16 +63,7 @@ def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None
 
 
 def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_turns_says_so() -> None:
-    ahead = preview(ZigZag(settings(throttle=0.5)), PAPER, Envelope(distance=5.0))
+    ahead = preview(zigzag(throttle=0.5), PAPER, Envelope(distance=5.0))
     assert "distance from start" in ahead.trouble
     slow = PaperCraft(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
-    assert "20 deg are wanted" in preview(ZigZag(settings()), slow, FREE).trouble
-
-
-def test_every_kind_is_in_the_table_under_the_name_its_records_carry() -> None:
-    assert len(MANOEUVRES) > 5
-    for name, kind in MANOEUVRES.items():
-        assert kind.name == name
-        for preset in kind.presets:
-            assert preset.make(30.0).settings["manoeuvre"] == name
-            assert preset.make(30.0).purpose == ("identification" if kind.identifies else "check")
+    assert "20 deg are wanted" in preview(zigzag(), slow, FREE).trouble

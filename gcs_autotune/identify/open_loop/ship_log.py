@@ -33,7 +33,8 @@ class ShipLog:
     """One run as a ship's officer sees it.
 
     ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,) stamps of ``psi`` (n,) [rad], continuous.
-    ``others``: every other cleaned channel of the run. ``step`` [rad]: the compass's own step, 0 if none.
+    ``others``: every other cleaned channel of the run. ``step`` [rad]: the compass's own step, 0 if none. ``scale``:
+    steering per unit of the input as it was recorded (a rudder angle per share of full output).
     """
 
     name: str
@@ -43,6 +44,7 @@ class ShipLog:
     step: float
     others: Mapping[str, Channel]
     doubts: tuple[Doubt, ...]
+    scale: float = 1.0
 
     @property
     def floor(self) -> float:
@@ -105,7 +107,9 @@ def ship_log(trial: Trial) -> ShipLog:
         raise NotInformative(f"the input {steering.name} of run '{trial.name}' never changes: there is no manoeuvre")
     psi = replace(psi, values=unwrap(psi.t, psi.values, rate))
     unique = {(d.slug, d.cause): d for d in notes}
-    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values), channels, tuple(unique.values()))
+    doubts = tuple(unique.values())
+    scale = 1.0 if steering.name in trial else float(trial.meta["full_rudder"])
+    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values), channels, doubts, scale)
 
 
 def _steering(trial: Trial) -> Channel:

@@ -1,0 +1,138 @@
+"""Spirals: the steady yaw rate over the helm, one helm after the other (Dieudonne), or one rate after the other (Bech).
+
+A craft that is not stable on its course jumps in the direct spiral and shows a curve that runs back in the reverse one
+(ITTC 7.5-04-02-01).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.manoeuvres.approach import Steering, UnderWay
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind
+from gcs_autotune.manoeuvres.manoeuvre import Commands
+
+__all__ = ["KINDS", "BechSpiral", "DirectSpiral"]
+
+KNEE = 1.0 - math.exp(-1.0)
+"""Share of its steady rate at which a turn is one time constant old."""
+RATE_TIMES, LEAST_RATE_TIME = 6.0, 8.0
+"""Chosen: a rate is held for so many time constants of the turn, and so many seconds at least."""
+LEAST_LAG = 0.5
+"""Chosen [s]: no craft is thought quicker; the hand on its rudder would swing with the link's delay."""
+LEAST_TURN = math.radians(0.5)
+"""Chosen [rad/s]: a craft that turns no faster at the helm given does not turn."""
+
+
+class DirectSpiral(UnderWay):
+    """From the helm given to one side in steps to as much on the other, and back; each held until the turn is steady.
+
+    ``levels`` helms to either side, and amidships.
+    """
+
+    kind = "spiral"
+
+    def __init__(self, levels: int, steering: Steering, name: str = "") -> None:
+        super().__init__(steering, name)
+        self._levels = levels
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Steering and the number of levels."""
+        return {**super().asked, "levels": self._levels}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach and the helms."""
+        now = yield from self._approached(now)
+        n, helm = self._levels, self._steering.side * self._steering.share
+        there = [k / n for k in range(n, -n - 1, -1)]
+        for k, share in enumerate([*there, *reversed(there[:-1])], start=1):
+            self._execute(f"helm {k}", share * helm, now)
+            now = yield from self._held(share * helm, now)
+        self._end("completed", f"{4 * n + 1} helms held")
+        yield self._command(0.0, now)
+
+
+class BechSpiral(UnderWay):
+    """Yaw rates from that of the helm given to as much to the other side, each held by a light hand on the rudder.
+
+    The first turn, at the helm given, tells the rate and the time constant that the hand is made for: a helm per rate
+    error that closes it with about the craft's own time constant, and an integral that takes as long.
+    """
+
+    kind = "reverse-spiral"
+
+    def __init__(self, levels: int, steering: Steering, name: str = "") -> None:
+        super().__init__(steering, name)
+        self._levels = levels
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Steering and the number of levels."""
+        return {**super().asked, "levels": self._levels}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach, the first turn, and the rates."""
+        now = yield from self._approached(now)
+        helm = self._steering.side * self._steering.share
+        self._execute("first turn", helm, now)
+        now = yield from self._held(helm, now)
+        rate, lag = self._reading()
+        if abs(rate) < LEAST_TURN:
+            self._end(
+                "aborted",
+                f"at {abs(helm):.0%} steering the craft turns at {math.degrees(abs(rate)):.1f} deg/s only: give more "
+                "rudder (--rudder or --steering) or more way (--throttle)",
+            )
+            yield self._command(0.0, now)
+        n, integral = self._levels, helm
+        for k in range(n, -n - 1, -1):
+            wanted, start = rate * k / n, now.t
+            self.phase = f"rate {n - k + 1}"
+            self._mark(now.t, "rate", {"r": wanted})
+            while now.t - start < max(RATE_TIMES * lag, LEAST_RATE_TIME):
+                error = (wanted - now.r) * helm / rate
+                before = now.t
+                now = yield self._command(_within(integral + error), now)
+                integral = _within(integral + error * (now.t - before) / lag)
+        self._end("completed", f"{2 * n + 1} rates held")
+        yield self._command(0.0, now)
+
+    def _reading(self) -> tuple[float, float]:
+        """Return rate [rad/s] and time constant [s] of the turn just held."""
+        late = [r for _, r in self._rates[-max(len(self._rates) // 4, 1) :]]
+        rate = sum(late) / len(late)
+        lag = next(t for t, r in self._rates if abs(r) >= KNEE * abs(rate))
+        return rate, max(lag, LEAST_LAG)
+
+
+def _within(helm: float) -> float:
+    return max(-1.0, min(1.0, helm))
+
+
+KINDS: tuple[ManoeuvreKind, ...] = (
+    ManoeuvreKind(
+        name="spiral",
+        help="direct spiral (Dieudonne): one helm after the other, to the other side and back, each until it is steady",
+        excites=frozenset({"yaw"}),
+        drives=frozenset({"N"}),
+        make=lambda options: DirectSpiral(int(options["levels"]), Steering.of(options)),
+        options=("levels", "rudder", "full-rudder", "steering"),
+        room="the turning circle of the smallest helm",
+        turns=True,
+    ),
+    ManoeuvreKind(
+        name="reverse-spiral",
+        help="reverse spiral (Bech): one yaw rate after the other, held by a light hand; the helm it takes is read",
+        excites=frozenset({"yaw"}),
+        drives=frozenset({"N"}),
+        make=lambda options: BechSpiral(int(options["levels"]), Steering.of(options)),
+        options=("levels", "rudder", "full-rudder", "steering"),
+        room="the turning circle of the smallest rate",
+        turns=True,
+    ),
+)
+"""The rows of the table."""

@@ -1,0 +1,79 @@
+"""Accelerate, coast and stop: from steady way ahead the thrust is taken off, or reversed, until the craft has stopped.
+
+Stopping distance and time are read off it (IMO MSC.137(76), 4.2.5, with the astern thrust of 5.3.4; ITTC 7.5-04-02-01).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.manoeuvres.approach import Steering, UnderWay
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
+from gcs_autotune.manoeuvres.manoeuvre import Commands
+from gcs_autotune.manoeuvres.open_loop import WITHOUT_THROTTLE, coasting
+
+__all__ = ["KIND", "STOPPED", "Stopping"]
+
+STOPPED = 0.1
+"""Share of the approach's speed below which a craft counts as stopped: with drag by the square it never quite does."""
+LEAST_SPEED = 0.1
+"""Chosen [m/s]: slower than that there is no way to stop from."""
+PATIENCE = 180.0
+
+
+class Stopping(UnderWay):
+    """Approach at the throttle given, then none, or ``astern`` of full astern, until the way is off.
+
+    The rudder stays amidships meanwhile. Marks ``execute`` with the thrust ordered.
+    """
+
+    kind = "stopping"
+
+    def __init__(self, astern: float, steering: Steering, name: str = "") -> None:
+        super().__init__(steering, name, signal="u", force="X")
+        self._astern = astern
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Throttle and thrust astern."""
+        return {**super().asked, "dof": "surge", "astern": self._astern}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach, then no thrust or thrust astern."""
+        now = yield from self._approached(now)
+        speed, start = self._approach.speed, now.t
+        if not speed >= LEAST_SPEED:
+            self._end(
+                "aborted",
+                f"the craft makes {speed:.2f} m/s at {self._steering.throttle:.0%} throttle, which is no way to stop "
+                "from: give more --throttle, and see that the vehicle tells its speed",
+            )
+        self.phase, self.target = "stopping", STOPPED * speed
+        self._mark(now.t, "execute", {"X": -self._astern})
+        while self.outcome is None:
+            if now.u <= STOPPED * speed:
+                self._end("completed", f"stopped from {speed:.2f} m/s in {now.t - start:.0f} s")
+            elif now.t - start > PATIENCE:
+                self._end("stopped", f"from {speed:.2f} m/s it still makes {now.u:.2f} m/s after {PATIENCE:.0f} s")
+            else:
+                now = yield self._command(0.0, now, -self._astern)
+        yield self._command(0.0, now, 0.0)
+
+
+KIND = ManoeuvreKind(
+    name="stopping",
+    help="steady way ahead, then no thrust, or thrust astern (--astern), until the craft has stopped",
+    excites=frozenset({"surge"}),
+    drives=frozenset({"X"}),
+    make=lambda options: Stopping(
+        options.get("astern", 0.0), Steering.of({**options, "throttle": options["throttle"] or WITHOUT_THROTTLE})
+    ),
+    options=("astern",),
+    room="some twenty lengths straight ahead",
+    presets=(
+        Preset("acceleration and coast-down", "X", coasting("stopping", (1.0,))),
+        Preset("accelerations to three speeds and coast-down", "X", coasting("stopping", (0.3, 0.6, 1.0))),
+    ),
+)

@@ -1,0 +1,113 @@
+"""The turning circle, and the pull-out from it: the rudder held until the bow has gone round, then amidships.
+
+Advance, transfer, tactical diameter and the steady turn are read off the circle, directional stability off what is left
+of the turn after the pull-out (ITTC 7.5-04-02-01; IMO MSC.137(76), MSC/Circ.1053).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.manoeuvres.approach import Steering, UnderWay
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
+from gcs_autotune.manoeuvres.manoeuvre import Commands
+from gcs_autotune.manoeuvres.open_loop import turning
+
+__all__ = ["KINDS", "CircleAndPullOut", "PullOuts"]
+
+LEAST_GAIN, PATIENCE = math.radians(30.0), 60.0
+"""Chosen: a bow that comes round by less than the first [rad] in so many seconds will not come round at all."""
+LEAST_PULL_OUT = 10.0
+"""Chosen [s]: as long at least the rudder stays amidships."""
+
+
+class CircleAndPullOut(UnderWay):
+    """Approach, rudder to one side until the bow has come round by ``turn`` [rad], then amidships until steady."""
+
+    kind = "turning-circle"
+
+    def __init__(self, turn: float, steering: Steering, name: str = "") -> None:
+        super().__init__(steering, name)
+        self._turn = turn
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Steering and the change of heading."""
+        return {**super().asked, "turn": self._turn}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the approach, the turn and the pull-out."""
+        now = yield from self._approached(now)
+        side, base = self._steering.side, now.psi
+        helm = side * self._steering.share
+        self._execute("turn", helm, now)
+        self.target = base + side * self._turn
+        since, gained = now.t, LEAST_GAIN
+        while side * (now.psi - base) < self._turn:
+            turned = side * (now.psi - base)
+            if turned >= gained:
+                since, gained = now.t, turned + LEAST_GAIN
+            elif now.t - since > PATIENCE:
+                self._end("aborted", self._stuck(turned))
+            now = yield self._command(helm, now)
+        self._execute("pull-out", 0.0, now)
+        now = yield from self._held(0.0, now, LEAST_PULL_OUT)
+        self._end("completed", f"turned by {math.degrees(self._turn):.0f} deg and pulled out")
+        yield self._command(0.0, now)
+
+    def _stuck(self, turned: float) -> str:
+        return (
+            f"the bow came round by {math.degrees(turned):.0f} deg and by no {math.degrees(LEAST_GAIN):.0f} deg more "
+            f"in {PATIENCE:.0f} s, and {math.degrees(self._turn):.0f} deg are wanted: give more rudder (--rudder or "
+            "--steering) or more way (--throttle)"
+        )
+
+
+class PullOuts(UnderWay):
+    """Approach, then a steady turn and the rudder amidships, to either side: is the craft stable on its course?"""
+
+    kind = "pull-out"
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield turn and pull-out, the other turn and pull-out."""
+        now = yield from self._approached(now)
+        for k, side in enumerate((self._steering.side, -self._steering.side), start=1):
+            helm = side * self._steering.share
+            self._execute(f"turn {k}", helm, now)
+            now = yield from self._held(helm, now)
+            self._execute(f"pull-out {k}", 0.0, now)
+            now = yield from self._held(0.0, now, LEAST_PULL_OUT)
+        self._end("completed", "pulled out of a turn to either side")
+        yield self._command(0.0, now)
+
+
+KINDS: tuple[ManoeuvreKind, ...] = (
+    ManoeuvreKind(
+        name="turning-circle",
+        help="rudder to one side until the bow has come round by an angle, then amidships (pull-out)",
+        excites=frozenset({"yaw", "surge", "sway"}),
+        drives=frozenset({"N"}),
+        make=lambda options: CircleAndPullOut(options["turn"], Steering.of(options)),
+        options=("turn", "rudder", "full-rudder", "steering"),
+        room="two turning circles",
+        turns=True,
+        presets=tuple(
+            Preset(f"turning circle at {p} % throttle", "X N", turning("turning-circle", p / 100.0))
+            for p in (30, 60, 100)
+        ),
+    ),
+    ManoeuvreKind(
+        name="pull-out",
+        help="a steady turn and the rudder amidships, to one side and to the other",
+        excites=frozenset({"yaw"}),
+        drives=frozenset({"N"}),
+        make=lambda options: PullOuts(Steering.of(options)),
+        options=("rudder", "full-rudder", "steering"),
+        room="two turning circles",
+        turns=True,
+    ),
+)
+"""The rows of the table."""

@@ -1,0 +1,181 @@
+"""Stopping: how far and how long a craft goes on after its thrust was taken off, or reversed.
+
+Track reach, head reach and lateral deviation as in IMO MSC.137(76), 4.2.5 and ITTC 7.5-04-02-01; the criterion of
+5.3.4 (track reach in ship lengths) is for full astern. With drag by the square a coasting craft never quite stops: the
+figures end where a tenth of the approach's speed is left.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import MissingChannel, NotInformative
+from gcs_autotune.identify.cleaning import clean
+from gcs_autotune.identify.open_loop.readings import LocalFit, Reading, find_holds, local_fit
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.seatrials.criteria import TRACK_REACH, Particulars, Sheet, in_lengths, judged, known
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["stopping_sheet"]
+
+Array = NDArray[np.float64]
+
+ENDED, HALF = 0.1, 0.5
+"""Shares of the approach's speed at which the craft counts as stopped, and at which the half-way figures are read."""
+NO_THRUST = 0.05
+"""Thrust that counts as none, as a share of the approach's."""
+BEFORE = 5.0
+"""Longest part of the approach [s] that its speed is read from."""
+WIDTH = 2.0
+"""Seconds of positions, or of speeds, that one number is read from."""
+NAN = math.nan
+
+
+def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
+    """Return the figures of the stop in a run.
+
+    Raises
+    ------
+    MissingChannel
+        No thrust X, no speed u, or no positions.
+    NotInformative
+        The thrust is never taken off from steady way ahead.
+    """
+    notes: list[Doubt] = []
+    X, u, x, y = (clean(_channel(run, name), run.name, notes) for name in "Xuxy")
+    start = _order(run, X, float(u.t[-1]))
+    approach = u.between(max(start - BEFORE, float(u.t[0])), start)
+    if len(approach) < 5:
+        raise NotInformative(f"run '{run.name}' has no approach before its stop: record the steady way ahead, too")
+    speed = local_fit(approach.t, approach.values, start, 1).value("m/s")
+    if not speed.value > 3.0 * speed.std:
+        raise NotInformative(f"run '{run.name}' has no way on before its thrust is taken off")
+    half, ended = (_passing(u, start, share * speed.value) for share in (HALF, ENDED))
+    if not math.isfinite(ended.value):
+        left = float(u.values[-10:].mean())
+        cause = f"the record ends while the craft still makes {left:.2f} m/s of {speed.value:.2f} m/s"
+        notes.append(Doubt("not-stopped", cause, "record until a tenth of the speed is left"))
+    astern = _astern(X, start, ended.value if math.isfinite(ended.value) else float(u.t[-1]))
+    course = _course(x, y, start)
+    reach = {name: _reach(u, x, y, start, when, course) for name, when in (("half", half), ("ended", ended))}
+    unit = "of full astern" if X.unit == "1" else f"{X.unit} astern"
+    track, ahead, aside = reach["ended"]
+    figures = known(
+        judged("approach", "approach speed", speed),
+        judged("time-half", "time to half the speed", Reading(half.value - start, half.std, "s")),
+        judged("reach-half", "track reach to half the speed", reach["half"][0]),
+        judged("time-stop", "time to stop (a tenth of the speed)", Reading(ended.value - start, ended.std, "s")),
+        judged("track-reach", "track reach", track),
+        judged(
+            "track-reach-lengths",
+            "track reach",
+            in_lengths(track, ship),
+            TRACK_REACH if astern else None,
+            "5.3.4 (full astern)",
+        ),
+        judged("head-reach", "head reach", ahead),
+        judged("lateral-deviation", "lateral deviation, to starboard", aside),
+        judged("heading-change", "change of heading, to starboard", _turned(run, start, ended.value)),
+    )
+    how = f"{100.0 * astern:.0f} % {unit}" if astern and X.unit == "1" else f"{astern:.3g} {unit}"
+    title = f"stopping with {how}" if astern else "stopping without thrust (coasting)"
+    return Sheet(run.name, "stopping", title, figures, "", tuple({d.slug: d for d in notes}.values()))
+
+
+def _channel(run: Trial, name: str) -> Channel:
+    if name not in run or len(run[name]) < 2:
+        raise MissingChannel(f"run '{run.name}' has no {name}; a stop is read from X, u, x and y")
+    return run[name]
+
+
+def _order(run: Trial, X: Channel, end: float) -> float:
+    """Return when the thrust was last taken off from steady way ahead [s]."""
+    told = [m.t for m in run.marks if m.kind == "execute" and isinstance(m.detail.get("X"), float)]
+    holds = find_holds(X.t, X.values, end)
+    for before, after in reversed(list(itertools.pairwise(holds))):
+        if before.level > 0.0 and after.level <= NO_THRUST * before.level:
+            return told[-1] if told else 0.5 * (after.before + after.start)
+    raise NotInformative(f"run '{run.name}' holds no stop: the thrust X is never taken off from steady way ahead")
+
+
+def _astern(X: Channel, start: float, end: float) -> float:
+    """Return the thrust astern that it was stopped with, 0 when it coasted."""
+    held = X.between(start + 0.3 * (end - start), end).values
+    astern = -float(np.median(held)) if len(held) else -X.held_at(0.5 * (start + end))
+    return astern if astern > NO_THRUST * float(np.max(np.abs(X.values))) else 0.0
+
+
+def _passing(u: Channel, start: float, level: float) -> Reading:
+    """Return when the speed fell to *level*, from a line across it; NaN if never."""
+    after = u.between(start, float(u.t[-1]))
+    below = np.flatnonzero(after.values <= level)
+    if not len(below) or below[0] == 0:
+        return Reading(NAN, NAN, "s")
+    t = float(after.t[below[0]])
+    keep = np.abs(after.t - t) <= 0.5 * WIDTH
+    if int(keep.sum()) < 4:
+        return Reading(t, NAN, "s")
+    line = local_fit(after.t[keep], after.values[keep], t, 1)
+    slope = float(line.coefficients[1])
+    if slope >= 0.0:
+        return Reading(t, NAN, "s")
+    when = t + (level - float(line.coefficients[0])) / slope
+    return Reading(when, math.sqrt(float(line.covariance[0, 0])) / -slope, "s")
+
+
+def _position(c: Channel, t: float) -> LocalFit:
+    near = np.abs(c.t - t) <= 0.5 * WIDTH
+    if int(near.sum()) < 4:
+        i = int(np.clip(np.searchsorted(c.t, t), 3, len(c) - 3))
+        near = np.zeros(len(c), dtype=bool)
+        near[i - 3 : i + 3] = True
+    return local_fit(c.t[near], c.values[near], t, 1)
+
+
+def _course(x: Channel, y: Channel, start: float) -> float:
+    """Return the direction of the track [rad] on the approach."""
+    slopes = []
+    for c in (x, y):
+        before = c.between(start - BEFORE, start)
+        if len(before) < 4:
+            raise NotInformative("there are too few positions before the stop to tell the course from")
+        slopes.append(float(local_fit(before.t, before.values, start, 1).coefficients[1]))
+    return math.atan2(slopes[1], slopes[0])
+
+
+def _reach(u: Channel, x: Channel, y: Channel, start: float, when: Reading, course: float) -> tuple[Reading, ...]:
+    """Return track reach (the speed, integrated), head reach and lateral deviation [m]; NaN when it never came so far.
+
+    The length of the track itself would grow with the noise of its positions.
+    """
+    if not math.isfinite(when.value):
+        return (Reading(NAN, NAN, "m"),) * 3
+    inner = u.between(start, when.value)
+    t = np.concatenate([[start], inner.t, [when.value]])
+    v = np.interp(t, u.t, u.values)
+    noise = float(np.std(np.diff(inner.values, n=2))) / math.sqrt(6.0) if len(inner) > 4 else NAN
+    slowest = float(np.interp(when.value, u.t, u.values))
+    late = 0.0 if math.isnan(when.std) else slowest * when.std
+    track = Reading(float(np.trapezoid(v, t)), math.hypot(noise * math.sqrt(max(len(t), 1)) * _step(t), late), "m")
+    a, b = [_position(c, start) for c in (x, y)], [_position(c, when.value) for c in (x, y)]
+    north, east = (float(q.coefficients[0] - p.coefficients[0]) for p, q in zip(a, b, strict=True))
+    std = math.sqrt(0.5 * sum(float(f.covariance[0, 0]) for f in (*a, *b)))
+    ahead = north * math.cos(course) + east * math.sin(course)
+    aside = east * math.cos(course) - north * math.sin(course)
+    return track, Reading(ahead, math.hypot(std, late), "m"), Reading(aside, std, "m")
+
+
+def _step(t: Array) -> float:
+    return float(np.median(np.diff(t)))
+
+
+def _turned(run: Trial, start: float, end: float) -> Reading:
+    if "psi" not in run or not math.isfinite(end):
+        return Reading(NAN, NAN, "rad")
+    psi = run["psi"]
+    angles = np.unwrap(psi.values)
+    return Reading(float(np.interp(end, psi.t, angles) - np.interp(start, psi.t, angles)), NAN, "rad")

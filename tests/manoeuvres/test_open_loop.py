@@ -1,0 +1,103 @@
+"""Signals flown by the clock: sweeps with their fades, multisines with low peaks, sequences of full length."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres import MANOEUVRES
+from tests.manoeuvres.pond import at_rest
+
+PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
+
+
+def flown(name: str, force: str = "N", **options: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and the force commanded, by the clock."""
+    kind = MANOEUVRES[name].of(force)
+    assert kind.make is not None
+    given = {k.replace("_", "-"): v for k, v in options.items()}
+    manoeuvre = kind.make({**PLAIN, **given})
+    commands, t, out = manoeuvre.commands(at_rest()), 0.0, []
+    command = next(commands)
+    while manoeuvre.outcome is None:
+        assert isinstance(command, Actuate)
+        out.append((t, getattr(command, force)))
+        t = round(t + 0.05, 9)
+        command = commands.send(at_rest(t=t))
+    return np.array([row[0] for row in out]), np.array([row[1] for row in out])
+
+
+def test_a_chirp_rises_over_its_fade_in_and_sweeps_from_one_frequency_to_the_other() -> None:
+    t, N = flown("chirp", duration=60.0, f_start=0.1, f_stop=1.0, fade_in=20.0, fade_out=5.0)
+    begin = 0.02 * 60.0
+    early, middle, late = (np.abs(N[(t > a) & (t < b)]).max() for a, b in ((0, 8), (25, 50), (59, 60)))
+    assert early < 0.2 < 0.45 < middle <= 0.5
+    assert late < 0.1
+    crossings = t[1:][np.diff(np.sign(N)) != 0]
+    periods = 2.0 * np.diff(crossings)
+    assert periods[1] == pytest.approx(1.0 / 0.12, rel=0.35)
+    assert np.median(periods[-8:]) == pytest.approx(1.05, rel=0.1)
+    assert not N[t < begin].any()
+    with pytest.raises(UsageError, match="longer than the 10 s"):
+        flown("chirp", duration=10.0, f_start=0.1, f_stop=1.0, fade_in=9.0, fade_out=5.0)
+
+
+def test_a_multisine_has_its_lines_in_the_band_and_a_low_peak() -> None:
+    t, N = flown("multisine", duration=50.0, f_start=0.1, f_stop=0.4)
+    late = N[t >= 0.02 * 50.0]
+    spectrum = np.abs(np.fft.rfft(late)) ** 2
+    f = np.fft.rfftfreq(len(late), 0.05)
+    inside = (f > 0.08) & (f < 0.43)
+    assert spectrum[inside].sum() > 0.97 * spectrum.sum()
+    assert np.abs(N).max() == pytest.approx(0.5, abs=0.01)
+    assert np.abs(late).max() / late.std() < 2.0  # a sine has 1.41, sines in phase 5
+    with pytest.raises(UsageError, match="no whole period"):
+        flown("multisine", duration=5.0, f_start=0.01, f_stop=0.1)
+
+
+def test_a_prbs_is_as_long_as_its_register_allows_and_has_two_levels() -> None:
+    t, N = flown("prbs", duration=127.0, shortest=1.0)
+    bits = [math.copysign(1.0, N[np.searchsorted(t, 0.02 * 127.0 + 0.5 + 0.98 * k)]) for k in range(127)]
+    assert set(np.round(N[t > 3.0], 9)) == {0.5, -0.5}
+    assert sum(bits) == 1.0
+    shifted = [np.dot(bits, np.roll(bits, k)) for k in range(1, 127)]
+    assert set(shifted) == {-1.0}  # white, as far as two levels can be
+
+
+def test_a_staircase_goes_up_and_down_to_either_side_and_a_boats_thrust_ahead_only() -> None:
+    _, N = flown("staircase", duration=40.0, levels=2)
+    assert list(np.round(N[np.flatnonzero(np.diff(N, prepend=9.0))], 9)) == [
+        0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5, -0.25, 0.0,
+    ]  # fmt: skip
+    _, X = flown("staircase", "X", duration=40.0, levels=2)
+    assert X.min() == 0.0
+    assert X.max() == 0.5
+
+
+def test_after_the_push_the_craft_is_let_go() -> None:
+    t, Z = flown("free-decay", "Z", duration=30.0, push=5.0)
+    assert (Z[(t > 1.0) & (t < 5.0)] == 0.5).all()
+    assert not Z[t > 6.0].any()
+    with pytest.raises(UsageError, match="leaves nothing"):
+        flown("free-decay", "Z", duration=5.0, push=5.0)
+
+
+def test_the_s_manoeuvre_goes_ahead_and_where_it_may_astern_with_the_moment_either_way() -> None:
+    kind = MANOEUVRES["s-manoeuvre"]
+    assert kind.make is not None
+    legs = {}
+    for still in (0.0, 1.0):
+        manoeuvre = kind.make({**PLAIN, "duration": 40.0, "throttle": 0.6, "keep-still": still})
+        commands, seen = manoeuvre.commands(at_rest(z=math.nan)), []
+        command = next(commands)
+        for k in range(1, 400):
+            assert isinstance(command, Actuate)
+            seen.append((command.X, command.N))
+            command = commands.send(at_rest(t=0.1 * k, z=math.nan))
+        legs[still] = list(dict.fromkeys(seen))
+    assert legs[0.0] == [(0.6, 0.0), (0.6, 0.5), (0.6, -0.5)]
+    assert legs[1.0] == [*legs[0.0], (-0.6, 0.5), (-0.6, -0.5)]

@@ -1,0 +1,153 @@
+"""The table of manoeuvres, walked: each flies on a pond; what ends it in any phase leaves the craft as found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import pytest
+
+from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped, UsageError
+from gcs_autotune.limits import limit_of
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    Dive,
+    DiveSettings,
+    Envelope,
+    Manoeuvre,
+    ManoeuvreKind,
+    PaperCraft,
+    Relay,
+    RelaySettings,
+    Sequencer,
+    SignCheck,
+    SignCheckSettings,
+    Step,
+    StepSettings,
+    ThrottleSteps,
+    ThrottleStepsSettings,
+    TurnAbout,
+    TurnAboutSettings,
+    preview,
+    restore_on_exit,
+)
+from gcs_autotune.models import SingleDof
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Progress, SilentWatcher
+
+from .pond import PondCraft
+
+FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf)
+SHORT = {"duration": 6.0, "executes": 2.0, "levels": 2.0, "turn": 2.0, "push": 2.0, "f-start": 0.3, "fade-in": 1.0}
+BY_COMMAND: Mapping[str, Callable[[], Manoeuvre]] = {
+    "relay": lambda: Relay(RelaySettings("psi", "N", output=0.5, hysteresis=0.1)),
+    "throttle-steps": lambda: ThrottleSteps(ThrottleStepsSettings(0.5)),
+    "step": lambda: Step(StepSettings("psi", 0.3, 5.0)),
+    "sign-check": lambda: SignCheck(SignCheckSettings("psi", "N", reach=0.1, least=0.02, longest=4.0)),
+    "turn-about": lambda: TurnAbout(TurnAboutSettings(0.5)),
+    "dive": lambda: Dive(DiveSettings(1.0)),
+}
+"""What other commands fly of the table."""
+
+
+def options(kind: ManoeuvreKind, throttle: float) -> dict[str, float]:
+    rows = {name: limit_of(name) for name in kind.options}
+    usual = {n: row.default * row.factor for n, row in rows.items() if row.default is not None}
+    short = {n: v for n, v in SHORT.items() if n in kind.options}
+    return {**usual, **short, "throttle": throttle, "side": 1.0, "keep-still": float(not throttle)}
+
+
+def made(name: str, *, boat: bool) -> Manoeuvre:
+    kind = MANOEUVRES[name]
+    return BY_COMMAND[name]() if kind.make is None else kind.make(options(kind, 0.5 * boat))
+
+
+class Phases(SilentWatcher):
+    """Remembers the phases; in *phase*, lets *act* happen."""
+
+    def __init__(self, phase: str = "", act: Callable[[], None] = lambda: None) -> None:
+        self.seen: list[str] = []
+        self._phase, self._act = phase, act
+
+    def update(self, progress: Progress) -> None:
+        if not self.seen or self.seen[-1] != progress.manoeuvre:
+            self.seen.append(progress.manoeuvre)
+        if progress.manoeuvre == self._phase:
+            self._act()
+
+
+def fly(craft: PondCraft, manoeuvre: Manoeuvre, watcher: Phases) -> Trial:
+    kept: list[Trial] = []
+    try:
+        with restore_on_exit(craft, SilentWatcher()):
+            craft.arm()
+            Sequencer(craft, FREE, watcher, kept.append).fly(manoeuvre)
+    except AutotuneError:
+        (trial,) = kept
+        assert trial.ending == "aborted"
+        raise
+    return kept[0]
+
+
+def at_sea(name: str) -> tuple[PondCraft, bool]:
+    """Return a craft that the manoeuvre suits; whether it is a boat."""
+    boat = MANOEUVRES[name].needs_way
+    return PondCraft(firmware="ardurover" if boat else "ardusub"), boat
+
+
+@pytest.mark.parametrize("name", MANOEUVRES)
+def test_aborted_at_every_phase_the_craft_is_as_it_was_found_and_the_record_kept(name: str) -> None:
+    craft, boat = at_sea(name)
+    watcher = Phases()
+    whole = fly(craft, made(name, boat=boat), watcher)
+    assert whole.ending != "aborted", whole.reason
+    assert whole.meta["manoeuvre"] == name
+    phases = list(dict.fromkeys(watcher.seen))
+    for n, phase in enumerate(phases):
+        craft, boat = at_sea(name)
+        found = craft.mode
+        ends: tuple[type[AutotuneError], Callable[[PondCraft], None]] = (
+            (OperatorStopped, lambda c: setattr(c, "stop_wanted", True)),
+            (LinkLost, lambda c: c.fail_at.setdefault(c.tick + 1, LinkLost("gone"))),
+        )[n % 2]  # type: ignore[assignment]
+        error, act = ends
+        with pytest.raises(error):
+            fly(craft, made(name, boat=boat), Phases(phase, lambda c=craft, act=act: act(c)))  # type: ignore[misc]
+        assert craft.command == Actuate()
+        assert craft.mode == found
+        assert not craft.armed
+        assert craft.log[-1] == "release"
+
+
+def test_every_row_is_walked_and_carries_its_name() -> None:
+    assert {name for name, kind in MANOEUVRES.items() if kind.make is None} == set(BY_COMMAND)
+    for name, kind in MANOEUVRES.items():
+        assert kind.name == name
+        for preset in kind.presets:
+            assert preset.make(30.0).settings["manoeuvre"] == name
+            assert preset.make(30.0).purpose == ("identification" if kind.identifies else "check")
+
+
+@pytest.mark.parametrize("name", [n for n, kind in MANOEUVRES.items() if kind.for_force])
+def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
+    paper = PaperCraft(
+        SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test", others={f: SingleDof("surge", "1", 1.0, 1.0) for f in "XYZ"}
+    )
+    for force in "NXYZ":
+        kind = MANOEUVRES[name].of(force)
+        assert kind.make is not None
+        assert kind.drives == {force}
+        manoeuvre = kind.make(options(kind, 0.0))
+        trial = preview(manoeuvre, paper, FREE, floats=False).trial
+        assert abs(trial[force].values).max() > 0.3
+        assert manoeuvre.settings["force"] == force
+    ahead = MANOEUVRES[name].of("X")
+    assert ahead.make is not None
+    boat = ahead.make({**options(ahead, 0.5), "keep-still": 0.0})
+    assert preview(boat, paper, FREE).trial["X"].values.min() >= 0.0
+
+
+def test_a_row_that_steers_takes_no_other_force() -> None:
+    with pytest.raises(UsageError, match="takes no --force Z"):
+        MANOEUVRES["spiral"].of("Z")

@@ -1,0 +1,70 @@
+"""Standard manoeuvres over MAVLink: the figures of a noisy run are those of one without noise; limits are told."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import NotAchieved, UsageError
+from gcs_autotune.logs import load_runs
+from gcs_autotune.seatrials import ship_figures
+from gcs_autotune.workflow import FlySettings
+
+from .sitl_harness import SitlHarness
+from .test_fly import calm, flown
+
+TURN = 2.0 * math.pi
+
+
+def read(run: Any) -> dict[str, float]:
+    return {f.slug: f.reading.value for sheet in ship_figures(run) for f in sheet.figures}
+
+
+@pytest.mark.parametrize(
+    ("name", "vehicle", "options", "slugs"),
+    [
+        ("turning-circle", "blueboat", {"turn": TURN}, ("tactical-diameter", "steady-diameter", "rate", "time-180")),
+        ("stopping", "charlie", {"astern": 1.0}, ("track-reach", "time-stop", "time-half")),
+    ],
+)
+def test_figures_in_the_run_directory_are_those_of_a_run_without_noise(
+    name: str, vehicle: str, options: dict[str, float], slugs: tuple[str, ...], tmp_path: Path
+) -> None:
+    harbour = SitlHarness(tmp_path / "noisy", vehicle)
+    result = flown(harbour, options, name)
+    assert result.remarks == []
+    (run,) = load_runs(harbour.directory)
+    noisy, true = read(run), read(flown(calm(SitlHarness(tmp_path / "calm", vehicle)), options, name).trial)
+    for slug in slugs:
+        assert noisy[slug] == pytest.approx(true[slug], rel=0.02)
+    assert result.fit is not None
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
+
+
+def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None:
+    result = flown(SitlHarness(tmp_path, "blueboat"), {"turn": 2.0, "steering": 1.0}, "turning-circle", throttle=0.9)
+    assert "of 100% N asked for" in result.remarks[0]
+    assert "stands at a limit" in result.remarks[0]
+
+
+def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path)
+    with pytest.raises(NotAchieved, match="give more rudder"):
+        flown(harbour, {"turn": TURN, "steering": 0.02}, "turning-circle")
+    harbour.assert_neutral()
+    assert list((harbour.directory / "trials").glob("*turning-circle.csv"))
+
+
+def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "bluerov2", parameters={"SCHED_LOOP_RATE": 100.0})
+    options = {"duration": 15.0, "steering": 0.4}
+    result = flown(harbour, options, "doublets", force="X")
+    assert result.fit.dof == "surge"
+    assert result.preview.room > 1.0
+    with pytest.raises(UsageError, match="drives N; it takes no --force X"):
+        FlySettings("zig-zag", harbour.settings(), force="X")
