@@ -28,7 +28,7 @@ ENDED, HALF = 0.1, 0.5
 """Shares of the approach's speed at which the craft counts as stopped, and at which the half-way figures are read."""
 NO_THRUST = 0.05
 """Thrust that counts as none, as a share of the approach's."""
-BEFORE = 5.0
+BEFORE = 3.0
 """Longest part of the approach [s] that its speed is read from."""
 WIDTH = 2.0
 """Seconds of positions, or of speeds, that one number is read from."""
@@ -128,12 +128,10 @@ def _passing(u: Channel, start: float, level: float) -> Reading:
 
 
 def _position(c: Channel, t: float) -> LocalFit:
-    near = np.abs(c.t - t) <= 0.5 * WIDTH
-    if int(near.sum()) < 4:
-        i = int(np.clip(np.searchsorted(c.t, t), 3, len(c) - 3))
-        near = np.zeros(len(c), dtype=bool)
-        near[i - 3 : i + 3] = True
-    return local_fit(c.t[near], c.values[near], t, 1)
+    """Return the position at *t* from what came before: the track bends when the thrust goes."""
+    last = max(int(np.searchsorted(c.t, t, side="right")), 6)
+    first = min(int(np.searchsorted(c.t, t - WIDTH)), last - 6)
+    return local_fit(c.t[first:last], c.values[first:last], t, 2)
 
 
 def _course(x: Channel, y: Channel, start: float) -> float:
