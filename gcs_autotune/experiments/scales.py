@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.smoothing import Motion
 from gcs_autotune.identify.information import FittedModel, model_delay
-from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL
-from gcs_autotune.models.coupled.kernel import imbalances
-from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
+from gcs_autotune.models.coupled.program import program_of, states_of
+from gcs_autotune.models.coupled.regressors import balance_of
 
 __all__ = ["FELT", "Scales", "scales_of"]
 
@@ -62,30 +61,18 @@ def scales_of(subject: FittedModel) -> Scales:
 
 def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
     """Return the largest force (k,) per equation, and per parameter the largest effect (k,) of one unit of it."""
-    form, k = subject.form, len(subject.form.dofs)
+    form = subject.form
     motions = [_moving(subject, i) for i in range(len(subject.records))]
     zero = np.where([n in SPECIAL for n in form.parameters], subject.theta, 0.0)
-    inputs = [_imbalance(form, zero, m) for m in motions]
-    strongest = np.max([np.abs(e).max(axis=0) for e in inputs], axis=0)
+    balances = [balance_of(program_of(form), zero, m.X, m.nu_dot, m.inputs) for m in motions]
+    strongest = np.max([np.abs(b.values).max(axis=0) for b in balances], axis=0)
     effects = {}
     for place, name in enumerate(form.parameters):
         if name in SPECIAL:
             continue
-        one = zero.copy()
-        one[place] += 1.0
-        unit = np.zeros(k)
-        for motion, base in zip(motions, inputs, strict=True):
-            unit = np.maximum(unit, np.abs(_imbalance(form, one, motion) - base).max(axis=0))
-        effects[name] = unit
-        strongest = np.maximum(strongest, unit * abs(subject.theta[place]))
+        effects[name] = np.max([np.abs(b.by[:, :, place]).max(axis=0) for b in balances], axis=0)
+        strongest = np.maximum(strongest, effects[name] * abs(subject.theta[place]))
     return strongest, effects
-
-
-def _imbalance(form: Form, theta: Array, motion: Motion) -> Array:
-    """Return ``F - C nu - M nu_dot`` (s, k)."""
-    out = np.empty_like(motion.nu_dot)
-    imbalances(program_of(form), theta, inertia_matrix(form, theta), motion.X, motion.nu_dot, motion.inputs, out)
-    return out
 
 
 def _moving(subject: FittedModel, i: int) -> Motion:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -82,19 +83,19 @@ def _series(b: float, a: float, c: float, force: float, nu: float, side: float, 
         w[4, n + 1] = g * (-a * w[4, n] - k2 * s4 - side * square)
 
 
-def _value(w: Array, row: int, h: float) -> float:
-    """Evaluate one row of ``w`` at *h*."""
-    total = w[row, DEGREE]
+def _value(series: Array, h: float) -> float:
+    """Evaluate one row of ``w`` at *h*. (A row, not its number: numba compiles anew for every literal number.)"""
+    total = series[DEGREE]
     for n in range(DEGREE - 1, -1, -1):
-        total = total * h + w[row, n]
+        total = total * h + series[n]
     return float(total)
 
 
-def _area(w: Array, row: int, h: float) -> float:
+def _area(series: Array, h: float) -> float:
     """Integrate one row of ``w`` from 0 to *h*."""
-    total = w[row, DEGREE] / (DEGREE + 1)
+    total = series[DEGREE] / (DEGREE + 1)
     for n in range(DEGREE - 1, -1, -1):
-        total = total * h + w[row, n] / (n + 1)
+        total = total * h + series[n] / (n + 1)
     return float(total * h)
 
 
@@ -103,7 +104,7 @@ def _crossing(w: Array, h: float, side: float) -> float:
     low, high = 0.0, h
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if _value(w, 0, middle) * side > 0.0:
+        if _value(w[0], middle) * side > 0.0:
             low = middle
         else:
             high = middle
@@ -118,23 +119,23 @@ def _step(x: Array, p: Array, tau: float, rest: float, w: Array, by_nu: Array, b
     rate = abs(a) + 2.0 * abs(c * nu) + 2.0 * math.sqrt(abs(c * force))
     h = rest if rate * rest <= REACH else REACH / rate
     _series(b, a, c, force, nu, side, w)
-    after = _value(w, 0, h)
+    after = _value(w[0], h)
     if nu != 0.0 and after * side < 0.0:
         h = _crossing(w, h, side)
         after = 0.0
-    x[0] += _area(w, 0, h)
+    x[0] += _area(w[0], h)
     x[1] = after
-    phi, phi_area = _value(w, 1, h), _area(w, 1, h)
+    phi, phi_area = _value(w[1], h), _area(w[1], h)
     for i in range(7):
         by_eta[i] += by_nu[i] * phi_area
         by_nu[i] *= phi
-    unit, unit_area = _value(w, 2, h), _area(w, 2, h)
+    unit, unit_area = _value(w[2], h), _area(w[2], h)
     by_nu[0] += tau * unit
     by_eta[0] += tau * unit_area
-    by_nu[1] += _value(w, 3, h)
-    by_eta[1] += _area(w, 3, h)
-    by_nu[2] += _value(w, 4, h)
-    by_eta[2] += _area(w, 4, h)
+    by_nu[1] += _value(w[3], h)
+    by_eta[1] += _area(w[3], h)
+    by_nu[2] += _value(w[4], h)
+    by_eta[2] += _area(w[4], h)
     by_nu[3] += unit
     by_eta[3] += unit_area
     return h
@@ -172,11 +173,12 @@ def _sweep(
 
 
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
-_series = njit(cache=True)(_series)
-_value = njit(cache=True)(_value)
-_area = njit(cache=True)(_area)
-_crossing = njit(cache=True)(_crossing)
-_step = njit(cache=True)(_step)
+_lean: Any = njit(cache=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_series = _lean(_series)
+_value = _lean(_value)
+_area = _lean(_area)
+_crossing = _lean(_crossing)
+_step = _lean(_step)
 _compiled_sweep: Callable[..., bool] = njit(cache=True, nogil=True)(_sweep)
 
 

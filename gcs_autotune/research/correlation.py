@@ -17,11 +17,11 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, Motion, motion_of
-from gcs_autotune.identify.regression.rows import force_columns, inertia_columns
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
 from gcs_autotune.models.coupled.program import program_of
+from gcs_autotune.models.coupled.regressors import force_columns, inertia_columns
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 

@@ -1,7 +1,6 @@
 """The equations of motion as a linear regression on smoothed motion: rough values to start a search from.
 
-The equations (Miskovic2007, (4)) are linear in the parameters, so ``F - C nu - M nu_dot`` at
-one unit value after the other gives the regressors of every form without writing any of them out.
+The equations (Miskovic2007, (4)) are linear in the parameters: :mod:`gcs_autotune.models.coupled.regressors`.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import SPECIAL
-from gcs_autotune.models.coupled.kernel import imbalances
-from gcs_autotune.models.coupled.program import inertia_matrix, program_of
+from gcs_autotune.models.coupled.program import program_of
+from gcs_autotune.models.coupled.regressors import balance_of
 
 __all__ = ["Regression", "known_theta", "regression_of"]
 
@@ -94,24 +93,15 @@ def regression_of(form: Form, motions: Sequence[Motion], delay: float | None = N
     if delay is not None and "delay" in form.parameters:
         theta[form.parameters.index("delay")] = delay
     names = tuple(n for n in form.free if n not in SPECIAL and n not in form.start)
-    base = np.vstack([_imbalance(form, theta, m) for m in motions])
-    J = np.zeros((*base.shape, len(names)))
-    for i, name in enumerate(names):
-        one = theta.copy()
-        one[form.parameters.index(name)] += 1.0
-        J[:, :, i] = np.vstack([_imbalance(form, one, m) for m in motions]) - base
+    balances = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
+    base = np.vstack([b.values for b in balances])
+    J = np.vstack([b.by for b in balances])[:, :, [form.parameters.index(n) for n in names]]
     usable = np.all([m.known for m in motions], axis=0)
     usable = usable if usable.any() else np.ones_like(usable)
     rms = np.sqrt(np.mean(base**2, axis=0))
     largest = float(rms.max()) or 1.0
     driven = usable & (rms > 1e-9 * largest)
     return Regression(form, names, theta, base, J, usable, driven, np.where(driven, rms, largest))
-
-
-def _imbalance(form: Form, theta: Array, motion: Motion) -> Array:
-    out = np.empty_like(motion.nu_dot)
-    imbalances(program_of(form), theta, inertia_matrix(form, theta), motion.X, motion.nu_dot, motion.inputs, out)
-    return out
 
 
 def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:

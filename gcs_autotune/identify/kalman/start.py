@@ -20,8 +20,8 @@ from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
-from gcs_autotune.models.coupled.kernel import evaluate
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
+from gcs_autotune.models.coupled.regressors import Balance, balance_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["Motion", "Start", "begin", "rough_noise", "smoothed_motion"]
@@ -153,12 +153,8 @@ def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float
         [{**{n: s.value for n, s in SPECIAL_START.items()}, **given, **form.known}.get(n, 0.0) for n in names]
     )
     sought = [n for n in form.free if n not in SPECIAL and n not in given]
-    base, columns = _balance(form, theta, motions), []
-    for name in form.free:
-        one = theta.copy()
-        one[names.index(name)] += 1.0
-        columns.append(_balance(form, one, motions) - base if name not in SPECIAL else np.zeros_like(base))
-    J = np.stack(columns, axis=2)
+    base, by = _balance(form, theta, motions)
+    J = by[:, :, [names.index(n) for n in form.free]] * np.array([n not in SPECIAL for n in form.free])
     seen = np.any([m.seen for m in motions], axis=0)
     weight = np.where(seen, 1.0, 0.0)
     size = np.sqrt(np.mean(J**2, axis=0))
@@ -211,19 +207,10 @@ def _scale(force: Array, size: Array, value: float) -> float:
     return max(natural, abs(value), 1e-9)
 
 
-def _balance(form: Form, theta: Array, motions: Sequence[Motion]) -> Array:
-    """Return ``F - C nu - M nu_dot`` (all stamps, k): zero where the equations hold, affine in the derivatives."""
-    program, M = program_of(form), inertia_matrix(form, theta)
-    k, n = len(program.active), len(states_of(form))
-    inner, unit = M[np.ix_(program.active, program.active)], np.eye(k)
-    free = np.full(len(theta), -1, dtype=np.int64)
-    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
-    rows = []
-    for motion in motions:
-        for x, nu_dot, u in zip(motion.X, motion.nu_dot, motion.inputs, strict=True):
-            evaluate(program, theta, M, unit, x, u, free, False, f, A, B)
-            rows.append(f[k : 2 * k] - inner @ nu_dot)
-    return np.array(rows)
+def _balance(form: Form, theta: Array, motions: Sequence[Motion]) -> Balance:
+    """Return the balance of the equations at all stamps."""
+    found = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
+    return Balance(np.vstack([b.values for b in found]), np.vstack([b.by for b in found]))
 
 
 def _make_inertia_positive(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
@@ -253,7 +240,7 @@ def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: M
         if name not in given and name not in SPECIAL:
             still[names.index(name)] = 0.0
     zero = [Motion(m.t, 0.0 * m.X, 0.0 * m.nu_dot, m.inputs, m.seen, m.walk, m.noise) for m in motions]
-    force = np.sqrt(np.mean(_balance(form, still, zero) ** 2, axis=0))
+    force = np.sqrt(np.mean(_balance(form, still, zero).values ** 2, axis=0))
     rough = force / np.maximum(acceleration, 1e-12)
     rough[rough <= 0.0] = float(np.max(rough)) if np.any(rough > 0.0) else 1.0
     without = inertia_matrix(form, still)[np.ix_(active, active)]

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled.kernel import REACH, Program, advance, evaluate, scratch
+from gcs_autotune.models.coupled.kernel import REACH, Program, advance, scratch
 
 __all__ = ["carry", "inertia", "measure", "step"]
 
@@ -112,11 +112,11 @@ def carry(
     """
     n, q = S.shape
     f, A, B, before = np.zeros(n), np.zeros((n, n)), np.zeros((n, q)), np.zeros(n)
-    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q))
+    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.zeros(n), np.zeros((n, q))
     W = scratch(n, q)
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     column = free[P.delay] if P.delay >= 0 else -1
-    fastest = 0.0
+    fastest, plain = 0.0, not deriv  # false where it is used; a literal would be compiled for on its own
     while t < stop:
         jump = row + 1 < len(t_in) and t_in[row + 1] + delay <= stop
         until = t_in[row + 1] + delay if jump else stop
@@ -133,8 +133,9 @@ def carry(
             t = until
         if jump:
             if deriv and column >= 0:
-                evaluate(P, theta, M, M_inverse, x, inputs[row], free, False, before, A, B)
-                evaluate(P, theta, M, M_inverse, x, inputs[row + 1], free, False, f, A, B)
+                old, new = inputs[row], inputs[row + 1]
+                advance(P, theta, M, M_inverse, x, S, old, free, 0.0, plain, pace, before, A, B, kx, ks, y, Y, W)
+                advance(P, theta, M, M_inverse, x, S, new, free, 0.0, plain, pace, f, A, B, kx, ks, y, Y, W)
                 for i in range(n):
                     S[i, column] += before[i] - f[i]
             row += 1

@@ -1,7 +1,4 @@
-"""The equations of motion as rows that are linear in the parameters, for any form.
-
-``M nu_dot + C(nu) nu - F(nu, eta, inputs) = sum_p theta_p E_p + E_0``: the regression matrices (4.17)-(4.22) of the
-Miskovic2010, eq. (8) of Miskovic2007 and (25) of ZhaoUSV are special cases. Two ways to use them:
+"""The equations of motion as rows linear in the parameters (:mod:`gcs_autotune.models.coupled.regressors`), two ways:
 
 * ``derivative``: as they stand, with the smoothed accelerations;
 * ``integral``: multiplied by a bump function and integrated over short windows. By parts the derivative moves from the
@@ -19,11 +16,10 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form, kernel
-from gcs_autotune.models.coupled.kernel import Program
-from gcs_autotune.models.coupled.program import program_of
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.regressors import force_columns, inertia_columns
 
-__all__ = ["EQUATIONS", "Rows", "force_columns", "inertia_columns", "rows_of"]
+__all__ = ["EQUATIONS", "Rows", "rows_of"]
 
 Array = NDArray[np.float64]
 
@@ -70,52 +66,3 @@ def _windowed(values: Array, weights: Array, every: int) -> Array:
     """Return the weighted sums of *values* (n, ...) over windows, one every *every* points."""
     views = np.lib.stride_tricks.sliding_window_view(values, len(weights), axis=0)[::every]
     return np.asarray(views @ weights, dtype=np.float64)
-
-
-def inertia_columns(form: Form, nu_dot: Array) -> Array:
-    """Return what accelerations (n, 6) contribute to the rows (n, k, p + 1)."""
-    program = program_of(form)
-    E = np.zeros((len(nu_dot), 6, len(form.parameters) + 1))
-    for (row, column, par), coefficient in zip(program.inertia, program.inertia_coefs, strict=True):
-        E[:, row, par] += coefficient * nu_dot[:, column]
-    return E[:, program.active]
-
-
-def force_columns(form: Form, nu: Array, eta: Array, drives: Array) -> Array:
-    """Return ``C(nu) nu - F`` per parameter (n, k, p + 1)."""
-    program = program_of(form)
-    E = np.zeros((len(nu), 6, len(form.parameters) + 1))
-    for j, (row, par, coefficient, factors) in enumerate(
-        zip(program.rows, program.pars, program.coefs, program.factors, strict=True)
-    ):
-        product = coefficient * drives[:, j]
-        for code in factors:
-            if 0 <= code < kernel.INPUT:
-                product = product * _factor(int(code), nu, eta)
-        E[:, row, par] -= product
-    if program.coriolis:
-        _add_coriolis(program, nu, E)
-    return E[:, program.active]
-
-
-def _factor(code: int, nu: Array, eta: Array) -> Array:
-    if code < kernel.NU_SIZE:
-        return nu[:, code]
-    if code < kernel.ETA:
-        return np.abs(nu[:, code - kernel.NU_SIZE])
-    if code < kernel.SIN_PHI:
-        return eta[:, code - kernel.ETA]
-    return np.sin(eta[:, 3 if code == kernel.SIN_PHI else 4])
-
-
-def _add_coriolis(program: Program, nu: Array, E: Array) -> None:
-    """Add ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu`` (Fossen2011, (3.46))."""
-    for (row, column, par), coefficient in zip(program.inertia, program.inertia_coefs, strict=True):
-        momentum = np.zeros((len(nu), 3))
-        momentum[:, row % 3] = coefficient * nu[:, column]
-        turned = np.cross(nu[:, 3:], momentum)
-        if row < 3:
-            E[:, :3, par] += turned
-            E[:, 3:, par] += np.cross(nu[:, :3], momentum)
-        else:
-            E[:, 3:, par] += turned

@@ -6,6 +6,7 @@ form          which terms a model has (TOML files in ``forms/``); the table :dat
 model         a form with numbers: matrices, simulation, sensitivities
 program       a form made into the arrays the kernel runs
 kernel        the compiled sweep
+regressors    the same equations as rows linear in the parameters
 ============  ===========================================================================
 """
 

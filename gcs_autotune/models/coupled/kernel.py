@@ -10,7 +10,8 @@ short against the fastest rate; the sensitivities are carried through the same s
 computed motion to rounding.
 
 All in one file: numba's cache does not notice when a function compiled into another file's has changed. Who changes
-this file clears ``__pycache__`` under ``identify/kalman`` too.
+this file clears ``__pycache__`` under ``identify/kalman`` too. What is compiled is compiled once: no literal numbers or
+truths are handed to a compiled function, for numba compiles it anew for each.
 """
 
 from __future__ import annotations
@@ -36,7 +37,6 @@ __all__ = [
     "Program",
     "advance",
     "evaluate",
-    "imbalances",
     "scratch",
     "sweep",
 ]
@@ -60,12 +60,13 @@ RUNAWAY = 1e6
 """State at which a simulation is given up."""
 
 
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False}
+_LEAN: dict[str, Any] = {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-_outer: Callable[[_Function], _Function] = njit(**_LEAN)
+_outer: Callable[[_Function], _Function] = njit(cache=True, **_LEAN)
 _inner: Callable[[_Function], _Function] = njit(forceinline=True, **_LEAN)
 """For what allocates nothing and is called for every stage: without counting references and without passing a hundred
-words per call it takes a quarter of the time, and gives the same bits."""
+words per call it takes a quarter of the time, and gives the same bits. Nobody calls them from Python, and a wrapper
+that could would be half of what there is to compile. One inlined is stored with what it is inlined into."""
 
 
 class Program(NamedTuple):
@@ -266,7 +267,7 @@ def scratch(n: int, q: int) -> Scratch:
         np.zeros(6),
         np.zeros((6, n)),
         np.zeros((6, q)),
-        np.ones(3),
+        np.zeros(3),
         np.zeros(3),
         np.zeros(3, dtype=np.int64),
         np.zeros((3, 3)),
@@ -276,30 +277,8 @@ def scratch(n: int, q: int) -> Scratch:
     )
 
 
-@njit(cache=True)
-def evaluate(
-    P: Program,
-    theta: Array,
-    M: Array,
-    M_inverse: Array,
-    x: Array,
-    u: Array,
-    free: Index,
-    deriv: bool,
-    f: Array,
-    A: Array,
-    B: Array,
-) -> None:
-    """Compute the state's rate *f* (n,), and with *deriv* its derivatives ``A`` (n, n) and ``B`` (n, q).
-
-    M : (6, 6); M_inverse : (k, k) of its active part. free : (p,) column of ``B`` per parameter, -1 if not wanted.
-    The column of the delay stays zero: a delay acts at the jumps only.
-    """
-    _evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, scratch(len(x), B.shape[1]))
-
-
 @_inner
-def _evaluate(
+def evaluate(
     P: Program,
     theta: Array,
     M: Array,
@@ -313,7 +292,11 @@ def _evaluate(
     B: Array,
     W: Scratch,
 ) -> None:
-    """As :func:`evaluate`, in the scratch *W*."""
+    """Compute the state's rate *f* (n,), and with *deriv* its derivatives ``A`` (n, n) and ``B`` (n, q), in *W*.
+
+    M : (6, 6); M_inverse : (k, k) of its active part. free : (p,) column of ``B`` per parameter, -1 if not wanted.
+    The column of the delay stays zero: a delay acts at the jumps only.
+    """
     active, place, inertia, inertia_coefs = P.active, P.column, P.inertia, P.inertia_coefs
     momentum, c = W.momentum, W.c
     k, n, q = len(active), len(x), B.shape[1]
@@ -492,7 +475,10 @@ def advance(
     Y: Array,
     W: Scratch,
 ) -> tuple[bool, float]:
-    """Advance state and sensitivities by *span*; return whether they stayed finite, and the fastest rate met."""
+    """Advance state and sensitivities by *span*; return whether they stayed finite, and the fastest rate met.
+
+    A span of none only fills *f* with the state's rate.
+    """
     n, q = S.shape
     steps = int(np.ceil(span * pace / REACH))
     if steps < 1:
@@ -504,8 +490,10 @@ def advance(
             c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
             for i in range(n):
                 y[i] = x[i] + (c * h * kx[stage - 1, i] if stage > 0 else 0.0)
-            begin = stage == 0 and step == 0
-            _evaluate(P, theta, M, M_inverse, y, u, free, deriv or begin, f, A, B, W)
+            begin = stage == 0 and step == 0 and span > 0.0
+            evaluate(P, theta, M, M_inverse, y, u, free, deriv or begin, f, A, B, W)
+            if span == 0.0:
+                return True, fastest
             for i in range(n):
                 kx[stage, i] = f[i]
             if begin:
@@ -565,9 +553,9 @@ def sweep(
         if deriv and state_column[i] >= 0:
             S[i, state_column[i]] = 1.0
     f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))
-    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q))
+    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.zeros(n), np.zeros((n, q))
     W = scratch(n, q)
-    before = np.zeros(n)
+    before, plain = np.zeros(n), not deriv  # only asked for with derivatives: false then, but no literal
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     delay_column = free[P.delay] if P.delay >= 0 else -1
     t, j, fastest = t_out[0], 0, 0.0
@@ -590,8 +578,13 @@ def sweep(
                 t = stop
             if jump:
                 if deriv and delay_column >= 0:
-                    _evaluate(P, theta, M, M_inverse, x, inputs[j], free, False, before, A, B, W)
-                    _evaluate(P, theta, M, M_inverse, x, inputs[j + 1], free, False, f, A, B, W)
+                    # What the rate jumps by. A span of none gives it: `_evaluate` inlined here would be compiled again.
+                    advance(
+                        P, theta, M, M_inverse, x, S, inputs[j], free, 0.0, plain, pace, before, A, B, kx, ks, y, Y, W
+                    )
+                    advance(
+                        P, theta, M, M_inverse, x, S, inputs[j + 1], free, 0.0, plain, pace, f, A, B, kx, ks, y, Y, W
+                    )
                     for i in range(n):
                         S[i, delay_column] += before[i] - f[i]
                 j += 1
@@ -601,22 +594,3 @@ def sweep(
                 for c in range(q):
                     S_out[s, i, c] = S[i, c]
     return True, fastest
-
-
-@njit(cache=True)
-def imbalances(P: Program, theta: Array, M: Array, X: Array, nu_dot: Array, inputs: Array, out: Array) -> None:
-    """Fill *out* (s, k) with ``F - C nu - M nu_dot`` at states ``X`` (s, n), rates (s, k) and inputs (s, m).
-
-    It is zero where the equations of motion hold, and linear in all parameters that are not called special.
-    """
-    k, n = len(P.active), X.shape[1]
-    unit = np.eye(k)
-    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, 1))
-    W = scratch(n, 1)
-    free = np.full(len(theta), -1, dtype=np.int64)
-    for s in range(len(X)):
-        _evaluate(P, theta, M, unit, X[s], inputs[s], free, False, f, A, B, W)
-        for i in range(k):
-            out[s, i] = f[k + i]
-            for j in range(k):
-                out[s, i] -= M[P.active[i], P.active[j]] * nu_dot[s, j]

@@ -11,8 +11,8 @@ from gcs_autotune.identify import fit
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import motion_of
-from gcs_autotune.identify.regression.rows import force_columns, inertia_columns
 from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.regressors import force_columns, inertia_columns
 from gcs_autotune.trial import Channel, Trial
 
 

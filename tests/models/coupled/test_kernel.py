@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.models.coupled import kernel
@@ -24,6 +25,7 @@ from gcs_autotune.models.coupled.kernel import (
     SIN_THETA,
     Program,
 )
+from gcs_autotune.models.coupled.regressors import balance_of
 
 Array = NDArray[np.float64]
 
@@ -229,11 +231,20 @@ def inverse(P: Program, theta: Array) -> Array:
     return np.linalg.inv(matrix(P, theta)[np.ix_(P.active, P.active)])
 
 
+@njit
+def at_once(
+    P: Program, theta: Array, M: Array, M_inverse: Array, x: Array, u: Array,
+    free: NDArray[np.int64], deriv: bool, f: Array, A: Array, B: Array,
+) -> None:  # fmt: skip
+    """Call what only compiled functions may call."""
+    kernel.evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, kernel.scratch(len(x), B.shape[1]))
+
+
 def evaluated(case: Case, free: NDArray[np.int64], q: int, *, deriv: bool) -> tuple[Array, Array, Array]:
     n = len(case.x)
     f, A, B = np.full(n, 7.0), np.full((n, n), 7.0), np.full((n, q), 7.0)
     M = matrix(case.P, case.theta)
-    kernel.evaluate(case.P, case.theta, M, inverse(case.P, case.theta), case.x, case.u, free, deriv, f, A, B)
+    at_once(case.P, case.theta, M, inverse(case.P, case.theta), case.x, case.u, free, deriv, f, A, B)
     return f, A, B
 
 
@@ -408,15 +419,14 @@ def test_an_input_that_arrives_at_the_first_stamp_is_in_force_from_it_on() -> No
 
 @pytest.mark.parametrize("pace", [2.0, 0.0])
 def test_one_span_carries_state_and_sensitivities_and_tells_the_fastest_rate_at_its_beginning(pace: float) -> None:
-    case, q, span = HEAVE, 3, 0.9
-    n = 4
-    M, x, S = matrix(case.P, case.theta), case.x.copy(), np.zeros((n, q))
-    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))
-    room = np.zeros((4, n)), np.zeros((4, n, q)), np.empty(n), np.empty((n, q)), kernel.scratch(n, q)
-    free = np.arange(3)
-    done, fastest = kernel.advance(
-        case.P, case.theta, M, inverse(case.P, case.theta), x, S, case.u, free, span, True, pace, f, A, B, *room
-    )
+    case, span = HEAVE, 0.9
+    free, states = np.arange(3), np.full(4, -1)
+    X, S_out = np.empty((2, 4)), np.empty((2, 4, 3))
+    done, fastest = kernel.sweep(
+        case.P, case.theta, matrix(case.P, case.theta), inverse(case.P, case.theta), case.x, np.zeros(1), case.u[None],
+        np.array([0.0, span]), free, states, 3, True, pace, 1e9, X, S_out,
+    )  # fmt: skip
+    x, S = X[1], S_out[1]
     assert done
     assert x == pytest.approx(runge_kutta(case, case.theta, case.x, case.u, span, pace), abs=1e-12)
     by_theta = differences(lambda theta: runge_kutta(case, theta, case.x, case.u, span, pace), case.theta)
@@ -444,9 +454,14 @@ def test_imbalances_are_zero_where_the_equations_hold_and_inertia_times_the_rate
     M = matrix(P, case.theta)
     nu_dot = rates(P, case.theta, case.x, case.u)[k : 2 * k]
     missing = 0.1 * np.arange(1, k + 1)
-    out = np.full((2, k), 7.0)
     states = np.stack([case.x, case.x])
     inputs = np.stack([case.u, case.u])
-    kernel.imbalances(P, case.theta, M, states, np.stack([nu_dot, nu_dot - missing]), inputs, out)
+    out, by = balance_of(P, case.theta, states, np.stack([nu_dot, nu_dot - missing]), inputs)
+    second = {int(s) for s in P.scales}
+    for par in range(len(case.theta)):
+        more = case.theta + np.eye(len(case.theta))[par]
+        if par not in {*second, P.lag, P.current_x, P.current_y, P.drift_x, P.drift_y, P.reach, P.bottom, P.delay}:
+            changed = balance_of(P, more, states, np.stack([nu_dot, nu_dot - missing]), inputs).values - out
+            assert pytest.approx(changed, abs=1e-12) == by[:, :, par]
     assert out[0] == pytest.approx(np.zeros(k), abs=1e-12)
     assert out[1] == pytest.approx(M[np.ix_(P.active, P.active)] @ missing, abs=1e-12)
