@@ -173,7 +173,9 @@ def _sweep(
 
 
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
-_lean: Any = njit(cache=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+# Those within are never called from Python: an entry for it would only have to be compiled.
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**_LEAN)
 _series = _lean(_series)
 _value = _lean(_value)
 _area = _lean(_area)
