@@ -32,7 +32,7 @@ from gcs_autotune.identify.whiteness import all_white, correlation_time, scores_
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.sname import SIGNALS
 
-__all__ = ["THOROUGH", "Solution", "fit_percents", "solution_of", "solve", "solve_form", "traces_of"]
+__all__ = ["THOROUGH", "Solution", "fit_percent_of", "fit_percents", "solution_of", "solve", "solve_form", "traces_of"]
 
 Array = NDArray[np.float64]
 
@@ -348,3 +348,9 @@ def fit_percents(solution: Solution) -> dict[str, float]:
         if power > 0.0:
             shares[name] = 100.0 * (1.0 - float(np.sqrt(left / power)))
     return shares
+
+
+def fit_percent_of(solution: Solution) -> float:
+    """Return 100 (1 - rms/std) averaged over signals."""
+    shares = list(fit_percents(solution).values())
+    return float(np.mean(shares)) if shares else 0.0

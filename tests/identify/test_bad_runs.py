@@ -15,7 +15,7 @@ from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.cleaning import clipped
-from gcs_autotune.identify.consistency import CraftEstimate, runs_apart
+from gcs_autotune.identify.odd_run import CraftEstimate, runs_apart
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
-from gcs_autotune.identify.axis.doubts import Findings, collect
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
+from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import quadratic_drag
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status, Structure

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
-from gcs_autotune.identify.axis.doubts import Findings, collect
 from gcs_autotune.identify.axis.evidence import craft_covariance
 from gcs_autotune.identify.axis.fit_doubts import fit_doubts
 from gcs_autotune.identify.axis.signals import first_names, objection, wanted_names
 from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
+from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Parameter, Status, Trace
 from gcs_autotune.identify.segment import Segment

@@ -13,21 +13,18 @@ from gcs_autotune.identify.axis.evidence import UNDECIDED
 from gcs_autotune.identify.axis.start import Bounds
 from gcs_autotune.identify.axis.structure import Selection
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance
-from gcs_autotune.identify.consistency import CraftEstimate, apart_doubts, runs_apart
+from gcs_autotune.identify.doubts import delay_fitted, solution_doubts
+from gcs_autotune.identify.odd_run import CraftEstimate, apart_doubts, runs_apart
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.simulators import EXPLICIT
 from gcs_autotune.identify.solution import Solution, solve
-from gcs_autotune.identify.whiteness import autocorrelation
 
 __all__ = ["fit_doubts"]
 
 DELAY_CHANGE = 0.03
 """Change of inertia by an unproved delay that is worth a word, if it also exceeds three standard errors."""
-
-COLOUR = 0.2
-"""Autocorrelation within five samples above which coloured residuals are worth a word."""
 
 RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
 """Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
@@ -35,9 +32,8 @@ RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
 
 def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     """Return what is doubtful about the chosen fit."""
-    solution, found = chosen.solution, []
-    if not solution.converged:
-        found.append(Doubt("not-converged", "the fit did not settle", "record longer; give the structure or the delay"))
+    solution = chosen.solution
+    found = solution_doubts(solution)
     if chosen.undecided:
         found.append(
             Doubt(
@@ -49,15 +45,8 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     second_drag = _second_drag(chosen, case)
     if second_drag is not None:
         found.append(second_drag)
-    if "delay" in solution.free:
-        found.append(
-            Doubt(
-                "delay-fitted",
-                f"a delay of {solution.theta[4]:.3f} s between input and output was fitted "
-                f"(evidence {chosen.delay_evidence:.0f})",
-                "give --delay if you know it; a slow actuator looks like a delay too",
-            )
-        )
+    delay = delay_fitted(solution, chosen.delay_evidence)
+    found += [delay] if delay is not None else []
     undecided_delay = _delay_undecided(chosen, case)
     if undecided_delay is not None:
         found.append(undecided_delay)
@@ -69,18 +58,6 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
                 "ask for a higher message rate",
             )
         )
-    colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
-    if colour > COLOUR and not solution.white:
-        found.append(
-            Doubt(
-                "residuals-not-white",
-                f"the residuals are correlated ({colour:.2f}): the model misses "
-                "something; standard errors were raised for it",
-                "look at the residuals; wind, waves, a slow actuator or another axis may be at work",
-            )
-        )
-    outliers = _outliers(solution)
-    found += [outliers] if outliers is not None else []
     apart = _runs_apart(chosen, case, bounds)
     disagree = _runs_disagree(chosen, bounds) if not apart else None
     return [*found, *apart, *([disagree] if disagree is not None else [])]
@@ -119,22 +96,6 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
         "delay-undecided",
         f"a delay of {tried.theta[4]:.2f} s fits as well as none; inertia changes by {100.0 * change:+.0f} %",
         f"give --delay if you know it; {case.more_levels}",
-    )
-
-
-def _outliers(solution: Solution) -> Doubt | None:
-    share = 0.0
-    for r in solution.residuals:
-        law = solution.models[r.signal]
-        rough = max(1.4826 * float(np.median(np.abs(r.judged))), r.step, 1e-300)
-        reach = 0.5 * law.quantum + 6.0 * law.sigma if law.quantum > 0.0 else 6.0 * rough
-        share = max(share, float(np.mean(np.abs(r.judged) > reach)))
-    if share <= 0.005:
-        return None
-    return Doubt(
-        "outliers",
-        f"{100 * share:.1f} % of the samples lie far off the rest",
-        "identify again with loss='soft_l1', or mend the sensor",
     )
 
 

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.delay import Delayed, fit_with_delay
-from gcs_autotune.identify.coupled.fit_doubts import doubts_of, fit_percent_of
 from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
-from gcs_autotune.identify.coupled.local import local_fit
+from gcs_autotune.identify.coupled.local import Local, local_fit
+from gcs_autotune.identify.doubts import delay_fitted, once, reversed_input, solution_doubts
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.odd_run import odd_run
 from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Fit, Parameter, Status
+from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
-from gcs_autotune.identify.solution import solve, traces_of
+from gcs_autotune.identify.solution import fit_percent_of, solve, traces_of
 from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.models.coupled import CoupledModel, Form
 
@@ -112,7 +113,7 @@ def fit_of(
         fit_percent=fit_percent_of(solution),
         used=case.names,
         noise=solution.noise,
-        doubts=doubts_of(case, chosen, limits),
+        doubts=_doubts(case, chosen, limits),
         traces=traces_of(records, solution),
         extra={
             "signals": list(solution.noise),
@@ -125,4 +126,28 @@ def fit_of(
             "quantum": dict(solution.quanta),
             **(extra or {}),
         },
+    )
+
+
+def _doubts(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt, ...]:
+    """Return what is doubtful about the chosen fit, what the records already said first."""
+    solution, records = chosen.local.solution, chosen.local.records
+    notes = [doubt for record in case.records for doubt in record.notes]
+    of_its_own = (
+        _pieces(chosen.local),
+        reversed_input(solution),
+        delay_fitted(solution, chosen.evidence),
+        odd_run(solution, records, limits),
+    )
+    return once([*notes, *solution_doubts(solution), *(d for d in of_its_own if d is not None)])
+
+
+def _pieces(local: Local) -> Doubt | None:
+    if not local.pieces:
+        return None
+    longest = max(float(np.ptp(r.stamps)) for r in local.records)
+    return Doubt(
+        "short-horizon",
+        f"no model of this form follows a whole run; it was fitted to pieces of {longest:.0f} s each",
+        "look for a missing term, a run of another vehicle, or a craft that does not keep its course by itself",
     )

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters
-from gcs_autotune.identify.axis.doubts import OF_THE_RUNS
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.doubts import OF_THE_RUNS, once
 from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Parameter, Status, Structure
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
@@ -139,7 +139,7 @@ def with_actuator(fit: Fit, plain: AxisFit) -> AxisFit:
         residual_rms=rms,
         fit_percent=fit.fit_percent,
         used=fit.used,
-        doubts=tuple({(d.slug, d.cause): d for d in (*of_the_runs, *fit.doubts)}.values()),
+        doubts=once([*of_the_runs, *fit.doubts]),
         traces=own or fit.traces,
         extra=fit.extra,
         decision=None,

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
 from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
-from gcs_autotune.identify.coupled.fit_doubts import fit_percent_of, general_doubts
-from gcs_autotune.identify.extended.doubts import effect_doubts
+from gcs_autotune.identify.doubts import effect_doubts, once, solution_doubts
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.extended.forward_selection import with_effects
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
-from gcs_autotune.identify.solution import Solution, solution_of, traces_of
+from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, traces_of
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
@@ -75,7 +74,7 @@ def fit_with_effects(case: ExtendedCase) -> Fit:
 def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[Doubt]) -> Fit:
     solution = solution_of(problem, fitted)
     parameters, covariance = _parameters(problem.scene, fitted, solution)
-    doubts = [*notes, *general_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
+    doubts = [*notes, *solution_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
     model = replace(fitted.model, amplitude=problem.scene.full, units=problem.scene.inputs)
     return Fit(
         dof="+".join(fitted.form.dofs),
@@ -87,7 +86,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
         fit_percent=fit_percent_of(solution),
         used=tuple(run.name for run in case.runs),
         noise=solution.noise,
-        doubts=tuple({(d.slug, d.cause): d for d in doubts}.values()),
+        doubts=once(doubts),
         traces=traces_of(problem.segments, solution),
         extra={
             "signals": list(solution.noise),

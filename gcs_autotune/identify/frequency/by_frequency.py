@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case, named_parameters
-from gcs_autotune.identify.axis.doubts import Findings, collect
 from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
+from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
 from gcs_autotune.identify.frequency.spectrum import (

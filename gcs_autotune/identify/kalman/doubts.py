@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
+from gcs_autotune.identify.doubts import COLOUR
 from gcs_autotune.identify.kalman.bank import Passed
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt
@@ -20,9 +21,6 @@ MOVING = 0.5
 
 UNSEEN = 0.5
 """Standard error over prior spread above which a run has told next to nothing of a parameter."""
-
-COLOUR = 0.2
-"""Correlation of neighbouring innovations above which they are no noise; a smaller one hardly moves an interval."""
 
 
 def filter_doubts(task: Task, last: Passed, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters
-from gcs_autotune.identify.axis.doubts import Findings, collect
 from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
+from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.result import AxisFit, Doubt, Status, Structure, Trace
 from gcs_autotune.models import SingleDof
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.free_run import run_freely
+from gcs_autotune.identify.doubts import POOR
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
@@ -23,9 +24,6 @@ Array = NDArray[np.float64]
 
 STABLE = "runs-away"
 """Slug of the doubt that the model found cannot be simulated on its own runs."""
-
-POOR = 70.0
-"""Fit [%] of the free run below which it is poor, as for single axes."""
 
 BEYOND_NOISE = 2.0
 """Rms residual of the free run, in noise levels, that noise no longer excuses."""
