@@ -1,4 +1,4 @@
-"""``gcs-autotune fly``: one manoeuvre of the table, previewed, announced, flown, read."""
+"""``gcs-autotune fly``: a manoeuvre of the table, or a plan of several: previewed, announced, flown, read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection, FlySettings
+    from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, TuneSettings
 
 __all__ = ["COMMAND"]
 
@@ -41,12 +41,23 @@ OPTIONS = (
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("manoeuvre", nargs="?", metavar="NAME", help="what to fly, a name that --list tells")
+    parser.add_argument(
+        "manoeuvre",
+        nargs="?",
+        metavar="NAME|PLAN.toml",
+        help="what to fly: a name that --list tells, or a plan",
+    )
     parser.add_argument("--list", action="store_true", help="tell the manoeuvres there are, and what each takes")
     parser.add_argument(
         "--preview",
         action="store_true",
         help="only draw the predicted track and tell time and room, by --model or the vehicle's own figures",
+    )
+    parser.add_argument(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="go on with the plan in DIR: what is flown is not flown again",
     )
     add_connection(parser, otherwise=f"{DEFAULT_CONNECTION}; none for a --preview with --model")
     add_output(parser)
@@ -70,7 +81,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     if args.list:
         return _list()
-    if args.manoeuvre is None:
+    if args.manoeuvre is None and args.resume is None:
         raise UsageError("say what to fly; `gcs-autotune fly --list` tells what there is")
     see_model_file(args.model)
     if args.preview and args.model is not None and args.connect is None:
@@ -93,45 +104,54 @@ def _list() -> int:
     return 0
 
 
-def _settings(args: argparse.Namespace, connection: Connection, now: datetime) -> FlySettings:
+def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tuple[FlightPlan, TuneSettings]:
+    """Return what is flown, and what all of it has in common."""
     from gcs_autotune.identify.model_file import load_model
-    from gcs_autotune.workflow import FlySettings, TuneSettings
+    from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, load_flight_plan
 
-    typed = {name: getattr(args, name.replace("-", "_")) for name in OPTIONS}
-    return FlySettings(
-        args.manoeuvre,
-        TuneSettings(
-            axis="heading",
-            connection=connection,
-            directory=run_directory(args, connection.uri, now, str(args.manoeuvre)),
-            throttle=args.throttle,
-            speed=args.speed,
-            delay=args.delay,
-            control_rate=args.control_rate,
-            patience=args.patience,
-            envelope=envelope_from(args),
-        ),
-        {name: value * limit_of(name).factor for name, value in typed.items() if value is not None},
-        side=1 if args.first_to == "starboard" else -1,
-        model=None if args.model is None else load_model(args.model),
-        full_scale=args.full_scale,
-        force=args.force,
+    what = str(args.manoeuvre) if args.manoeuvre is not None else str(args.resume / PLAN_FILE)
+    of_plan = what.endswith(".toml")
+    typed = {name: value for name in OPTIONS if (value := getattr(args, name.replace("-", "_"))) is not None}
+    if of_plan and (typed or args.force):
+        raise UsageError(f"--{next(iter(typed), 'force')} goes into the plan, under [defaults] or its [[run]]")
+    if args.resume is not None and not of_plan:
+        raise UsageError("--resume goes on with a plan, and one manoeuvre is flown again from its beginning")
+    common = TuneSettings(
+        axis="heading",
+        connection=connection,
+        directory=run_directory(args, connection.uri, now, Path(what).stem),
+        throttle=args.throttle,
+        speed=args.speed,
+        delay=args.delay,
+        control_rate=args.control_rate,
+        patience=args.patience,
+        envelope=envelope_from(args),
+        resume=args.resume,
     )
+    model = None if args.model is None else load_model(args.model)
+    if of_plan:
+        return load_flight_plan(Path(what), common, model, args.full_scale), common
+    options = {name: value * limit_of(name).factor for name, value in typed.items()}
+    side = 1 if args.first_to == "starboard" else -1
+    return FlightPlan.of(FlySettings(what, common, options, side, model, args.full_scale, args.force)), common
 
 
 def _preview(args: argparse.Namespace) -> int:
     from gcs_autotune.workflow import preview_of_model
 
     now = datetime.now()
-    settings = _settings(args, connection_of(args, "model"), now)
-    seen = preview_of_model(settings, now.isoformat(timespec="seconds"))
-    return _tell_preview(seen.preview.told(), seen.preview.trouble, seen.page)
+    plan, common = _plan(args, connection_of(args, "model"), now)
+    return _tell_preview(preview_of_model(plan, common, now.isoformat(timespec="seconds")))
 
 
-def _tell_preview(told: str, trouble: str, page: Path | None) -> int:
-    sys.stdout.write(f"Predicted: {told}\nDrawn in {page}\n")
-    if trouble:
-        raise UsageError(f"it had better not be flown so: {trouble}")
+def _tell_preview(result: FlightResult) -> int:
+    for run in result.runs:
+        of = f"{run.planned.name}: " if len(result.runs) > 1 else ""
+        sys.stdout.write(f"Predicted: {of}{run.preview.told()}\n")
+    sys.stdout.write(f"Drawn in {result.page}\n")
+    troubles = [run.preview.trouble for run in result.runs if run.preview.trouble]
+    if troubles:
+        raise UsageError(f"it had better not be flown so: {troubles[0]}")
     return 0
 
 
@@ -140,27 +160,31 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher, fit_summary, sheets_summary
-    from gcs_autotune.workflow import fly
+    from gcs_autotune.workflow import fly_plan
 
     now = datetime.now()
-    settings = _settings(args, connection, now)
+    plan, common = _plan(args, connection, now)
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
-        result = fly(settings, operator, watcher, now.isoformat(timespec="seconds"), only_preview=args.preview)
+        when = now.isoformat(timespec="seconds")
+        result = fly_plan(plan, common, operator, watcher, when, only_preview=args.preview)
     if args.preview:
-        return _tell_preview(result.preview.told(), result.preview.trouble, result.page)
+        return _tell_preview(result)
     if args.json:
-        plain = {"sheets": [s.to_dict() for s in result.sheets], "fit": result.fit.to_dict() if result.fit else None}
-        sys.stdout.write(json.dumps(plain, indent=1) + "\n")
+        sheets, models = [s.to_dict() for s in result.sheets], [m.to_dict() for m in result.models]
+        sys.stdout.write(json.dumps({"sheets": sheets, "models": models}, indent=1) + "\n")
     else:
         console = Console()
         if result.sheets:
             console.print(sheets_summary(result.sheets))
-        if result.fit is not None:
-            console.print(fit_summary(result.fit))
+        for model in result.models:
+            console.print(fit_summary(model.fit))
+            if model.unseen is not None:
+                held = ", ".join(model.held_out)
+                console.print(f"Prediction of {held}, held out of the fit: {model.unseen.fit_percent:.1f} %\n")
         for remark in result.remarks:
-            sys.stdout.write(f"{remark}\n")
-        sys.stdout.write(f"Recorded in {settings.common.directory}\nReport: {result.page}\n")
+            console.print(remark, soft_wrap=False, highlight=False, markup=False)
+        sys.stdout.write(f"Recorded in {common.directory}\nReport: {result.page}\n")
     operator.ring()
     return 0
 

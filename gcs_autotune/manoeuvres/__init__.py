@@ -13,6 +13,7 @@ boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat ba
 from __future__ import annotations
 
 from gcs_autotune.manoeuvres.approach import Steering
+from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
@@ -37,6 +38,8 @@ __all__ = [
     "LEVELS",
     "MANOEUVRES",
     "SPEED_TIME",
+    "CalmCheck",
+    "ComeBack",
     "Dive",
     "DiveSettings",
     "Ending",

@@ -176,13 +176,18 @@ class UnderWay(Manoeuvre):
         }
 
     def _approached(self, now: Observation) -> Part:
-        """Go straight ahead until the speed is steady; a light hand keeps the heading of a craft that needs way."""
-        self.phase, throttle = "approach", self._steering.throttle
+        """Go straight ahead until the speed is steady, and under way for as long again: it still creeps up by then.
+
+        A light hand keeps the heading of a craft that needs way.
+        """
+        self.phase, throttle, start, steady_at = "approach", self._steering.throttle, now.t, math.inf
         self._approach.start(now)
         self._heading_hold.start(now)
         while True:
             self._approach.update(now.t, now.value(self.signal), now.speed)
             if self._approach.done:
+                steady_at = min(steady_at, now.t)
+            if now.t - start >= (2.0 if throttle else 1.0) * (steady_at - start):
                 return now
             now = yield self._command(self._heading_hold.steer(now) if throttle else 0.0, now)
 

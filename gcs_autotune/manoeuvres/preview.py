@@ -84,11 +84,15 @@ class Preview:
         return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning, by {self.craft.source}"
 
 
-def preview(manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floats: bool = True) -> Preview:
-    """Fly *manoeuvre* on paper inside *envelope*, from rest, bow to the north; *floats*: it has no depth."""
+def preview(
+    manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floats: bool = True, way: float = 0.0
+) -> Preview:
+    """Fly *manoeuvre* on paper inside *envelope*, bow to the north; *floats*: it has no depth, *way* [m/s]: it begins
+    with.
+    """
     t = psi = r = x = y = 0.0
     z = math.nan if floats else 10.0
-    along = dict.fromkeys("XYZ", 0.0)
+    along = {"X": way, "Y": 0.0, "Z": 0.0}
     late: deque[float] = deque([0.0] * round(craft.yaw.delay * INSIDE / TICK))
     rows: list[tuple[float, ...]] = []
 

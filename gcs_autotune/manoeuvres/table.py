@@ -81,6 +81,24 @@ _DIVE = ManoeuvreKind(
     room="1.5 m of depth",
     command="every command that swings depth, where the craft is at the surface",
 )
+_COME_BACK = ManoeuvreKind(
+    name="come-back",
+    help="back to where the first run began, by a light hand on the rudder",
+    excites=frozenset(),
+    drives=frozenset({"X", "N"}),
+    needs_way=True,
+    identifies=False,
+    room="a turning circle, and the way back",
+    command="fly PLAN.toml, between two runs of a boat",
+)
+_CALM_CHECK = ManoeuvreKind(
+    name="calm-check",
+    help="thrust off, until roll and pitch have been calm for some seconds",
+    excites=frozenset(),
+    drives=frozenset(),
+    identifies=False,
+    command="fly PLAN.toml, where the plan wants calm water",
+)
 
 MANOEUVRES: Mapping[str, ManoeuvreKind] = {
     kind.name: kind
@@ -96,6 +114,8 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _SIGN_CHECK,
         _TURN_ABOUT,
         _DIVE,
+        _COME_BACK,
+        _CALM_CHECK,
     )
 }
 """Name -> kind; adding one is one file (its class and its row) and one line here."""

@@ -110,6 +110,9 @@ def current_of(track: Track, start: float, end: float) -> Current | None:
 AMIDSHIPS, STRAIGHT = 0.15, 0.1
 """Largest helm and yaw rate of an approach, as fractions of those of the turn."""
 
+LAST = 5.0
+"""Seconds of approach that speed and course are read from where the run tells when the helm was put over."""
+
 SETTLED_TURN = math.pi
 """Change of heading after which a turn counts as steady. Chosen: ITTC wants 540 degrees in all for the steady turn."""
 
@@ -158,7 +161,7 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
     """
     track = track_of(log)
     start, end, level = _turn(log) if not orders else _ordered(log, orders)
-    before = (track.t <= start) & (track.t >= start - 0.5 * (end - start))
+    before = (track.t <= start) & (track.t >= start - (LAST if orders else 0.5 * (end - start)))
     if int(before.sum()) < 5:
         raise NotInformative(
             f"run '{log.name}' has no approach before its turn: start recording on the straight course"

@@ -10,7 +10,9 @@
 from __future__ import annotations
 
 from gcs_autotune.workflow.experiment import experiment
-from gcs_autotune.workflow.fly import FlightResult, FlySettings, fly, preview_of_model
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, load_flight_plan
+from gcs_autotune.workflow.flight_result import FlightResult
+from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan, preview_of_model
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.settings import Connection, TuneSettings
@@ -18,7 +20,9 @@ from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [
+    "PLAN_FILE",
     "Connection",
+    "FlightPlan",
     "FlightResult",
     "FlySettings",
     "Operator",
@@ -27,8 +31,10 @@ __all__ = [
     "Unattended",
     "experiment",
     "fly",
+    "fly_plan",
     "is_settled",
     "link_of",
+    "load_flight_plan",
     "preview_of_model",
     "restore_parameters",
     "restore_run",

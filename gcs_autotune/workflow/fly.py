@@ -1,50 +1,30 @@
-"""``fly``: one manoeuvre of the table on a vehicle; its preview before, its figures and its model after."""
+"""``fly``: manoeuvres of the table on a vehicle, one or a plan of them; previews before, figures and models after."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-
-import numpy as np
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import reduce
-from gcs_autotune.design.plant import in_fractions
-from gcs_autotune.errors import (
-    AutotuneError,
-    NotInformative,
-    OperatorStopped,
-    PreconditionFailed,
-    UsageError,
-    WrongVehicle,
-)
+from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware
-from gcs_autotune.identify import AxisFit, fit_axis
-from gcs_autotune.identify.model_file import ModelFile, save_model
-from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     DOF_OF,
     MANOEUVRES,
-    SPEED_TIME,
+    CalmCheck,
+    ComeBack,
+    Dive,
+    DiveSettings,
     Envelope,
-    Manoeuvre,
     ManoeuvreKind,
-    PaperCraft,
     Preview,
     preview,
 )
-from gcs_autotune.models import SingleDof
-from gcs_autotune.registry import lookup
-from gcs_autotune.report import render_flight, render_preview
-from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
-from gcs_autotune.seatrials import Sheet, ship_figures
-from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
@@ -52,241 +32,286 @@ from gcs_autotune.workflow.background import agreed, beside
 from gcs_autotune.workflow.connection import TWITCHING, connect_craft
 from gcs_autotune.workflow.context import armed
 from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.paper_craft import paper_craft
 from gcs_autotune.workflow.preflight import STAGE, see_depth_is_told, see_signs, sign_check_for
 from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.resuming import Earlier, note_setting_out
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["FlightResult", "FlySettings", "fly", "preview_of_model"]
+__all__ = ["PLAN_FILE", "fly", "fly_plan", "preview_of_model"]
 
-_NOTED, _LIMITED = 0.1, 0.9
-"""An order that matters, as a share of full, and the share of it that must come out."""
+PLAN_FILE = "plan.toml"
+"""A flown plan's name in its run directory."""
 _DOF = {"N": "yaw", "X": "surge", "Z": "heave"}
 """Force -> degree of freedom whose actuator is checked before it is driven."""
-_UNTUNED = 0.2
-"""ATC_STR_RAT_FF as ArduRover sets it: that of no craft in particular."""
-_RADIUS, _LAG = 4.0, 1.5
-"""Chosen: turning radius [m] at full rudder and time constant [s] of boats of 1 to 3 m, where nothing is known."""
-_ROV_RATE, _ROV_LAG = 0.8, 1.0
-"""Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise."""
-_FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 0.5, "Z": 0.5}
-"""Chosen [m/s]: speed at full output along each force, likewise."""
+_BELOW = 0.5
+"""Chosen [m]: so much deeper than a plan's least depth an ROV is taken, for it swings."""
+_LEFT = 0.7
+"""Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
+BACK, LOOKING = 45.0, 6.0
+"""Seconds of coming back between two runs, and of looking whether it is calm; guesses, told beforehand."""
 
 
-@dataclass(frozen=True, slots=True)
-class FlySettings:
-    """What to fly: ``options`` (SI and radians) are those given, by their names in the table of limits.
-
-    ``side`` is 1 to begin to starboard, -1 to port; ``force`` the one driven, where any may be. ``model`` is what the
-    preview is made with, ``full_scale`` its input at full output; without, the vehicle's own figures are.
-
-    Raises
-    ------
-    UnknownName, UsageError
-        No such manoeuvre, one that another command flies, or an option that it does not have.
-    """
-
-    manoeuvre: str
-    common: TuneSettings
-    options: Mapping[str, float] = field(default_factory=dict)
-    side: int = 1
-    model: ModelFile | None = None
-    full_scale: float | None = None
-    force: str = ""
-
-    def __post_init__(self) -> None:
-        """See that it can be flown at all."""
-        kind = self.kind
-        if kind.make is None:
-            raise UsageError(f"{kind.name} is flown by {kind.command}; `gcs-autotune fly --list` tells the others")
-        strange = [name for name in self.options if name not in kind.options]
-        if strange:
-            have = ", ".join(f"--{name}" for name in kind.options)
-            raise UsageError(f"{kind.name} takes no --{strange[0]}; it takes {have}, --throttle and --first-to")
-        if "rudder" in self.options and "full-rudder" not in self.options:
-            raise UsageError(
-                "--rudder is an angle: say with --full-rudder what angle full output gives, or use --steering"
-            )
-        if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
-            raise UsageError("--rudder is more than --full-rudder: it goes no further")
-        self.make(0.0)
-
-    @property
-    def kind(self) -> ManoeuvreKind:
-        """The row of the table."""
-        return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
-
-    def make(self, throttle: float, *, keep_still: bool = False) -> Manoeuvre:
-        """Return the manoeuvre; what was not given is as the table of limits says."""
-        kind = self.kind
-        assert kind.make is not None  # refused when these settings were made
-        rows = {name: limit_of(name) for name in kind.options}
-        usual = {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
-        given = dict(self.options)
-        if "rudder" in given:
-            given["steering"] = given["rudder"] / given["full-rudder"]
-        return kind.make(
-            {**usual, **given, "throttle": throttle, "side": float(self.side), "keep-still": float(keep_still)}
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlightResult:
-    """What came of it: the preview, and unless it was only that, ``trial``, ``sheets`` of figures and the ``fit``."""
-
-    preview: Preview
-    page: Path | None = None
-    trial: Trial | None = None
-    sheets: Sequence[Sheet] = ()
-    fit: AxisFit | None = None
-    remarks: Sequence[str] = ()
-
-
-def preview_of_model(settings: FlySettings, when: str) -> FlightResult:
-    """Preview the manoeuvre with the model given, no vehicle at hand, and draw it where the settings say.
+def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> FlightResult:
+    """Preview a plan with the model given, no vehicle at hand, and draw it where the settings say.
 
     Raises
     ------
     UsageError
-        No model, one without yaw, or no speed for a throttle.
+        The model is not about what moves, or there is no speed for a throttle.
     """
-    s, kind = settings.common, settings.kind
-    assert settings.model is not None  # asked by the command
-    throttle = s.throttle or 0.0
-    if throttle and s.speed is None:
-        raise UsageError("say with --speed how fast the craft goes at that throttle")
-    paper = _paper(settings, None, {}, throttle, s.speed or 0.0)
-    if paper.assumed:
-        wanted = " and ".join(sorted(DOF_OF[force] for force in kind.drives))
-        have = ", ".join(settings.model.model.base.form.dofs)
-        raise UsageError(f"model '{settings.model.name}' is about {have}; {kind.name} moves {wanted}")
-    seen = preview(settings.make(throttle), paper, _envelope(settings, s.speed or 0.0))
-    return FlightResult(seen, _draw_preview(settings, seen, when))
+    runs = []
+    for run in plan.runs:
+        settings, s = run.settings, run.settings.common
+        assert settings.model is not None  # asked by the command
+        throttle = s.throttle or 0.0
+        if throttle and s.speed is None:
+            raise UsageError("say with --speed how fast the craft goes at that throttle")
+        paper = paper_craft(settings, None, {}, throttle, s.speed or 0.0)
+        if paper.assumed:
+            wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
+            have = ", ".join(settings.model.model.base.form.dofs)
+            raise UsageError(f"model '{settings.model.name}' is about {have}; {run.name} moves {wanted}")
+        runs.append(FlownRun(run, preview(settings.make(throttle), paper, _envelope(settings, s.speed or 0.0))))
+    return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
 
 
 def fly(
-    settings: FlySettings,
+    settings: FlySettings, operator: Operator, watcher: Watcher, when: str, *, only_preview: bool = False
+) -> FlightResult:
+    """Fly one manoeuvre; see :func:`fly_plan`."""
+    return fly_plan(FlightPlan.of(settings), settings.common, operator, watcher, when, only_preview=only_preview)
+
+
+def fly_plan(
+    plan: FlightPlan,
+    common: TuneSettings,
     operator: Operator,
     watcher: Watcher,
     when: str,
     *,
     only_preview: bool = False,
 ) -> FlightResult:
-    """Preview, announce, ask, fly, read: the run directory has ``trials/``, figures, model and ``report.html``.
+    """Preview, announce, ask, fly, read: the run directory has ``trials/``, figures, models and ``report.html``.
 
-    No parameter is written. The craft is left as found on every ending.
+    No parameter is written. The craft is left as found on every ending. Runs that ``common.resume`` has are not flown
+    again.
 
     Raises
     ------
     WrongVehicle
-        It has not what this manoeuvre drives.
+        It has not what a manoeuvre drives, or is not the one of the earlier flight.
     PreconditionFailed
-        The predicted track leaves the envelope.
+        A predicted track leaves the envelope.
     OperatorStopped, GuardTripped, NotAchieved, LinkError
-        What ended it early; the record is on disk.
+        What ended it early; the records are on disk.
     """
-    s, kind = settings.common, settings.kind
-    record = RunDirectory(s.directory)
-    with connect_craft(s.connection, operator, watcher, record, s.control_rate, s.axis) as craft:
-        firmware = craft.firmware
-        _see_it_suits(settings, craft)
-        cruise = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF"])
-        throttle, speed = _cruise(settings, firmware, cruise)
-        envelope = _envelope(settings, speed)
-        keep_still = not firmware.needs_way
-        paper = _paper(settings, firmware, cruise, throttle, speed)
-        foreseen = preview(settings.make(throttle), paper, envelope, floats=not keep_still)
-        watcher.say(f"preview: {foreseen.told()}")
-        if foreseen.trouble and not paper.assumed:
-            raise PreconditionFailed(f"not flown, for the preview ends early: {foreseen.trouble}; nothing was armed")
-        if foreseen.trouble:
-            watcher.say(f"the preview ends early, but on assumed numbers: {foreseen.trouble}")
+    record, earlier = RunDirectory(common.directory), Earlier(common, plan.names)
+    with connect_craft(common.connection, operator, watcher, record, common.control_rate, common.axis) as craft:
+        flight = _Flight(plan, common, operator, watcher, record, craft, earlier)
+        flight.foresee(only_preview=only_preview)
         if only_preview:
-            return FlightResult(foreseen, _draw_preview(settings, foreseen, when))
-        dof = _checked(kind)
-        if dof:
-            see_depth_is_told(craft, dof)
-        now = craft.observe()
-        dive = dive_for(dof, firmware, now)
-        itinerary = Itinerary(
-            [
-                *([Leg(STAGE, CHECK)] if dof else []),
-                *([Leg("diving", DIVE)] if dive is not None else []),
-                Leg(kind.name, foreseen.seconds),
-            ]
-        )
-        _announce(settings, craft, operator, watcher, now, itinerary, foreseen, excitation_of(dof).check if dof else "")
-        watcher = Paced(watcher, itinerary)
-        keep = lambda trial: beside(craft, partial(record.keep, trial))  # noqa: E731 - as tune and experiment do
-        runner = ManoeuvreRunner(craft, envelope, watcher, keep, s.patience, partial(agreed, craft, operator, watcher))
-        with armed(craft, watcher, record, s.connection):
-            if dof:
-                check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
-                see_signs(check, runner.attempt)
-            if dive is not None:
-                runner.fly(dive, "diving")
-            trial = runner.fly(settings.make(throttle, keep_still=keep_still), kind.name).trial
-    return _read(settings, record, foreseen, trial, when)
-
-
-def _read(settings: FlySettings, record: RunDirectory, foreseen: Preview, trial: Trial, when: str) -> FlightResult:
-    """Read figures and model off the record; what it does not tell is a remark, for the record itself is good."""
-    remarks = _limited(trial)
-    sheets: Sequence[Sheet] = ()
-    fit: AxisFit | None = None
-    try:
-        sheets = ship_figures(trial) if settings.kind.name in SHIP_MANOEUVRES else ()
-    except AutotuneError as error:
-        remarks.append(f"no figures: {error}")
-    s, dof = settings.common, str(trial.meta.get("dof", ""))
-    if settings.kind.identifies and dof:
+            runs = [FlownRun(leg.run, leg.preview) for leg in flight.legs]
+            return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
+        flight.announce()
         try:
-            fit = fit_axis([trial], dof=dof, structure=s.structure, delay="auto" if s.delay is None else s.delay)
-            record.save_json("fit.json", fit.to_dict())
-            save_model(fit, record.path / "model.json")
-        except NotInformative as error:
-            remarks.append(f"no model: {error}")
-    if sheets:
-        record.save_json("figures.json", json.loads(json.dumps({"sheets": [x.to_dict() for x in sheets]}, default=str)))
-    page = record.path / "report.html"
-    title = f"{settings.kind.name}: {settings.common.connection.uri}"
-    page.write_text(render_flight(title, when, trial, foreseen.trial, sheets, fit, remarks), encoding="utf-8")
-    return FlightResult(foreseen, page, trial, sheets, fit, remarks)
+            flight.fly()
+        except AutotuneError:
+            flight.say_how_to_go_on()
+            raise
+    runs = [FlownRun(leg.run, leg.preview, flight.flown[leg.run.name]) for leg in flight.legs]
+    return read_flight(plan, common, record, runs, when)
 
 
-def _limited(trial: Trial) -> list[str]:
-    """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
-    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
-    for k, order in enumerate(orders):
-        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
-        for force, asked in order.detail.items():
-            if force not in DOF_OF or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
-                continue
-            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
-            came = float(np.median(held)) / asked if len(held) else 1.0
-            if came < _LIMITED:
-                return [
-                    f"of {abs(asked):.0%} {force} asked for, {abs(came * asked):.0%} came out: it stands at a limit "
-                    "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
-                ]
-    return []
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leg:
+    """A run with what is known of it before it is flown."""
+
+    run: PlannedRun
+    throttle: float
+    envelope: Envelope
+    preview: Preview
 
 
-def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
-    """Return one degree of freedom of a model file with its input as a fraction of full output.
+class _Flight:
+    """One flight on one vehicle: ``legs`` to fly, ``flown`` by name."""
 
-    Raises
-    ------
-    UsageError
-        It has none, or its input is an angle or a force and nobody says what full output is.
-    """
-    reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
-    unit = reduction.model.input_unit
-    if unit != "1" and full_scale is None:
-        raise UsageError(f"the model's input is in {unit}: say with --full-scale how many {unit} full output gives")
-    return in_fractions(reduction.model, np.zeros((5, 5)), full_scale)[0]
+    def __init__(
+        self,
+        plan: FlightPlan,
+        common: TuneSettings,
+        operator: Operator,
+        watcher: Watcher,
+        record: RunDirectory,
+        craft: MavlinkCraft,
+        earlier: Earlier,
+    ) -> None:
+        self._plan, self._common, self._operator = plan, common, operator
+        self._watcher, self._record, self._craft, self._earlier = watcher, record, craft, earlier
+        self.legs: list[_Leg] = []
+        self.flown: dict[str, Trial] = {}
+        self._held: dict[str, float] = {}
+
+    def foresee(self, *, only_preview: bool) -> None:
+        """See that the vehicle can fly all of it, and preview each run."""
+        craft, firmware = self._craft, self._craft.firmware
+        self._held = present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF"])
+        self._earlier.see_that_it_is_the_same(craft, present)
+        if self._plan.min_depth is not None and firmware.floats:
+            raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
+        for run in self._plan.runs:
+            settings = run.settings
+            _see_it_suits(settings, craft)
+            throttle, speed = _cruise(settings, firmware, present)
+            envelope = _envelope(settings, speed)
+            paper = paper_craft(settings, firmware, present, throttle, speed)
+            way = _LEFT * speed if firmware.needs_way and throttle else 0.0
+            seen = preview(settings.make(throttle), paper, envelope, floats=firmware.needs_way, way=way)
+            self.legs.append(_Leg(run, throttle, envelope, seen))
+            of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
+            self._watcher.say(f"{of}: {seen.told()}")
+            if seen.trouble and not paper.assumed and not only_preview:
+                raise PreconditionFailed(f"not flown, for the {of} ends early: {seen.trouble}; nothing was armed")
+            if seen.trouble:
+                by = ", but on assumed numbers" if paper.assumed else ""
+                self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
+
+    @property
+    def _to_fly(self) -> list[_Leg]:
+        return [leg for leg in self.legs if not self._earlier.has(leg.run.name)]
+
+    @property
+    def _dofs(self) -> list[str]:
+        """The degrees of freedom whose actuators are checked before."""
+        return list(dict.fromkeys(dof for leg in self._to_fly if (dof := _checked(leg.run.settings.kind))))
+
+    def announce(self) -> None:
+        """Say what will be done, and ask.
+
+        Raises
+        ------
+        OperatorStopped
+            The answer was no.
+        """
+        craft, s, plan = self._craft, self._common, self._plan
+        dofs, now = self._dofs, craft.observe()
+        for dof in dofs:
+            see_depth_is_told(craft, dof)
+        dive = any(dive_for(dof, craft.firmware, now) for dof in dofs)
+        self._itinerary = Itinerary(
+            [Leg(STAGE, CHECK) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive + list(self._planned_legs())
+        )
+        manual, hold = craft.firmware.manual_mode, craft.firmware.hold_mode
+        dives = dive or plan.min_depth is not None
+        modes = f"use modes {hold} and {manual}" if dives else f"use mode {manual}"
+        armed_now = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
+        for text in (
+            f"{armed_now}; {TWITCHING}",
+            f"{modes}, and go back to {now.mode} at the end",
+            f"move: {''.join(excitation_of(dof).check for dof in dofs)}{self._movements()}",
+            *self._needs(),
+            how_long(self._itinerary),
+            battery(now, s.envelope, self._itinerary.seconds),
+            *after_a_silence(s, now),
+            "write no parameter",
+        ):
+            self._watcher.say(f"will {text}")
+        if not agreed(craft, self._operator, self._watcher, "Go ahead?"):
+            raise OperatorStopped("not started: the answer was no; nothing was armed or moved")
+
+    def _planned_legs(self) -> list[Leg]:
+        legs: list[Leg] = []
+        for leg in self._to_fly:
+            if legs and self._craft.firmware.needs_way:
+                legs.append(Leg(COMING_BACK, BACK))
+            legs += [Leg(LOOKING_OUT, LOOKING)] * self._plan.calm
+            legs.append(Leg(leg.run.name, leg.preview.seconds))
+        return legs
+
+    def _movements(self) -> str:
+        if len(self.legs) == 1:
+            kind = self.legs[0].run.settings.kind
+            return f"{kind.name} ({kind.help})"
+        back = ", coming back to the start in between" if self._craft.firmware.needs_way else ""
+        left = self._to_fly
+        done = f" ({len(self.legs) - len(left)} are flown already)" if len(left) < len(self.legs) else ""
+        return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(leg.run.name for leg in left)}{back}"
+
+    def _needs(self) -> list[str]:
+        if len(self.legs) == 1:
+            return [f"need {self.legs[0].preview.told()}"]
+        room = max((leg.preview.room for leg in self._to_fly), default=0.0)
+        needs = [f"need {room:.0f} m of free water, by {self.legs[0].preview.craft.source}"] if room >= 1.0 else []
+        least = self._plan.min_depth
+        return needs + ([f"dive to {least + _BELOW:g} m before each run"] if least is not None else [])
+
+    def fly(self) -> None:
+        """Fly what is left of the plan, from the sign check on, and put everything back."""
+        craft, s, firmware = self._craft, self._common, self._craft.firmware
+        watcher = Paced(self._watcher, self._itinerary)
+        if self._plan.text:
+            (self._record.path / PLAN_FILE).write_text(self._plan.text, encoding="utf-8")
+            note_setting_out(self._record, s, craft, self._held)
+        keep = lambda trial: beside(craft, partial(self._record.keep, trial))  # noqa: E731 - as tune and experiment do
+        for leg in self.legs:
+            trial = self._earlier.take(leg.run.name)
+            if trial is not None:
+                keep(trial)
+                self.flown[leg.run.name] = trial
+        left = [leg for leg in self.legs if leg.run.name not in self.flown]
+        if not left:
+            return
+        ask = partial(agreed, craft, self._operator, watcher)
+        runner = ManoeuvreRunner(craft, s.envelope, watcher, keep, s.patience, ask)
+        dofs = list(dict.fromkeys(dof for leg in left if (dof := _checked(leg.run.settings.kind))))
+        with armed(craft, watcher, self._record, s.connection):
+            home = craft.observe()
+            throttle = max(leg.throttle for leg in left)
+            for dof in dofs:
+                check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
+                see_signs(check, lambda m, stage: runner.attempt(m, stage, left[0].envelope))
+                dive = dive_for(dof, firmware, home)
+                if dive is not None:
+                    runner.fly(dive, "diving")
+            for k, leg in enumerate(left):
+                if k:
+                    self._come_back(runner, leg, home)
+                self._make_conditions(runner)
+                manoeuvre = leg.run.make(leg.throttle, keep_still=not firmware.needs_way)
+                self.flown[leg.run.name] = runner.fly(manoeuvre, leg.run.name, leg.envelope).trial
+
+    def _come_back(self, runner: ManoeuvreRunner, leg: _Leg, home: Observation) -> None:
+        """Bring a boat back to where it began, or say why not; other craft stay about where they are."""
+        if not self._craft.firmware.needs_way:
+            return
+        free = replace(leg.envelope, heading_excursion=math.inf)
+        flown = runner.attempt(ComeBack(home.x, home.y, leg.throttle), COMING_BACK, free)
+        self._watcher.say(f"{COMING_BACK}: {flown.outcome.reason}")
+
+    def _make_conditions(self, runner: ManoeuvreRunner) -> None:
+        least = self._plan.min_depth
+        if least is not None and not self._craft.observe().z >= least:
+            runner.fly(Dive(DiveSettings(least + _BELOW, enough=least)), "diving")
+        if self._plan.calm:
+            runner.fly(CalmCheck(), LOOKING_OUT)
+
+    def say_how_to_go_on(self) -> None:
+        """Tell, after a plan that ended early, what of it is flown, and the command that flies the rest."""
+        if self._plan.text and len(self.flown) < len(self.legs):
+            link, run = shlex.quote(self._common.connection.uri), shlex.quote(str(self._record.path))
+            self._watcher.say(
+                f"{len(self.flown)} of {len(self.legs)} runs of the plan are flown; to fly the rest, with the same "
+                f"options: gcs-autotune fly --resume {run} --connect {link}"
+            )
+
+
+COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
+"""Stages between two runs."""
 
 
 def _see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
@@ -317,79 +342,6 @@ def _envelope(settings: FlySettings, speed: float) -> Envelope:
     return replace(envelope, heading_excursion=math.inf) if settings.kind.turns else envelope
 
 
-def _paper(
-    settings: FlySettings, firmware: Firmware | None, present: Mapping[str, float], throttle: float, speed: float
-) -> PaperCraft:
-    """Return the craft on paper: from the model given, from its feed-forward gain, else an assumed one of its size."""
-    under_way = firmware is not None and firmware.needs_way
-    gain = present.get("ATC_STR_RAT_FF", 0.0)
-    if under_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:
-        yaw, words = SingleDof("yaw", "1", gain * _LAG, gain), f"its ATC_STR_RAT_FF {gain:g}"
-    else:
-        rate, lag = (max(speed, 0.1) / _RADIUS, _LAG) if under_way else (_ROV_RATE, _ROV_LAG)
-        yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate)
-        words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
-    ahead = speed / math.sqrt(throttle) if speed and throttle else _FULL_SPEED["X"]
-    others = {f: _lag_of(DOF_OF[f], full) for f, full in {**_FULL_SPEED, "X": ahead}.items()}
-    known: set[str] = set()
-    if settings.model is not None:
-        for dof in settings.model.model.base.form.dofs:
-            force = DOFS[dof].force
-            if force in settings.kind.drives or force == "N":
-                motion = motion_of(settings.model, dof, settings.full_scale)
-                yaw, others = (motion, others) if force == "N" else (yaw, {**others, force: motion})
-                known.add(force)
-        words = f"model '{settings.model.name}'"
-    missing = sorted(DOF_OF[f] for f in settings.kind.drives - known)
-    if known and missing:
-        words += f" with an assumed {' and '.join(missing)}"
-    return PaperCraft(yaw, speed, words, assumed=bool(missing), others=others)
-
-
-def _lag_of(dof: str, full_speed: float) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s] at full output, with drag by the square and a usual lag."""
-    drag = full_speed**-2
-    return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
-
-
 def _checked(kind: ManoeuvreKind) -> str:
     """Return the degree of freedom whose actuator is checked before."""
     return next((_DOF[force] for force in sorted(kind.drives) if force in _DOF), "")
-
-
-def _draw_preview(settings: FlySettings, seen: Preview, when: str) -> Path:
-    directory = settings.common.directory
-    directory.mkdir(parents=True, exist_ok=True)
-    page = directory / "preview.html"
-    page.write_text(
-        render_preview(f"Preview of a {settings.kind.name}", when, seen.trial, seen.told(), seen.trouble),
-        encoding="utf-8",
-    )
-    return page
-
-
-def _announce(
-    settings: FlySettings,
-    craft: MavlinkCraft,
-    operator: Operator,
-    watcher: Watcher,
-    now: Observation,
-    itinerary: Itinerary,
-    foreseen: Preview,
-    check: str,
-) -> None:
-    s, firmware = settings.common, craft.firmware
-    armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
-    for text in (
-        f"{armed}; {TWITCHING}",
-        f"use mode {firmware.manual_mode}, and go back to {now.mode} at the end",
-        f"move: {check}{settings.kind.name} ({settings.kind.help})",
-        f"need {foreseen.told()}",
-        how_long(itinerary),
-        battery(now, s.envelope, itinerary.seconds),
-        *after_a_silence(s, now),
-        "write no parameter",
-    ):
-        watcher.say(f"will {text}")
-    if not agreed(craft, operator, watcher, "Go ahead?"):
-        raise OperatorStopped("not started: the answer was no; nothing was armed or moved")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError, WrongVehicle
@@ -64,27 +64,28 @@ def way_on(settings: TuneSettings, finished: list[str]) -> str:
 
 
 class Earlier:
-    """The finished trials of an earlier run; none without *run*.
+    """The finished trials of an earlier run (``settings.resume``) that are called *names*; none without it.
 
     Raises
     ------
     UsageError
-        *run* is no run of a tune, or was flown with other settings.
+        It is no run that can be gone on with, or was flown with other settings.
     PreconditionFailed
         It left its vehicle with something to be put back.
     BadFile
         It cannot be read.
     """
 
-    def __init__(self, settings: TuneSettings) -> None:
+    def __init__(self, settings: TuneSettings, names: Sequence[str] = USED_AGAIN) -> None:
         self._run = settings.resume
+        self._names = names
         self._told: dict[str, Any] = {}
         self._trials: dict[str, Trial] = {}
         if self._run is None:
             return
         path = self._run / SETTING_OUT
         if not path.exists():
-            raise UsageError(f"{self._run} is no run to go on from: there is no {SETTING_OUT} of a tune in it")
+            raise UsageError(f"{self._run} is no run to go on from: there is no {SETTING_OUT} in it")
         try:
             self._told = json.loads(path.read_text(encoding="utf-8"))
             self._check_settings(_shape(settings))
@@ -97,7 +98,7 @@ class Earlier:
                 f"{shlex.quote(str(self._run))}`"
             )
         for path in sorted((self._run / "trials").glob("*.csv")):
-            if path.stem.partition("-")[2] in USED_AGAIN:
+            if path.stem.partition("-")[2] in names:
                 trial = load_trial(path)
                 if trial.ending == "completed":
                     self._trials[trial.name] = trial
@@ -114,7 +115,7 @@ class Earlier:
     @property
     def names(self) -> list[str]:
         """The trials that may be used."""
-        return [name for name in USED_AGAIN if name in self._trials]
+        return [name for name in self._names if name in self._trials]
 
     def take(self, name: str) -> Trial | None:
         """Return the trial of that *name*, if it was flown to its end, and give it out no more."""
@@ -141,14 +142,14 @@ class Earlier:
         if not strange and then.get("version") != here.version:
             strange = f"its firmware is {then.get('version') or 'untold'} there, {here.version or 'untold'} here"
         if strange:
-            raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}): tune without --resume")
+            raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}): start anew, without --resume")
         held = self._told["parameters"]
         other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
         if other:
             shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
             raise PreconditionFailed(
                 f"the vehicle has other parameters than when {self._run} was flown ({shown}): what was flown then "
-                "tells nothing about it now. Tune without --resume, or put them back"
+                "tells nothing about it now. Start anew, without --resume, or put them back"
             )
 
 

@@ -46,7 +46,7 @@ class ManoeuvreRunner:
         self._envelope = envelope
         self._sequencer = Sequencer(craft, envelope, watcher, keep)
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
+    def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
         """Fly *manoeuvre*, which must come to a good end; errors as those of the sequencer.
 
         Raises
@@ -56,7 +56,7 @@ class ManoeuvreRunner:
         """
         if isinstance(manoeuvre, Dive):
             self._dive = deepcopy(manoeuvre)
-        flown = self.attempt(manoeuvre, stage)
+        flown = self.attempt(manoeuvre, stage, envelope)
         if flown.outcome.ending == "aborted":
             raise NotAchieved(f"{stage}: {flown.outcome.reason}")
         return flown

@@ -12,6 +12,8 @@ from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped, UsageE
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
+    CalmCheck,
+    ComeBack,
     Dive,
     DiveSettings,
     Envelope,
@@ -47,6 +49,8 @@ BY_COMMAND: Mapping[str, Callable[[], Manoeuvre]] = {
     "sign-check": lambda: SignCheck(SignCheckSettings("psi", "N", reach=0.1, least=0.02, longest=4.0)),
     "turn-about": lambda: TurnAbout(TurnAboutSettings(0.5)),
     "dive": lambda: Dive(DiveSettings(1.0)),
+    "come-back": lambda: ComeBack(3.0, 0.0, 0.5),
+    "calm-check": CalmCheck,
 }
 """What other commands fly of the table."""
 

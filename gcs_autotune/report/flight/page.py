@@ -1,49 +1,88 @@
-"""The page of a manoeuvre flown, and that of one only previewed."""
+"""The page of a flight, of one manoeuvre or a plan of them, and that of one only previewed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from gcs_autotune.identify import AxisFit
+from gcs_autotune.identify.validate import Validation
 from gcs_autotune.report.study.study import structure_title
-from gcs_autotune.report.study.tables import parameter_table
+from gcs_autotune.report.study.tables import parameter_table, unseen_table
 from gcs_autotune.report.summaries import sheet_table
 from gcs_autotune.report.toolkit.canvas import AFTER, new_axes, pens, to_svg
 from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_track, finite, thin
-from gcs_autotune.report.toolkit.page import Picture, render_page
-from gcs_autotune.report.toolkit.wording import Headline, doubt_sentence, format_moment, format_percent, to_people
+from gcs_autotune.report.toolkit.page import Picture, Table, render_page
+from gcs_autotune.report.toolkit.wording import (
+    Headline,
+    doubt_sentence,
+    format_moment,
+    format_percent,
+    format_seconds,
+    to_people,
+)
 from gcs_autotune.seatrials import Sheet
 from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["render_flight", "render_preview"]
+__all__ = ["FlownModel", "render_flight", "render_preview"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownModel:
+    """One degree of freedom identified from a flight; ``unseen``: how it predicts the runs ``held_out``, if any."""
+
+    fit: AxisFit
+    held_out: Sequence[str] = ()
+    unseen: Validation | None = None
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        told = None if self.unseen is None else self.unseen.fit_percent
+        return {"dof": self.fit.dof, "fit": self.fit.to_dict(), "held_out": list(self.held_out), "prediction": told}
 
 
 def render_flight(
     title: str,
     when: str,
-    flown: Trial,
-    predicted: Trial,
+    flown: Sequence[tuple[str, Trial]],
+    predicted: Trial | None,
     sheets: Sequence[Sheet],
-    fit: AxisFit | None,
+    models: Sequence[FlownModel],
     remarks: Sequence[str],
 ) -> str:
-    """Return the page of a manoeuvre: figures, model, signals and the track beside the predicted one."""
+    """Return the page of a flight: figures, models, and of each run (name, record) signals and track.
+
+    predicted : of the one run there is, for the track.
+    """
     doubts = [*remarks, *(doubt_sentence(d) for s in sheets for d in s.doubts)]
-    doubts += [] if fit is None else [doubt_sentence(d) for d in fit.doubts]
-    pictures = [*_signals(flown), *_fits(fit, flown), *_tracks({"flown": flown, "predicted": predicted})]
-    return _page(title, when, Headline(f"Flown: {flown.reason}.", "good", ()), sheets, fit, doubts, pictures)
+    doubts += [doubt_sentence(d) for m in models for d in m.fit.doubts]
+    pictures = [p for name, run in flown[:MOST_SIGNALS] for p in _signals(run, name if len(flown) > 1 else "")]
+    pictures += [p for m in models for p in _fits(m, {t.name: t for _, t in flown})]
+    alone = len(flown) == 1
+    named = {"flown" if alone else name: run for name, run in flown}
+    pictures += _tracks(named if predicted is None else {**named, "predicted": predicted})
+    what = flown[0][1].reason if alone else f"{len(flown)} runs, {_together([t for _, t in flown])}"
+    verdict = Headline(f"Flown: {what}.", "good", ())
+    return _page(title, when, verdict, sheets, models, doubts, pictures, () if alone else flown)
 
 
-def render_preview(title: str, when: str, predicted: Trial, told: str, trouble: str) -> str:
-    """Return the page of a manoeuvre that was only previewed; *trouble* is why it had better not be flown."""
-    headline = Headline(trouble or f"It takes {told}.", "bad" if trouble else "good", ())
-    pictures = [*_signals(predicted), *_tracks({"predicted": predicted})]
-    return _page(title, when, headline, (), None, [], pictures)
+def _together(runs: Sequence[Trial]) -> str:
+    return format_seconds(sum(run.duration for run in runs))
+
+
+def render_preview(title: str, when: str, seen: Sequence[tuple[str, Trial, str, str]]) -> str:
+    """Return the page of runs that were only previewed: of each name, record, time and room, and why not to fly it."""
+    troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
+    good = f"It takes {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
+    told = tuple(f"{name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
+    headline = Headline(troubles[0] if troubles else good, "bad" if troubles else "good", (*troubles[1:], *told))
+    pictures = _signals(seen[0][1]) if len(seen) == 1 else []
+    pictures += _tracks({"predicted" if len(seen) == 1 else name: trial for name, trial, _, _ in seen})
+    return _page(title, when, headline, (), (), [], pictures)
 
 
 def _page(
@@ -51,11 +90,13 @@ def _page(
     when: str,
     headline: Headline,
     sheets: Sequence[Sheet],
-    fit: AxisFit | None,
+    models: Sequence[FlownModel],
     doubts: Sequence[str],
     pictures: Sequence[Picture],
+    runs: Sequence[tuple[str, Trial]] = (),
 ) -> str:
-    tiles = [] if fit is None else [(format_percent(fit.fit_percent), "fit", "free run")]
+    tiles = [(format_percent(m.fit.fit_percent), f"fit, {m.fit.dof}", "free run") for m in models]
+    tiles += [(format_percent(m.unseen.fit_percent), "prediction", ", ".join(m.held_out)) for m in models if m.unseen]
     return render_page(
         "flight/page.html",
         {
@@ -64,12 +105,24 @@ def _page(
             "headline": headline,
             "tiles": tiles,
             "doubts": tuple(dict.fromkeys(doubts)),
-            "sheets": [(s.title, sheet_table(s), s.verdict) for s in sheets],
-            "model_title": "" if fit is None else structure_title(fit),
-            "parameters": None if fit is None else parameter_table(fit),
+            "runs": _runs(runs) if runs else None,
+            "sheets": [(f"{s.run}: {s.title}" if runs else s.title, sheet_table(s), s.verdict) for s in sheets],
+            "models": [
+                (structure_title(m.fit), parameter_table(m.fit), unseen_table(m.unseen) if m.unseen else None)
+                for m in models
+            ],
             "pictures": pictures,
         },
     )
+
+
+def _runs(runs: Sequence[tuple[str, Trial]]) -> Table:
+    rows = tuple((name, format_seconds(trial.duration), trial.reason) for name, trial in runs)
+    return Table(("run", "length", "how it ended"), "lrl", rows)
+
+
+MOST_SIGNALS = 12
+"""Runs whose signals are drawn; chosen so that the page stays small."""
 
 
 def _picture(kind: str, caption: str, figure: Figure | None) -> list[Picture]:
@@ -79,7 +132,7 @@ def _picture(kind: str, caption: str, figure: Figure | None) -> list[Picture]:
         return [Picture(kind, caption, to_svg(figure, kind, caption))]
 
 
-def _signals(trial: Trial) -> list[Picture]:
+def _signals(trial: Trial, name: str = "") -> list[Picture]:
     names = [n for n in ("psi", "z", "u") if n in trial and len(trial[n]) > 1][:2]
     inputs = [n for n in ("N", "X", "Z", "Y") if n in trial and len(trial[n]) > 1 and trial[n].values.any()]
     if not names or not inputs:
@@ -93,15 +146,23 @@ def _signals(trial: Trial) -> list[Picture]:
             ax.set_ylabel(f"{name} [{unit}]")
         draw_inputs(axes[-1], trial, inputs, trial.start, trial.end)
         axes[-1].set_xlabel("time [s]")
-    return _picture("signals", "What it did, and what drove it.", figure)
+    told = "hat it did, and what drove it."
+    return _picture(f"signals{name}", f"{name}: w{told}" if name else f"W{told}", figure)
 
 
-def _fits(fit: AxisFit | None, trial: Trial) -> list[Picture]:
+def _fits(model: FlownModel, runs: Mapping[str, Trial]) -> list[Picture]:
     found: list[Picture] = []
-    for i, trace in enumerate(() if fit is None else fit.traces):
-        with pens(f"fit-{i}"):
-            figure = draw_fit(trace, trial, fit.model if fit is not None else None)
-        found += _picture(f"fit-{i}", "The model, free running, against measurement; below, what is left over.", figure)
+    unseen = () if model.unseen is None else model.unseen.traces
+    told = "The model, free running, against measurement; below, what is left over."
+    for i, (trace, caption) in enumerate(
+        [*((t, told) for t in model.fit.traces), *((t, f"Prediction of {t.run}, held out of the fit.") for t in unseen)]
+    ):
+        if trace.run not in runs:
+            continue
+        name = f"fit-{model.fit.dof}-{i}"
+        with pens(name):
+            figure = draw_fit(trace, runs[trace.run], model.fit.model)
+        found += _picture(name, caption, figure)
     return found
 
 

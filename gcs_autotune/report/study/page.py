@@ -58,7 +58,7 @@ def _context(study: Study) -> dict[str, Any]:
         "model_title": structure_title(fit),
         "parameters": parameter_table(fit),
         "runs": run_table(study),
-        "unseen": unseen_table(answer),
+        "unseen": unseen_table(answer.unseen),
         "unseen_remarks": unseen_remarks(answer),
         "decision": "" if axis is None or axis.decision is None else decision_sentence(axis.decision),
         "candidates": candidate_table(axis) if axis is not None and axis.candidates else None,

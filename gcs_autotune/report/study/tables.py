@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from gcs_autotune.identify import AxisFit, Fit
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify.validate import Validation
 from gcs_autotune.report.study.study import (
     Outcome,
     Study,
@@ -185,9 +186,8 @@ def run_table(study: Study) -> Table:
     return Table(("run", "length", "samples", "channels", "used for"), "lrrll", rows)
 
 
-def unseen_table(outcome: Outcome) -> Table:
+def unseen_table(found: Validation | None) -> Table:
     """Free-run prediction of data the fit had not seen."""
-    found = outcome.unseen
     pairs = () if found is None else zip(found.traces, found.statistics, strict=True)
     rows = tuple(
         (
@@ -219,7 +219,7 @@ def study_summary(study: Study) -> Group:
     parts.extend(paragraph(s) for s in answer_sentences(study))
     if study.how_unseen:
         parts += [title("On data it has not seen"), paragraph(study.how_unseen)]
-        parts.append(grid(unseen_table(answer)))
+        parts.append(grid(unseen_table(answer.unseen)))
         parts.extend(paragraph(s) for s in unseen_remarks(answer))
     if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
         parts.append(title("Which kind of damping"))

@@ -1,0 +1,258 @@
+"""What is flown: one manoeuvre of the table, or a plan of them out of a TOML file.
+
+A plan::
+
+    title = "Charlie, calm harbour"
+    order = "shuffled"             # or as listed; shuffled alike every time, so that it can be gone on with
+    [conditions]
+    calm = true                    # before each run roll and pitch are looked at
+    min-depth = 1.5                # m; an ROV dives to it before each run
+    [defaults]                     # options of every run that takes them
+    full-rudder = 30
+    [[run]]
+    manoeuvre = "zig-zag"
+    heading = 20                   # units and ranges as on the command line
+    rudder = [10, 20]              # levels: a run for each
+    sides = "both"                 # or "starboard", "port"
+    repeat = 2
+    hold-out = false               # true: kept from the fit, to validate the model on
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.errors import AutotuneError, BadFile, UsageError
+from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.limits import limit_of
+from gcs_autotune.manoeuvres import MANOEUVRES, Manoeuvre, ManoeuvreKind
+from gcs_autotune.registry import lookup
+from gcs_autotune.workflow.settings import TuneSettings
+
+__all__ = ["FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
+
+
+@dataclass(frozen=True, slots=True)
+class FlySettings:
+    """What to fly: ``options`` (SI and radians) are those given, by their names in the table of limits.
+
+    ``side`` is 1 to begin to starboard, -1 to port; ``force`` the one driven, where any may be. ``model`` is what the
+    preview is made with, ``full_scale`` its input at full output; without, the vehicle's own figures are.
+
+    Raises
+    ------
+    UnknownName, UsageError
+        No such manoeuvre, one that another command flies, or an option that it does not have.
+    """
+
+    manoeuvre: str
+    common: TuneSettings
+    options: Mapping[str, float] = field(default_factory=dict)
+    side: int = 1
+    model: ModelFile | None = None
+    full_scale: float | None = None
+    force: str = ""
+
+    def __post_init__(self) -> None:
+        """See that it can be flown at all."""
+        kind = self.kind
+        if kind.make is None:
+            raise UsageError(f"{kind.name} is flown by {kind.command}; `gcs-autotune fly --list` tells the others")
+        strange = [name for name in self.options if name not in kind.options]
+        if strange:
+            have = ", ".join(f"--{name}" for name in kind.options)
+            raise UsageError(f"{kind.name} takes no --{strange[0]}; it takes {have}, --throttle and --first-to")
+        if "rudder" in self.options and "full-rudder" not in self.options:
+            raise UsageError(
+                "--rudder is an angle: say with --full-rudder what angle full output gives, or use --steering"
+            )
+        if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
+            raise UsageError("--rudder is more than --full-rudder: it goes no further")
+        self.make(0.0)
+
+    @property
+    def kind(self) -> ManoeuvreKind:
+        """The row of the table."""
+        return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
+
+    def make(self, throttle: float, *, keep_still: bool = False) -> Manoeuvre:
+        """Return the manoeuvre; what was not given is as the table of limits says."""
+        kind = self.kind
+        assert kind.make is not None  # refused when these settings were made
+        rows = {name: limit_of(name) for name in kind.options}
+        usual = {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
+        given = dict(self.options)
+        if "rudder" in given:
+            given["steering"] = given["rudder"] / given["full-rudder"]
+        return kind.make(
+            {**usual, **given, "throttle": throttle, "side": float(self.side), "keep-still": float(keep_still)}
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run; ``name`` tells it from the others, ``held_out``: it is kept from the fit, to validate on."""
+
+    name: str
+    settings: FlySettings
+    held_out: bool = False
+
+    def make(self, throttle: float, *, keep_still: bool = False) -> Manoeuvre:
+        """Return its manoeuvre, which records under its name."""
+        manoeuvre = self.settings.make(throttle, keep_still=keep_still)
+        manoeuvre.name = self.name
+        return manoeuvre
+
+
+@dataclass(frozen=True, slots=True)
+class FlightPlan:
+    """Runs in the order in which they are flown, and what must hold before each; ``text`` is the file it came from."""
+
+    title: str
+    runs: tuple[PlannedRun, ...]
+    calm: bool = False
+    min_depth: float | None = None
+    text: str = ""
+
+    @classmethod
+    def of(cls, settings: FlySettings) -> FlightPlan:
+        """Return the plan of one manoeuvre."""
+        return cls(settings.kind.name, (PlannedRun(settings.kind.name, settings),))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its runs."""
+        return tuple(run.name for run in self.runs)
+
+
+_SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}
+_ORDERS = ("listed", "shuffled")
+_RUN = ("manoeuvre", "force", "sides", "repeat", "hold-out", "throttle", "speed")
+"""Keys of a run beside the manoeuvre's own options."""
+_CONDITIONS = ("calm", "min-depth")
+MOST_RUNS = 100
+"""Chosen: a plan of more is a slip of the pen."""
+
+
+def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, full_scale: float | None) -> FlightPlan:
+    """Read a plan; ``common``, ``model`` and ``full_scale`` are those of every run.
+
+    Raises
+    ------
+    BadFile
+        Not readable, not TOML, or not a plan: the message says which run and why, with the nearest spellings.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadFile(f"{path} cannot be read as a plan: {error}") from error
+    try:
+        _see_keys(data, ("title", "order", "conditions", "defaults", "run"), "the plan")
+        conditions = _table(data, "conditions")
+        _see_keys(conditions, _CONDITIONS, "[conditions]")
+        order = lookup(dict.fromkeys(_ORDERS, True), str(data.get("order", "listed")), "order")
+        runs = list(_runs(data, common, model, full_scale))
+    except (AutotuneError, TypeError, ValueError) as error:
+        raise BadFile(f"{path}: {error}") from error
+    assert order
+    if data.get("order") == "shuffled":
+        random.Random(len(runs)).shuffle(runs)
+    if not 0 < len(runs) <= MOST_RUNS:
+        raise BadFile(f"{path}: a plan has 1 to {MOST_RUNS} runs, each a [[run]]; this has {len(runs)}")
+    depth = conditions.get("min-depth")
+    calm = conditions.get("calm", False)
+    if not isinstance(calm, bool):
+        raise BadFile(f"{path}: calm is true or false, not {calm!r}")
+    try:
+        least = None if depth is None else limit_of("min-depth").check(float(depth))
+    except (UsageError, TypeError, ValueError) as error:
+        raise BadFile(f"{path}: min-depth: {error}") from error
+    return FlightPlan(str(data.get("title", path.stem)), tuple(_named(runs)), calm, least, text)
+
+
+def _see_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+    for key in data:
+        try:
+            lookup(dict.fromkeys(known, True), key, "key")
+        except AutotuneError as error:
+            raise UsageError(f"{where}: {error}") from None
+
+
+def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = data.get(key, {})
+    if not isinstance(value, dict):
+        raise UsageError(f"{key} is a table: write [{key}] and its keys below")
+    return value
+
+
+def _runs(
+    data: Mapping[str, Any], common: TuneSettings, model: ModelFile | None, full_scale: float | None
+) -> Iterator[PlannedRun]:
+    defaults, listed = _table(data, "defaults"), data.get("run", [])
+    every = {name for kind in MANOEUVRES.values() for name in kind.options}
+    _see_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
+    if not isinstance(listed, list):
+        raise UsageError("runs are written as [[run]]")
+    for number, entry in enumerate(listed, start=1):
+        try:
+            yield from _of_entry(entry, defaults, common, model, full_scale)
+        except AutotuneError as error:
+            raise UsageError(f"run {number}: {error}") from None
+
+
+def _of_entry(
+    entry: Mapping[str, Any],
+    defaults: Mapping[str, Any],
+    common: TuneSettings,
+    model: ModelFile | None,
+    full_scale: float | None,
+) -> Iterator[PlannedRun]:
+    if "manoeuvre" not in entry:
+        raise UsageError('it names no manoeuvre (manoeuvre = "zig-zag"); `gcs-autotune fly --list` tells them')
+    kind = lookup(MANOEUVRES, str(entry["manoeuvre"]), "manoeuvre")
+    _see_keys(entry, (*_RUN, *kind.options), kind.name)
+    given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
+    sides = lookup(_SIDES, str(given.get("sides", "starboard")), "side")
+    repeat = given.get("repeat", 1)
+    if not isinstance(repeat, int) or not 1 <= repeat <= MOST_RUNS:
+        raise UsageError(f"repeat is a whole number from 1 to {MOST_RUNS}, not {repeat!r}")
+    held_out = given.get("hold-out", False)
+    if not isinstance(held_out, bool):
+        raise UsageError(f"hold-out is true or false, not {held_out!r}")
+    numbers = {k: _levels(k, v) for k, v in given.items() if k in (*kind.options, "throttle", "speed")}
+    own = [k for k in entry if k in numbers]
+    for values in itertools.product(*numbers.values()):
+        typed = dict(zip(numbers, values, strict=True))
+        options = {k: v * limit_of(k).factor for k, v in typed.items() if k in kind.options}
+        here = replace(common, throttle=typed.get("throttle", common.throttle), speed=typed.get("speed", common.speed))
+        force = str(given.get("force", ""))
+        label = "-".join([kind.name, *([force] if force else []), *(f"{k}{typed[k]:g}" for k in own)])
+        for side in sides:
+            settings = FlySettings(kind.name, here, options, side, model, full_scale, force)
+            for _ in range(repeat):
+                yield PlannedRun(label if side > 0 else f"{label}-port", settings, held_out)
+
+
+def _levels(name: str, value: Any) -> list[float]:
+    try:
+        return [limit_of(name).check(float(v)) for v in (value if isinstance(value, list) else [value])]
+    except (TypeError, ValueError):
+        raise UsageError(f"{name} is a number, or a list of numbers, not {value!r}") from None
+    except UsageError as error:
+        raise UsageError(f"{name}: {error}") from None
+
+
+def _named(runs: Sequence[PlannedRun]) -> Iterator[PlannedRun]:
+    """Yield the runs with a number behind names that come more than once."""
+    labels = [run.name for run in runs]
+    for i, run in enumerate(runs):
+        again = labels[: i + 1].count(run.name)
+        yield replace(run, name=f"{run.name}-{again}") if labels.count(run.name) > 1 else run

@@ -1,0 +1,150 @@
+"""What came of a flight: its runs, the figures and models read off them, and the page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify.model_file import save_model
+from gcs_autotune.identify.validate import Validation, validate
+from gcs_autotune.manoeuvres import DOF_OF, Preview
+from gcs_autotune.report import FlownModel, render_flight, render_preview
+from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
+from gcs_autotune.seatrials import Sheet, ship_figures
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.settings import TuneSettings
+
+__all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
+
+_NOTED, _LIMITED = 0.1, 0.9
+"""An order that matters, as a share of full, and the share of it that must come out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownRun:
+    """A run of the plan, as it was foreseen and, unless it was only previewed, as it was flown."""
+
+    planned: PlannedRun
+    preview: Preview
+    trial: Trial | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightResult:
+    """What came of it: ``runs``, ``sheets`` of figures, a model per degree of freedom in ``models``, what to doubt."""
+
+    runs: Sequence[FlownRun]
+    page: Path | None = None
+    sheets: Sequence[Sheet] = ()
+    models: Sequence[FlownModel] = ()
+    remarks: Sequence[str] = ()
+
+    @property
+    def preview(self) -> Preview:
+        """That of the first run."""
+        return self.runs[0].preview
+
+    @property
+    def trial(self) -> Trial | None:
+        """The record of the first run."""
+        return self.runs[0].trial
+
+    @property
+    def fit(self) -> AxisFit | None:
+        """The first model."""
+        return self.models[0].fit if self.models else None
+
+
+def draw_previews(runs: Sequence[FlownRun], plan: FlightPlan, directory: Path, when: str) -> Path:
+    """Draw the predicted tracks in *directory*."""
+    directory.mkdir(parents=True, exist_ok=True)
+    page = directory / "preview.html"
+    told = [(run.planned.name, run.preview.trial, run.preview.told(), run.preview.trouble) for run in runs]
+    page.write_text(render_preview(f"Preview of {plan.title}", when, told), encoding="utf-8")
+    return page
+
+
+def read_flight(
+    plan: FlightPlan, common: TuneSettings, record: RunDirectory, runs: Sequence[FlownRun], when: str
+) -> FlightResult:
+    """Read figures and models off the records; what they do not tell is a remark, for the records are good.
+
+    A model is fitted per degree of freedom to its runs but those held out: the ones the plan says, else the last of
+    several. On these it is validated.
+    """
+    remarks: list[str] = []
+    sheets: list[Sheet] = []
+    flown = [(run.planned, run.trial) for run in runs if run.trial is not None]
+    for planned, trial in flown:
+        of = f"{planned.name}: " if len(flown) > 1 else ""
+        remarks += [of + text for text in _limited(trial)]
+        try:
+            sheets += ship_figures(trial) if planned.settings.kind.name in SHIP_MANOEUVRES else ()
+        except AutotuneError as error:
+            remarks.append(f"{of}no figures: {error}")
+    models = []
+    for dof, (used, held) in _by_dof(flown).items():
+        try:
+            models.append(_identified(dof, used, held, common))
+        except NotInformative as error:
+            remarks.append(f"no model of {dof}: {error}" if len(flown) > 1 else f"no model: {error}")
+    for model in models:
+        stem = "" if len(models) == 1 else f"-{model.fit.dof}"
+        record.save_json(f"fit{stem}.json", model.fit.to_dict())
+        save_model(model.fit, record.path / f"model{stem}.json")
+    if sheets:
+        record.save_json("figures.json", json.loads(json.dumps({"sheets": [x.to_dict() for x in sheets]}, default=str)))
+    page = record.path / "report.html"
+    tracks = [(planned.name, trial) for planned, trial in flown]
+    predicted = runs[0].preview.trial if len(runs) == 1 else None
+    title = f"{plan.title}: {common.connection.uri}"
+    page.write_text(render_flight(title, when, tracks, predicted, sheets, models, remarks), encoding="utf-8")
+    return FlightResult(runs, page, sheets, models, remarks)
+
+
+def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
+    """Return the runs to fit and those held out, per degree of freedom that the runs tell about."""
+    found: dict[str, tuple[list[Trial], list[Trial]]] = {}
+    for planned, trial in flown:
+        dof = str(trial.meta.get("dof", ""))
+        if planned.settings.kind.identifies and dof:
+            found.setdefault(dof, ([], []))[planned.held_out].append(trial)
+    for dof, (used, held) in found.items():
+        if not used:
+            found[dof] = (held, [])
+        elif not held and len(used) > 1:
+            found[dof] = (used[:-1], used[-1:])
+    return found
+
+
+def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: TuneSettings) -> FlownModel:
+    delay = "auto" if common.delay is None else common.delay
+    fit = fit_axis(list(used), dof=dof, structure=common.structure, delay=delay)
+    unseen: Validation | None = validate(fit.model, held) if held else None
+    return FlownModel(fit, tuple(t.name for t in held), unseen)
+
+
+def _limited(trial: Trial) -> list[str]:
+    """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
+    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
+    for k, order in enumerate(orders):
+        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
+        for force, asked in order.detail.items():
+            if force not in DOF_OF or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
+                continue
+            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
+            came = float(np.median(held)) / asked if len(held) else 1.0
+            if came < _LIMITED:
+                return [
+                    f"of {abs(asked):.0%} {force} asked for, {abs(came * asked):.0%} came out: it stands at a limit "
+                    "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
+                ]
+    return []

@@ -1,0 +1,140 @@
+"""Plans of several runs: read with the nearest spellings, flown in order, gone on with, their model proved unseen."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import BadFile, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.trial import load_trial
+from gcs_autotune.workflow import PLAN_FILE, FlightPlan, Unattended, fly_plan, load_flight_plan
+
+from .sitl_harness import SLOW_LOOP, WHEN, Ear, Later, Moored, SitlHarness
+from .test_fly import Stops
+
+ZIG_ZAG = '[[run]]\nmanoeuvre = "zig-zag"\nheading = 10\nexecutes = 3\n'
+
+
+def plan(harbour: SitlHarness, text: str) -> FlightPlan:
+    path = harbour.directory.parent / "plan.toml"
+    path.write_text(text)
+    return load_flight_plan(path, harbour.settings(), None, None)
+
+
+def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_that_stays(tmp_path: Path) -> None:
+    text = (
+        'title = "two"\n[defaults]\nfull-rudder = 30\nheading = 20\nexecutes = 3\n'
+        '[[run]]\nmanoeuvre = "zig-zag"\nrudder = [10, 20]\nsides = "both"\n'
+        '[[run]]\nmanoeuvre = "stopping"\nastern = 0.5\nrepeat = 2\nhold-out = true\n'
+    )
+    read = plan(SitlHarness(tmp_path), text)
+    assert read.names == (
+        "zig-zag-rudder10", "zig-zag-rudder10-port", "zig-zag-rudder20", "zig-zag-rudder20-port",
+        "stopping-astern0.5-1", "stopping-astern0.5-2",
+    )  # fmt: skip
+    first = read.runs[1].settings
+    assert first.side == -1
+    assert first.options["rudder"] == pytest.approx(math.radians(10.0))
+    assert first.options["full-rudder"] == pytest.approx(math.radians(30.0))
+    assert [run.held_out for run in read.runs] == [False] * 4 + [True] * 2
+    shuffled = [plan(SitlHarness(tmp_path), 'order = "shuffled"\n' + text).names for _ in range(2)]
+    assert shuffled[0] == shuffled[1] != read.names
+    assert sorted(shuffled[0]) == sorted(read.names)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[run]]\nmanoeuvre = 'zigzag'\n", "run 1: unknown manoeuvre 'zigzag'. Did you mean zig-zag?"),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nheadin = 3\n", "zig-zag: unknown key 'headin'. Did you mean heading?"),
+        ("[[run]]\nmanoeuvre = 'spiral'\nheading = 3\n", "spiral: unknown key 'heading'"),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nheading = 100\n", "run 1: heading: 100 is out of range"),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nheading = 'ten'\n", "heading is a number, or a list of numbers, not 'ten'"),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "say with --full-rudder"),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = 'left'\n", "unknown side 'left'"),
+        ("[[run]]\nmanoeuvre = 'relay'\n", "relay is flown by experiment AXIS"),
+        ("[[run]]\nheading = 3\n", "names no manoeuvre"),
+        ("[conditions]\nclam = true\n" + ZIG_ZAG, "[conditions]: unknown key 'clam'. Did you mean calm?"),
+        ("[conditions]\ncalm = 1\n" + ZIG_ZAG, "calm is true or false"),
+        ("[conditions]\nmin-depth = -1\n" + ZIG_ZAG, "min-depth: -1 is out of range"),
+        ("[defaults]\nexecute = 3\n" + ZIG_ZAG, "[defaults]: unknown key 'execute'. Did you mean executes"),
+        ("oder = 'listed'\n" + ZIG_ZAG, "the plan: unknown key 'oder'. Did you mean order?"),
+        ("order = 'random'\n" + ZIG_ZAG, "unknown order 'random'"),
+        ("title = 'empty'\n", "this has 0"),
+        ("[[run]\n", "cannot be read as a plan"),
+        (ZIG_ZAG + "repeat = 101\n", "repeat is a whole number from 1 to 100"),
+    ],
+)
+def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(BadFile) as caught:
+        plan(SitlHarness(tmp_path), text)
+    assert words in str(caught.value)
+    assert "plan.toml" in str(caught.value)
+
+
+def fly(harbour: SitlHarness, read: FlightPlan, operator: Any = None, **changes: Any) -> Any:
+    watcher = operator or Ear(harbour.said)
+    return fly_plan(read, replace(harbour.settings(), **changes), operator or Unattended(), watcher, WHEN)
+
+
+THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"\nduration = 12\nsteering = 0.4\n'
+
+
+def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on_a_run_not_fitted(
+    tmp_path: Path,
+) -> None:
+    harbour = SitlHarness(tmp_path, "blueboat")
+    three = plan(harbour, THREE)
+    with pytest.raises(OperatorStopped):
+        fly(harbour, three, Stops(harbour.said, "N +40 %"))
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
+    (way_on,) = [text for text in harbour.said if "--resume" in text]
+    assert way_on.startswith("2 of 3 runs of the plan are flown; to fly the rest")
+    assert any(text.startswith("coming back: back, ") for text in harbour.said)
+
+    said: list[str] = []
+    again = harbour.directory.parent / "again"
+    common = replace(
+        harbour.settings(), connection=Moored(peer=Later(harbour.server)), directory=again, resume=harbour.directory
+    )
+    result = fly_plan(
+        load_flight_plan(harbour.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
+    )
+    assert "1 run (2 are flown already): doublets" in " ".join(said)
+    flown = [load_trial(path) for path in sorted((again / "trials").glob("*.csv"))]
+    assert [t.name for t in flown if t.purpose == "identification"] == [*three.names]
+    (model,) = result.models
+    assert model.held_out == ("doublets-duration12-steering0.4",)
+    assert model.unseen.fit_percent > 85.0
+    assert {s.run for s in result.sheets} == set(three.names[:2])
+    page = (again / "report.html").read_text()
+    for words in ("held out of the fit", "Runs", "how it ended", three.names[0], "Track"):
+        assert words in page
+    assert json.loads((again / "model.json").read_text())
+
+    other = replace(common, directory=again.with_name("third"), throttle=0.3)
+    with pytest.raises(UsageError, match="other settings"):
+        fly_plan(three, other, Unattended(), Ear([]), WHEN)
+    twin = SitlHarness(tmp_path / "twin", "charlie")
+    with pytest.raises((WrongVehicle, PreconditionFailed), match=r"another vehicle|other parameters"):
+        fly(twin, three, resume=harbour.directory)
+    assert not twin.vehicle.autopilot.armed
+
+
+def test_the_conditions_hold_before_each_run(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
+    text = "[conditions]\ncalm = true\nmin-depth = 3.0\n[[run]]\nmanoeuvre = 'doublets'\nduration = 6\nsteering = 0.3\n"
+    result = fly(harbour, plan(harbour, text))
+    assert result.trial["z"].values.min() > 2.8
+    kinds = [load_trial(p).meta["manoeuvre"] for p in sorted((harbour.directory / "trials").glob("*.csv"))]
+    assert kinds == ["sign-check", "dive", "calm-check", "doublets"]
+    boat = SitlHarness(tmp_path / "boat")
+    with pytest.raises(WrongVehicle, match="this vehicle floats"):
+        fly(boat, plan(SitlHarness(tmp_path), "[conditions]\nmin-depth = 1\n" + ZIG_ZAG))
