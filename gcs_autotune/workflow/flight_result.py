@@ -126,8 +126,9 @@ def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[lis
 
 
 def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: TuneSettings) -> FlownModel:
-    delay = "auto" if common.delay is None else common.delay
-    fit = fit_axis(list(used), dof=dof, structure=common.structure, delay=delay)
+    fit = fit_axis(
+        list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
+    )
     unseen: Validation | None = validate(fit.model, held) if held else None
     return FlownModel(fit, tuple(t.name for t in held), unseen)
 

@@ -274,7 +274,7 @@ class _Flight:
             throttle = max(leg.throttle for leg in left)
             for dof in dofs:
                 check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
-                see_signs(check, lambda m, stage: runner.attempt(m, stage, left[0].envelope))
+                see_signs(check, partial(runner.attempt, envelope=left[0].envelope))
                 dive = dive_for(dof, firmware, home)
                 if dive is not None:
                     runner.fly(dive, "diving")
