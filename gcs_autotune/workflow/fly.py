@@ -257,7 +257,10 @@ class _Flight:
         if self._plan.text:
             (self._record.path / PLAN_FILE).write_text(self._plan.text, encoding="utf-8")
             note_setting_out(self._record, s, craft, self._held)
-        keep = lambda trial: beside(craft, partial(self._record.keep, trial))  # noqa: E731 - as tune and experiment do
+
+        def keep(trial: Trial) -> None:
+            beside(craft, partial(self._record.keep, trial))
+
         for leg in self.legs:
             trial = self._earlier.take(leg.run.name)
             if trial is not None:
