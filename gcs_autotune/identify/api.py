@@ -77,8 +77,9 @@ def fit(
     if start is not None and not isinstance(start, ExtendedModel):
         options, start = {**options, "start": start}, None
     if effects or start is not None:
-        _refuse_what_effects_cannot(method, loss, options, structure if start is not None else None)
-        return fit_with_effects(_case(_all_as_they_are(runs), structure, dof, delay, use, effects, start))
+        _refuse_what_effects_cannot(method, options, structure if start is not None else None)
+        case = _case(_all_as_they_are(runs), structure, dof, delay, use, effects, start)
+        return fit_with_effects(replace(case, robust=loss == "soft_l1"))
     form = form_of(structure, dof)
     if form is not None:
         return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
@@ -99,12 +100,10 @@ def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None
     return None
 
 
-def _refuse_what_effects_cannot(method: str, loss: str, options: dict[str, Any], structure: object) -> None:
+def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure: object) -> None:
     """Refuse what a fit with effects cannot do."""
     if method != "output-error":
         raise UsageError(f"effects and start values are for the method output-error, not for '{method}'")
-    if loss != "linear":
-        raise UsageError("with effects, outliers are one of them: add the effect 'outliers' instead of --robust")
     if options:
         raise UsageError(f"a fit with effects has no option {', '.join(options)}")
     if structure is not None:

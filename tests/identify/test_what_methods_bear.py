@@ -97,22 +97,38 @@ def test_outliers_move_no_method_that_bears_them(name: str, spoilt: Trial) -> No
     assert abs(robust - SLOW[0]) < 0.5 * abs(plain - SLOW[0])
 
 
+def test_outliers_move_no_fit_with_effects_that_weighs_them(spoilt: Trial) -> None:
+    robust, plain = (
+        fit(spoilt, "linear", dof="yaw", effects=["quadratic-drag@yaw"], loss=loss).parameters["N_rdot"].value
+        for loss in ("soft_l1", "linear")
+    )
+    assert abs(robust + SLOW[0]) < 0.5 * abs(plain + SLOW[0])
+
+
+def test_outliers_are_weighed_or_explained_but_not_both(spoilt: Trial) -> None:
+    with pytest.raises(UsageError, match="leave --robust out"):
+        fit(spoilt, "linear", dof="yaw", effects=["outliers"], loss="soft_l1")
+
+
 @pytest.mark.parametrize("name", bearing("robust", able=False))
 def test_a_method_without_a_robust_loss_says_so(name: str, calm: list[Trial]) -> None:
     found = fit(calm[0], "nonlinear", name, dof="yaw", delay=0.0, loss="soft_l1")
     assert "outliers-not-weighed" in {d.slug for d in found.doubts}
 
 
-@pytest.mark.parametrize("form", [False, True], ids=["axis", "form"])
-def test_a_coarse_compass_is_taken_as_rounding_in_every_form(form: bool, calm: list[Trial]) -> None:
+@pytest.mark.parametrize("form", ["axis", "form", "effects"])
+def test_a_coarse_compass_is_taken_as_rounding_in_every_form(form: str, calm: list[Trial]) -> None:
     psi = calm[0]["psi"]
     coarse = Channel("psi", "rad", psi.t[::5], DEG * np.round(psi.values[::5] / DEG))
     run = dataclasses.replace(calm[0], channels={"psi": coarse, "N": calm[0]["N"]})
 
     def of(found: Fit) -> float:
-        return abs(found.parameters["N_rdot" if form else "alpha_r"].value)
+        return abs(found.parameters["alpha_r" if form == "axis" else "N_rdot"].value)
 
-    found = fit(run, FORM, delay=0.0) if form else fit(run, "nonlinear", dof="yaw", delay=0.0)
+    if form == "axis":
+        found: Fit = fit(run, "nonlinear", dof="yaw", delay=0.0)
+    else:
+        found = fit(run, FORM, delay=0.0, effects=["linear-drag@yaw"] if form == "effects" else ())
     assert found.extra["quantum"]["psi"] == pytest.approx(DEG)
     assert of(found) == pytest.approx(QUICK[0], rel=0.01)
 

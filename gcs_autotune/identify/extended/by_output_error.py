@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
+from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
 from gcs_autotune.identify.doubts import effect_doubts, once, solution_doubts
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.extended.forward_selection import with_effects
+from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
-from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, traces_of
+from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, solve, traces_of
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
@@ -31,7 +33,8 @@ class ExtendedCase:
     """One question: these runs, this base and these effects, or a model to begin at and what to add to it.
 
     ``form`` of the base; the plain one for what the runs show (of ``dof``) when None. ``delay`` [s]: known, of all
-    inputs; None: as the form has it. ``start``: its structure, effects and values are where the fit begins.
+    inputs; None: as the form has it. ``start``: its structure, effects and values are where the fit begins. ``robust``:
+    soft-L1 weights.
     """
 
     runs: tuple[Trial, ...]
@@ -41,6 +44,7 @@ class ExtendedCase:
     dof: str | None = None
     delay: float | None = None
     use: tuple[str, ...] | None = None
+    robust: bool = False
 
 
 def fit_with_effects(case: ExtendedCase) -> Fit:
@@ -67,18 +71,46 @@ def fit_with_effects(case: ExtendedCase) -> Fit:
         base = CoupledModel(form, {n: values[n] for n in form.parameters})
         problem, _, fitted = given_base(base, start.effects, segments)
     fitted = with_effects(problem, fitted, case.specs)
-    fitted = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
-    return _told(case, problem, fitted, doubts)
+    return _told(case, problem, fitted, _solution(case, problem, fitted), doubts)
 
 
-def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[Doubt]) -> Fit:
-    solution = solution_of(problem, fitted)
-    parameters, covariance = _parameters(problem.scene, fitted, solution)
+def _solution(case: ExtendedCase, problem: Problem, fitted: Fitted) -> Solution:
+    """Fit to the end as any other model: coarse sensors as rounding, outliers weighed when asked.
+
+    Where a disturbance is learnt from what is left over (outliers, a jump of the compass) it stays as it was learnt,
+    and the noise with it.
+
+    Raises
+    ------
+    UsageError
+        Weights against outliers, and a disturbance that explains them.
+    """
+    if any(EFFECTS[e.slug].is_disturbance for e in fitted.effects):
+        if case.robust:
+            raise UsageError("an effect that is learnt from what is left over explains outliers: leave --robust out")
+        last = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
+        return solution_of(problem, last)
+    found = solve(
+        problem,
+        fitted.theta,
+        fitted.initial,
+        effects=fitted.effects,
+        levels=fitted.levels,
+        quanta=quanta_of(problem.segments),
+        shift=fitted.shift,
+        robust=case.robust,
+    )
+    return found or solution_of(problem, fitted)
+
+
+def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Solution, notes: Sequence[Doubt]) -> Fit:
+    parameters, covariance = _parameters(problem.scene, solution)
     doubts = [*notes, *solution_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
-    model = replace(fitted.model, amplitude=problem.scene.full, units=problem.scene.inputs)
+    base = CoupledModel(solution.form, dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True)))
+    model = ExtendedModel(base, solution.effects, amplitude=problem.scene.full, units=problem.scene.inputs)
     return Fit(
-        dof="+".join(fitted.form.dofs),
-        structure=" + ".join((fitted.form.name, *(f"{e.slug}@{e.place}" for e in fitted.effects))),
+        dof="+".join(solution.form.dofs),
+        structure=" + ".join((solution.form.name, *(f"{e.slug}@{e.place}" for e in solution.effects))),
         method="output-error",
         model=model if model.effects else model.base,
         parameters=parameters,
@@ -96,18 +128,20 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, notes: Sequence[
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,
             "log_likelihood": solution.log_likelihood,
+            "time_shift": solution.shift,
+            "quantum": dict(solution.quanta),
         },
     )
 
 
-def _parameters(scene: DataSummary, fitted: Fitted, solution: Solution) -> tuple[Mapping[str, Parameter], Array]:
+def _parameters(scene: DataSummary, solution: Solution) -> tuple[Mapping[str, Parameter], Array]:
     """Return all numbers with units, standard errors and Cramer-Rao bounds, and their covariance (p, p)."""
-    form = fitted.form
+    form = solution.form
     normalised = form.normalised or set(scene.inputs.values()) == {"1"}
-    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
+    values = dict(zip(form.parameters, solution.theta.tolist(), strict=True))
     units = {n: unit_of(n, scene.inputs, normalised=normalised, per_inertia=form.per_inertia) for n in form.parameters}
     learnt = []
-    for own in fitted.effects:
+    for own in solution.effects:
         entry = EFFECTS[own.slug]
         for name, value in own.values.items():
             label = label_of(own, name)
