@@ -17,8 +17,8 @@ import numpy as np
 from gcs_autotune.experiments.cross_validation import cross_validated, folds_of, swings_of
 from gcs_autotune.identify.api import fit_axis
 from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.free_run import validate
 from gcs_autotune.identify.result import AxisFit, Decision, Structure
-from gcs_autotune.identify.validate import validate
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -74,7 +74,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
     Raises
     ------
     NotInformative
-        As :func:`gcs_autotune.identify.validate.validate`.
+        As :func:`gcs_autotune.identify.free_run.validate`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     traces = validate(fit.model, runs).traces

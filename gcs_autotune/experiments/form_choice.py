@@ -27,10 +27,10 @@ from gcs_autotune.experiments.cross_validation import (
 )
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.free_run import validate
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.validate import validate
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, inertia_of
 from gcs_autotune.registry import lookup

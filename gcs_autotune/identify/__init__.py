@@ -12,8 +12,9 @@ likelihood        of parameters, effects, initial states and the shift of stamps
 problem           what is to be fitted, for searches over effects
 solution          maximum likelihood, covariance, what coloured residuals cost (``whiteness``, ``reweighting``)
 stamp_correction  at which loop an input changed; ``settled_stamps`` for methods that take stamps as exact
+doubts            reasons not to trust a fit, with cause and cure; ``odd_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds
-result            what comes out: ``Fit``, its parameters, traces and doubts; ``validate`` on runs not seen
+result            what comes out: ``Fit``, its parameters, traces and doubts; ``free_run`` on runs not seen
 ================  =============================================================================================
 
 Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (effects,
@@ -24,8 +25,8 @@ from __future__ import annotations
 
 from gcs_autotune.identify.api import fit, fit_axis
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
-from gcs_autotune.identify.axis.validation import ResidualStatistics, free_run, residual_statistics
 from gcs_autotune.identify.cleaning import quantum
+from gcs_autotune.identify.free_run import ResidualStatistics, free_run, residual_statistics
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.relay.iso import decide
 from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState, find_cycles

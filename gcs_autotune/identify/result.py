@@ -19,7 +19,7 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gcs_autotune.identify.validate import Validation
+    from gcs_autotune.identify.free_run import Validation
 
 __all__ = [
     "AxisFit",
@@ -215,7 +215,7 @@ class Fit:
 
     def validate(self, runs: Trial | Sequence[Trial]) -> Validation:
         """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`."""
-        from gcs_autotune.identify.validate import validate
+        from gcs_autotune.identify.free_run import validate
 
         return validate(self.model, runs)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.axis.structure import FREE
-from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
 from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import quadratic_drag
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status, Structure
@@ -57,10 +56,8 @@ def fit_by_iso(case: Case) -> AxisFit:
         "absent" if case.delay is None else "fixed",
     ]
     parameters = named_parameters(model, covariance, status)
-    runs = [run_freely(model, record) for record in case.records]
-    statistics = [residual_statistics(t) for t in runs]
-    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
-    fit_percent = float(np.mean([s.fit_percent for s in statistics]))
+    runs = [run_freely(model, record)[0] for record in case.records]
+    rms, fit_percent = rms_of(runs), fit_percent_of(runs)
     findings = Findings(case, model, structure, parameters, decision, rms, fit_percent)
     doubts = [*collect(findings), _first_harmonic()]
     if undecided:

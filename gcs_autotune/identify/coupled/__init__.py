@@ -1,21 +1,15 @@
 """Several degrees of freedom at once: what every method that fits a ``CoupledModel`` shares, and output error.
 
 ===============  ======================================================================
-record           runs cleaned and cut for a form
 case             one question, as every method gets it
 one_axis         a single degree of freedom as the smallest form: every method here fits axes too
-free_run         a model let loose on a run's inputs
 smoothing        velocities and accelerations read off measured signals
 regression       the equations of motion as a linear regression, for start values
-start            start values, sturdier ones for when the first lead nowhere
+initial_guess    start values, sturdier ones for when the first lead nowhere
 limits           bounds: the user's, physical ones, what the record can resolve
-objective        minus twice the log-likelihood with exact derivatives
-output_error     the fit from one start
 local            the fit from the first start that leads somewhere
 delay            with a delay where the evidence is strong
 global_search    two optimisers of different kind, the better kept and polished
-apart            one run of another vehicle among the rest
-fit_doubts       what to doubt
 by_output_error  the method ``output-error``
 by_global        the method ``global``
 ===============  ======================================================================

@@ -20,6 +20,7 @@ from gcs_autotune.identify.axis.case import Case, named_parameters
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.doubts import OF_THE_RUNS, once
+from gcs_autotune.identify.free_run import rms_of
 from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Parameter, Status, Structure
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import SingleDof
@@ -170,7 +171,7 @@ def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit) -> tuple[Sing
 def _left(fit: Fit, signal: str) -> float:
     """Return the root mean square of what is left of *signal*, or of everything where it was not fitted."""
     own = [t for t in fit.traces if t.signal == signal] or list(fit.traces)
-    return math.sqrt(float(np.mean(np.concatenate([(t.measured - t.fitted) ** 2 for t in own])))) if own else math.nan
+    return rms_of(own)
 
 
 def for_axis(method: Callable[[CoupledCase], Fit]) -> Callable[[Case], AxisFit]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case, named_parameters
-from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
 from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
 from gcs_autotune.identify.frequency.spectrum import (
@@ -125,7 +126,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
     model, covariance = _model(case, first)
     states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
     parameters = named_parameters(model, covariance, states)
-    runs = _free_runs(model, case)
+    runs, _ = runs_or_doubt(model, case.records)
     rms, fit_percent = _left_over(runs, case)
     doubts = collect(Findings(case, model, "linear", parameters, None, rms, fit_percent))
     return AxisFit(
@@ -152,21 +153,11 @@ def fit_by_frequency(case: Case) -> AxisFit:
     )
 
 
-def _free_runs(model: SingleDof, case: Case) -> list[Trace]:
-    """Return the free run on every record; none when the model runs away on one."""
-    try:
-        return [run_freely(model, record) for record in case.records]
-    except NotInformative:
-        return []
-
-
-def _left_over(runs: list[Trace], case: Case) -> tuple[float, float]:
+def _left_over(runs: Sequence[Trace], case: Case) -> tuple[float, float]:
     """Return rms of the residuals and fit in per cent; without a free run all of the motion is left over."""
     if not runs:
         return math.sqrt(float(np.mean([np.var(r.main.values) for r in case.records]))), 0.0
-    statistics = [residual_statistics(t) for t in runs]
-    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / sum(s.n for s in statistics))
-    return rms, float(np.mean([s.fit_percent for s in statistics]))
+    return rms_of(runs), fit_percent_of(runs)
 
 
 def _runs_away(first: NomotoFit) -> Doubt:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.signals import first_names
-from gcs_autotune.identify.axis.validation import run_freely
+from gcs_autotune.identify.free_run import run_freely
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models.single_dof import SingleDof
 from gcs_autotune.slow_imports import scipy_stats
@@ -155,7 +155,7 @@ def sampled(record: Segment, model: SingleDof | None = None) -> Sampled:
     signal = trusted(record)
     derived = signal is record.position
     if model is not None:
-        run = run_freely(model, record)
+        (run,) = run_freely(model, record)
         signal = replace(signal, t=run.t, values=run.measured - run.fitted)
     step = float(np.median(np.diff(signal.t)))
     count = int((signal.t[-1] - signal.t[0]) / step + 1e-6)

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.validation import residual_statistics
-from gcs_autotune.identify.coupled.free_run import run_freely
+from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
 from gcs_autotune.identify.kalman.bank import Levels, Passed
 from gcs_autotune.identify.kalman.doubts import filter_doubts
 from gcs_autotune.identify.kalman.task import Task
-from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
+from gcs_autotune.identify.result import Doubt, Fit, Parameter
 from gcs_autotune.models.coupled import CoupledModel
 
 __all__ = ["MOST_POINTS", "Found", "report"]
@@ -67,7 +65,7 @@ def report(task: Task, method: str, found: Found) -> Fit:
     values = {n: p.value for n, p in parameters.items()}
     model = CoupledModel(task.form, values)
     shift = {n: float(v) for n, v in zip(bank.free, found.parameters, strict=True) if task.is_shift(n)}
-    traces, runaway = _free_runs(CoupledModel(form, {**values, **shift}), task)
+    traces, runaway = runs_or_doubt(CoupledModel(form, {**values, **shift}), case.records)
     own = tuple(d for r in case.records for d in r.notes)
     return Fit(
         dof="+".join(form.dofs) if len(form.dofs) > 1 else form.dofs[0],
@@ -76,7 +74,7 @@ def report(task: Task, method: str, found: Found) -> Fit:
         model=model,
         parameters=parameters,
         covariance=covariance,
-        fit_percent=float(np.mean([residual_statistics(t).fit_percent for t in traces])) if traces else float("nan"),
+        fit_percent=fit_percent_of(traces),
         used=case.names,
         noise={s: float(np.sqrt(v)) for s, v in zip(bank.signals, found.levels.noise, strict=True)},
         doubts=(*own, *found.doubts, *runaway, *filter_doubts(task, found.last, found.moved, std, model)),
@@ -91,17 +89,6 @@ def report(task: Task, method: str, found: Found) -> Fit:
             **found.extra,
         },
     )
-
-
-def _free_runs(model: CoupledModel, task: Task) -> tuple[tuple[Trace, ...], tuple[Doubt, ...]]:
-    traces: list[Trace] = []
-    try:
-        for record in task.case.records:
-            traces += run_freely(model, record)
-    except NotInformative as error:
-        cure = "give start values, or fly a run that shows the drag (coast down, steps at several speeds)"
-        return tuple(traces), (Doubt("runs-away", str(error), cure),)
-    return tuple(traces), ()
 
 
 def _innovations(task: Task, last: Passed) -> dict[str, Any]:

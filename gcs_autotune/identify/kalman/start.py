@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.free_run import first_state
+from gcs_autotune.identify.free_run import first_state
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.identify.special_start import SPECIAL_START

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case, named_parameters
-from gcs_autotune.identify.axis.validation import residual_statistics, run_freely
 from gcs_autotune.identify.doubts import Findings, collect
-from gcs_autotune.identify.result import AxisFit, Doubt, Status, Structure, Trace
+from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
+from gcs_autotune.identify.result import AxisFit, Doubt, Status, Structure
 from gcs_autotune.models import SingleDof
 
 __all__ = ["axis_answer"]
@@ -44,11 +42,8 @@ def axis_answer(
     status: list[Status] = ["fitted" if f else "absent" for f in fitted]
     status.append("absent" if case.delay is None else "fixed")
     parameters = named_parameters(model, full, status)
-    traces, runaway = _free_runs(case, model)
-    statistics = [residual_statistics(t) for t in traces]
-    count = sum(s.n for s in statistics)
-    rms = math.sqrt(sum(s.rms**2 * s.n for s in statistics) / count) if count else math.nan
-    fit_percent = float(np.mean([s.fit_percent for s in statistics])) if statistics else math.nan
+    traces, runaway = runs_or_doubt(model, case.records)
+    rms, fit_percent = rms_of(traces), fit_percent_of(traces)
     findings = Findings(replace(case, cycles=()), model, structure, parameters, None, rms, fit_percent)
     return AxisFit(
         dof=model.dof,
@@ -66,10 +61,3 @@ def axis_answer(
         residual_rms=rms,
         extra=dict(extra),
     )
-
-
-def _free_runs(case: Case, model: SingleDof) -> tuple[tuple[Trace, ...], list[Doubt]]:
-    try:
-        return tuple(run_freely(model, record) for record in case.records), []
-    except NotInformative as error:
-        return (), [Doubt("runs-away", str(error), "use method='output-error', or smaller inputs")]

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.api import fit
+from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.plan.combine import Agreement, Estimate, Joint, Part, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, Step
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
-from gcs_autotune.identify.validate import Validation, validate
 from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 

@@ -10,7 +10,6 @@ by_least_squares  the method ``least-squares``; its kin: by_instruments, by_recu
 spread            standard errors: the noise of the signals followed to the estimate
 noise_bias        how far noise has shifted least squares; collinearity: which terms move together
 physical          M symmetric positive, C skew, D positive; barrier: the same as constraints
-start             start values for other methods
 outcome           all that as a ``Fit``
 ================  ==============================================================================================
 """
@@ -18,10 +17,8 @@ outcome           all that as a ``Fit``
 from __future__ import annotations
 
 from gcs_autotune.identify.regression.physical import Check, check_physics
-from gcs_autotune.identify.regression.start import start_values
 
 __all__ = [
     "Check",
     "check_physics",
-    "start_values",
 ]

@@ -7,10 +7,11 @@ from typing import Any
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.free_run import RUNS_AWAY
 from gcs_autotune.identify.regression.barrier import solve_physical
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts, inflation_factors
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
-from gcs_autotune.identify.regression.outcome import STABLE, fit_of, model_of
+from gcs_autotune.identify.regression.outcome import fit_of, model_of
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
@@ -71,7 +72,7 @@ def refusing_runaways(fit: Fit) -> Fit:
         The model found runs away on its own runs.
     """
     for doubt in fit.doubts:
-        if doubt.slug == STABLE:
+        if doubt.slug == RUNS_AWAY:
             raise NotInformative(f"{doubt.cause}; {doubt.cure}")
     return fit
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify.coupled.free_run import run_freely
+from gcs_autotune.identify.free_run import run_freely
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.outcome import model_of
 from gcs_autotune.identify.regression.recipe import Recipe

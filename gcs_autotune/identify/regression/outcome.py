@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.free_run import run_freely
 from gcs_autotune.identify.doubts import POOR
+from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
@@ -21,9 +20,6 @@ from gcs_autotune.models.coupled import CoupledModel, Form
 __all__ = ["fit_of", "model_of"]
 
 Array = NDArray[np.float64]
-
-STABLE = "runs-away"
-"""Slug of the doubt that the model found cannot be simulated on its own runs."""
 
 BEYOND_NOISE = 2.0
 """Rms residual of the free run, in noise levels, that noise no longer excuses."""
@@ -55,15 +51,9 @@ def fit_of(
         unit = form.unit_of(name, units)
         parameters[name] = Parameter(name, float(estimate.theta[i]), unit, std, "fitted" if i < f else "fixed")
     said = [note for record in case.records for note in record.notes] + list(doubts)
-    traces: list[Trace] = []
-    try:
-        for record in case.records:
-            traces += run_freely(model, record)
-    except NotInformative as error:
-        traces = []
-        said.append(Doubt(STABLE, str(error), "excite the craft more, or leave terms out of the form"))
-    noise, percent = _noise(motions), _fit_percent(traces)
-    said += _poor(traces, percent, noise)
+    traces, runaway = runs_or_doubt(model, case.records)
+    noise, percent = _noise(motions), fit_percent_of(traces)
+    said += [*runaway, *_poor(traces, percent, noise)]
     return Fit(
         dof="+".join(form.dofs),
         structure=form.name,
@@ -75,7 +65,7 @@ def fit_of(
         used=case.names,
         noise=noise,
         doubts=tuple(said),
-        traces=tuple(traces),
+        traces=traces,
         extra={"delay": form.known.get("delay", 0.0), **extra},
     )
 
@@ -97,17 +87,6 @@ def _poor(traces: Sequence[Trace], percent: float, noise: Mapping[str, float]) -
             "an unknown delay, a missing term, wind or current may be at work: fit output-error, or give the delay",
         )
     ]
-
-
-def _fit_percent(traces: Sequence[Trace]) -> float:
-    shares = []
-    for name in dict.fromkeys(t.signal for t in traces):
-        own = [t for t in traces if t.signal == name]
-        power = sum(float(np.var(t.measured)) * len(t.t) for t in own)
-        left = sum(float(np.sum((t.measured - t.fitted) ** 2)) for t in own)
-        if power > 0.0:
-            shares.append(100.0 * (1.0 - math.sqrt(left / power)))
-    return float(np.mean(shares)) if shares else math.nan
 
 
 def _noise(motions: Sequence[Motion]) -> dict[str, float]:
