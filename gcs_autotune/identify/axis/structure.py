@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.evidence import choose, damps, possible_second_drag
 from gcs_autotune.identify.axis.start import Bounds, start_from_scan
-from gcs_autotune.identify.axis.uncertainty import explicit_covariance
+from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
 from gcs_autotune.identify.first_look import first_levels, first_states, quanta_of
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Candidate, Decision, Structure
@@ -22,7 +22,7 @@ from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
 from gcs_autotune.identify.solution import Solution, solve
 from gcs_autotune.models import SingleDof
 
-__all__ = ["DELAY_EVIDENCE", "FREE", "Selection", "model_of", "select"]
+__all__ = ["FREE", "Selection", "model_of", "select"]
 
 Array = NDArray[np.float64]
 
@@ -32,17 +32,6 @@ FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
     "affine": (True, True, True, True),
 }
 """Structure -> which of b, a, c, d are fitted."""
-
-DELAY_EVIDENCE = 6.0
-"""Difference of the criterion. A delay costs phase margin in every later design and trades against
-inertia, so it must be strongly evident and three standard errors above zero. Without a delay that comes
-about by chance once in some thousands of records of a thousand samples."""
-
-FIRST_MARGIN = 0.5
-"""Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
-
-SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
-"""Delays a second search starts from when the first left coloured residuals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,37 +172,21 @@ def _with_delay(
         return fitter.without(delay), plain, None, plain.correlation, 0.0
     step = float(np.median(np.diff(fitter.records[0].main.t)))
     begin = min(max(float(start[4]), step), fitter.bounds.delay)
-    late, plain, lagged = _lagged_fit(fitter, base, start, begin)
-    if lagged is not None:
-        correlation = lagged.correlation
-        evidence = plain.bic(correlation) - lagged.bic(correlation)
-        std = math.sqrt(float(explicit_covariance(lagged)[4, 4]))
-        if evidence > DELAY_EVIDENCE and lagged.theta[4] > 3.0 * std:
-            return late, lagged, lagged, correlation, evidence
-    begin_again = np.array([*plain.theta[:4], 0.0])
-    whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
-    return fitter, whole, lagged, whole.correlation, 0.0 if lagged is None else evidence
 
-
-def _lagged_fit(
-    fitter: _Fitter, base: Structure, start: Array, begin: float
-) -> tuple[_Fitter, Solution, Solution | None]:
-    """Fit *base* without and with a delay to the same samples; None when the delay ends on a bound.
-
-    The first :data:`FIRST_MARGIN` seconds are left out, more when the delay turns out longer.
-    """
-    margin = FIRST_MARGIN
-    while True:
+    def fits(margin: float) -> tuple[Solution, Solution | None]:
         late = fitter.without(margin)
         plain = late.must_fit(base, np.array([*start[:4], 0.0]))
         lagged = late.fit(base, np.array([*plain.theta[:4], begin]), True, plain)
-        if not (lagged or plain).white:
-            lagged = _better(lagged, _scanned_fit(late, base))
-        if lagged is None or "delay" in lagged.at_bound:
-            return late, plain, None
-        if lagged.theta[4] <= margin:
-            return late, plain, lagged
-        margin = 1.2 * float(lagged.theta[4])
+        return plain, lagged if (lagged or plain).white else _better(lagged, _scanned_fit(late, base))
+
+    verdict = weigh_delay(fits)
+    lagged = verdict.lagged
+    if verdict.kept and lagged is not None:
+        return fitter.without(verdict.margin), lagged, lagged, lagged.correlation, verdict.evidence
+    assert verdict.plain is not None
+    begin_again = np.array([*verdict.plain.theta[:4], 0.0])
+    whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
+    return fitter, whole, lagged, whole.correlation, verdict.evidence
 
 
 def _scanned_fit(fitter: _Fitter, base: Structure) -> Solution | None:

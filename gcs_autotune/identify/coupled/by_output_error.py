@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.delay import Delayed, fit_with_delay
 from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
-from gcs_autotune.identify.coupled.local import Local, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, Local, fit_with_delay, local_fit
 from gcs_autotune.identify.doubts import delay_fitted, once, reversed_input, solution_doubts
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.likelihood import Limits
