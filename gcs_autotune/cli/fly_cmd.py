@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import textwrap
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,6 +73,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         add_number(group, name, metavar)
     group.add_argument("--model", type=Path, metavar="FILE", help="model file to preview with, as identify writes them")
     add_number(group, "full-scale", "F")
+    parser.add_argument(
+        "--area",
+        metavar="POLYGON|GEOJSON",
+        help="where it may go: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file (beside its own fence)",
+    )
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
     add_quiet(parser)
     parser.add_argument("--json", action="store_true", help="print figures and model as JSON on standard output")
@@ -107,6 +113,7 @@ def _list() -> int:
 def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tuple[FlightPlan, TuneSettings]:
     """Return what is flown, and what all of it has in common."""
     from gcs_autotune.identify.model_file import load_model
+    from gcs_autotune.manoeuvres import read_area
     from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, load_flight_plan
 
     what = str(args.manoeuvre) if args.manoeuvre is not None else str(args.resume / PLAN_FILE)
@@ -129,11 +136,14 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
         resume=args.resume,
     )
     model = None if args.model is None else load_model(args.model)
+    area = None if args.area is None else read_area(args.area)
     if of_plan:
-        return load_flight_plan(Path(what), common, model, args.full_scale), common
+        plan = load_flight_plan(Path(what), common, model, args.full_scale)
+        return (plan if area is None else replace(plan, area=area)), common
     options = {name: value * limit_of(name).factor for name, value in typed.items()}
     side = 1 if args.first_to == "starboard" else -1
-    return FlightPlan.of(FlySettings(what, common, options, side, model, args.full_scale, args.force)), common
+    one = FlightPlan.of(FlySettings(what, common, options, side, model, args.full_scale, args.force))
+    return replace(one, area=area), common
 
 
 def _preview(args: argparse.Namespace) -> int:

@@ -26,6 +26,7 @@ from gcs_autotune.link.transports.memory import MemoryLink, Peer
 from gcs_autotune.link.transports.transport import Transport
 from gcs_autotune.link.vehicle.actuation_check import read_outputs
 from gcs_autotune.link.vehicle.commands import Commands
+from gcs_autotune.link.vehicle.fence import FENCE_PARAMETERS, FenceItem, read_fence
 from gcs_autotune.link.vehicle.handshake import NEEDED_RATES, WANTED_RATES, difference, fingerprint_of, open_craft
 from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft
 from gcs_autotune.link.vehicle.rates import Granted, Rates
@@ -33,10 +34,12 @@ from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 
 __all__ = [
     "BACKENDS",
+    "FENCE_PARAMETERS",
     "NEEDED_RATES",
     "TRANSPORTS",
     "WANTED_RATES",
     "Commands",
+    "FenceItem",
     "Granted",
     "Journal",
     "JournalState",
@@ -53,6 +56,7 @@ __all__ = [
     "fingerprint_of",
     "open_craft",
     "open_link",
+    "read_fence",
     "read_outputs",
     "same_float32",
 ]

@@ -13,6 +13,7 @@ boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat ba
 from __future__ import annotations
 
 from gcs_autotune.manoeuvres.approach import Steering
+from gcs_autotune.manoeuvres.area import Area, Zone, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
@@ -38,6 +39,7 @@ __all__ = [
     "LEVELS",
     "MANOEUVRES",
     "SPEED_TIME",
+    "Area",
     "CalmCheck",
     "ComeBack",
     "Dive",
@@ -69,6 +71,8 @@ __all__ = [
     "TurnAboutSettings",
     "ZigZag",
     "ZigZagSettings",
+    "Zone",
     "preview",
+    "read_area",
     "restore_on_exit",
 ]

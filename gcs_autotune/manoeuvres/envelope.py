@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped, UsageError
+from gcs_autotune.manoeuvres.area import Area
 
 __all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
 
@@ -20,7 +21,7 @@ class Envelope:
     the whole visit did; ``depth_min`` and
     ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining`` [0..1] are lower
     limits; ``time`` bounds one manoeuvre. ``speed`` and ``distance`` None: 4 m/s and 300 m, or what going at
-    ``cruise`` [m/s] takes where that is more.
+    ``cruise`` [m/s] takes where that is more. ``area`` is where it may be, in the metres of ``x`` and ``y``.
     Defaults are chosen for boats and ROVs of up to a few metres in a few boat lengths of free water.
 
     Raises
@@ -41,12 +42,13 @@ class Envelope:
     battery_remaining: float = 0.1
     time: float = 600.0
     cruise: float = 0.0
+    area: Area | None = None
 
     def __post_init__(self) -> None:
         """See that every limit is one."""
         for limit in fields(self):
             value = getattr(self, limit.name)
-            if value is not None and not value >= 0.0:
+            if isinstance(value, (int, float)) and not value >= 0.0:
                 raise UsageError(f"safety limit {limit.name}: {value:g} guards nothing; give a number of 0 or more")
 
     @property
@@ -97,6 +99,14 @@ def _distance(anchor: Observation, now: Observation) -> float:
     return math.hypot(now.x - anchor.x, now.y - anchor.y)
 
 
+def _outside(envelope: Envelope, now: Observation) -> tuple[float, float] | None:
+    if envelope.area is None:
+        return None
+    return (envelope.area.beyond(now.x, now.y) if math.isfinite(now.x + now.y) else math.nan), 0.0
+
+
+OUTSIDE = "outside the area"
+
 GUARDS: tuple[Guard, ...] = (
     Guard("heading excursion", "rad", lambda e, a, o: (abs(o.psi - a.psi), e.heading_excursion)),
     Guard("depth excursion", "m", lambda e, a, o: (abs(o.z - a.z), e.depth_excursion)),
@@ -104,6 +114,7 @@ GUARDS: tuple[Guard, ...] = (
     Guard("least depth", "m", lambda e, a, o: (o.z, e.depth_min) if e.depth_min > 0.0 else None, below=True),
     Guard("speed", "m/s", lambda e, a, o: (o.speed, e.speed_limit)),
     Guard("distance from start", "m", lambda e, a, o: (_distance(a, o), e.distance_limit)),
+    Guard(OUTSIDE, "m", lambda e, a, o: _outside(e, o)),
     Guard("roll", "rad", lambda e, a, o: (abs(o.phi), e.roll)),
     Guard("pitch", "rad", lambda e, a, o: (abs(o.theta), e.pitch)),
     Guard("battery voltage", "V", lambda e, a, o: (o.battery_voltage, e.battery_voltage), below=True),
@@ -163,6 +174,14 @@ class Watch:
             raise GuardTripped(
                 f"safety limit '{guard.name}' cannot be watched any more: the vehicle tells no number for it (limit "
                 f"{shown[1]}). The actuators were brought to neutral. See to that sensor first",
+                guard=guard.name,
+                value=value,
+                limit=limit,
+            )
+        if guard.name == OUTSIDE and self.envelope.area is not None:
+            raise GuardTripped(
+                f"the craft is {value:.1f} m outside {self.envelope.area.source}. The actuators were brought to "
+                "neutral. Take it to where there is more room, or give a larger area",
                 guard=guard.name,
                 value=value,
                 limit=limit,

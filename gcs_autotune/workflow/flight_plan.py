@@ -3,6 +3,7 @@
 A plan::
 
     title = "Charlie, calm harbour"
+    area = "harbour.geojson"       # or "lat,lon lat,lon lat,lon"
     order = "shuffled"             # or as listed; shuffled alike every time, so that it can be gone on with
     [conditions]
     calm = true                    # before each run roll and pitch are looked at
@@ -32,7 +33,7 @@ from typing import Any
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.identify.model_file import ModelFile
 from gcs_autotune.limits import limit_of
-from gcs_autotune.manoeuvres import MANOEUVRES, Manoeuvre, ManoeuvreKind
+from gcs_autotune.manoeuvres import MANOEUVRES, Area, Manoeuvre, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -113,13 +114,17 @@ class PlannedRun:
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """Runs in the order in which they are flown, and what must hold before each; ``text`` is the file it came from."""
+    """Runs in the order in which they are flown, what must hold before each, the ``area`` [deg] to stay in.
+
+    ``text`` is the file it came from.
+    """
 
     title: str
     runs: tuple[PlannedRun, ...]
     calm: bool = False
     min_depth: float | None = None
     text: str = ""
+    area: Area | None = None
 
     @classmethod
     def of(cls, settings: FlySettings) -> FlightPlan:
@@ -155,7 +160,7 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise BadFile(f"{path} cannot be read as a plan: {error}") from error
     try:
-        _see_keys(data, ("title", "order", "conditions", "defaults", "run"), "the plan")
+        _see_keys(data, ("title", "order", "area", "conditions", "defaults", "run"), "the plan")
         conditions = _table(data, "conditions")
         _see_keys(conditions, _CONDITIONS, "[conditions]")
         order = lookup(dict.fromkeys(_ORDERS, True), str(data.get("order", "listed")), "order")
@@ -175,7 +180,11 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
         least = None if depth is None else limit_of("min-depth").check(float(depth))
     except (UsageError, TypeError, ValueError) as error:
         raise BadFile(f"{path}: min-depth: {error}") from error
-    return FlightPlan(str(data.get("title", path.stem)), tuple(_named(runs)), calm, least, text)
+    try:
+        area = read_area(str(data["area"])) if "area" in data else None
+    except UsageError as error:
+        raise BadFile(f"{path}: {error}") from error
+    return FlightPlan(str(data.get("title", path.stem)), tuple(_named(runs)), calm, least, text, area)
 
 
 def _see_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:

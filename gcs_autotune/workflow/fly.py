@@ -12,10 +12,11 @@ from gcs_autotune.axes import excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware
-from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
 from gcs_autotune.manoeuvres import (
     DOF_OF,
     MANOEUVRES,
+    Area,
     CalmCheck,
     ComeBack,
     Dive,
@@ -23,6 +24,7 @@ from gcs_autotune.manoeuvres import (
     Envelope,
     ManoeuvreKind,
     Preview,
+    Zone,
     preview,
 )
 from gcs_autotune.trial import Trial
@@ -65,6 +67,8 @@ def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> Fligh
     UsageError
         The model is not about what moves, or there is no speed for a throttle.
     """
+    if plan.area is not None:
+        raise UsageError("whether it stays in the area takes the vehicle's position: preview it with --connect")
     runs = []
     for run in plan.runs:
         settings, s = run.settings, run.settings.common
@@ -156,6 +160,7 @@ class _Flight:
         self.legs: list[_Leg] = []
         self.flown: dict[str, Trial] = {}
         self._held: dict[str, float] = {}
+        self._area: Area | None = None
 
     def foresee(self, *, only_preview: bool) -> None:
         """See that the vehicle can fly all of it, and preview each run."""
@@ -164,14 +169,17 @@ class _Flight:
         self._earlier.see_that_it_is_the_same(craft, present)
         if self._plan.min_depth is not None and firmware.floats:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
+        area = self._area = self._water()
+        now = craft.observe()
         for run in self._plan.runs:
             settings = run.settings
             _see_it_suits(settings, craft)
             throttle, speed = _cruise(settings, firmware, present)
-            envelope = _envelope(settings, speed)
+            envelope = replace(_envelope(settings, speed), area=area)
             paper = paper_craft(settings, firmware, present, throttle, speed)
+            here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
             way = _LEFT * speed if firmware.needs_way and throttle else 0.0
-            seen = preview(settings.make(throttle), paper, envelope, floats=firmware.needs_way, way=way)
+            seen = preview(settings.make(throttle), paper, here, floats=firmware.needs_way, way=way)
             self.legs.append(_Leg(run, throttle, envelope, seen))
             of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
             self._watcher.say(f"{of}: {seen.told()}")
@@ -180,6 +188,41 @@ class _Flight:
             if seen.trouble:
                 by = ", but on assumed numbers" if paper.assumed else ""
                 self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
+
+    def _water(self) -> Area | None:
+        """Return where the craft may be: in the area given, and in the vehicle's own fence.
+
+        Raises
+        ------
+        PreconditionFailed
+            An area is given, and nobody knows where the craft is, or it is outside.
+        """
+        craft, given = self._craft, self._plan.area
+        values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
+        items = read_fence(craft.session, values)
+        if items is None:
+            self._watcher.say("the vehicle has a fence and does not tell it (FENCE_ENABLE is on): keep it in mind")
+        if not items and given is None:
+            return None
+        now, fix = craft.observe(), craft.telemetry.fix
+        if fix is None or not math.isfinite(now.x + now.y):
+            if given is not None:
+                raise PreconditionFailed(
+                    f"the vehicle tells no position to see by that it stays in {given.source}; nothing was armed"
+                )
+            self._watcher.say("the vehicle tells no position: its fence cannot be watched")
+            return None
+        fence = Area(tuple(Zone(i.corners, i.radius, i.inside) for i in items), "its own fence") if items else None
+        both = (given.and_(fence) if given is not None else fence) if fence is not None else given
+        assert both is not None
+        area = both.around(*fix, now.x, now.y)
+        beyond = area.beyond(now.x, now.y)
+        if beyond > 0.0:
+            raise PreconditionFailed(f"the vehicle is {beyond:.0f} m outside {area.source}; nothing was armed")
+        self._watcher.say(
+            f"stays in {area.source}: {-max(z.beyond(now.x, now.y) for z in area.zones):.0f} m to its edge"
+        )
+        return area
 
     @property
     def _to_fly(self) -> list[_Leg]:
@@ -270,7 +313,7 @@ class _Flight:
         if not left:
             return
         ask = partial(agreed, craft, self._operator, watcher)
-        runner = ManoeuvreRunner(craft, s.envelope, watcher, keep, s.patience, ask)
+        runner = ManoeuvreRunner(craft, replace(s.envelope, area=self._area), watcher, keep, s.patience, ask)
         dofs = list(dict.fromkeys(dof for leg in left if (dof := _checked(leg.run.settings.kind))))
         with armed(craft, watcher, self._record, s.connection):
             home = craft.observe()

@@ -24,6 +24,8 @@ from sitl.vehicle import Vehicle
 
 __all__ = ["HANDLERS", "Server"]
 
+FencePoint = tuple[int, float, float, float]
+
 _COMPONENT = 1
 _TEXT_LENGTH = 50
 _ROUNDING = 1e-6
@@ -49,6 +51,8 @@ class Server:
         self._reboots = False
         self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
+        self.fence: list[FencePoint] = []
+        """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
         self.streams = Streams(available_messages(vehicle.autopilot), vehicle.rate)
         self._announce()
 
@@ -128,6 +132,8 @@ class Server:
         self._reboots = False
         self.vehicle.reboot()
         self.parameters = ParameterProtocol(self)
+        self.fence: list[FencePoint] = []
+        """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
         self.streams = Streams(available_messages(self.vehicle.autopilot), self.vehicle.rate)
         self._announce()
 
@@ -163,6 +169,27 @@ def _handle_data_stream(server: Server, message: Message) -> None:
                 server.streams.request(member, max(interval, 25_000.0) if rate else -1.0, server.now_us)
 
 
+def _handle_mission_request_list(server: Server, message: Message) -> None:
+    count = len(server.fence) if message.mission_type == mavlink.MAV_MISSION_TYPE_FENCE else 0
+    server.send(
+        mavlink.MAVLink_mission_count_message(
+            message.get_srcSystem(), message.get_srcComponent(), count, message.mission_type
+        )
+    )
+
+
+def _handle_mission_request(server: Server, message: Message) -> None:
+    if message.mission_type != mavlink.MAV_MISSION_TYPE_FENCE or not 0 <= message.seq < len(server.fence):
+        return
+    command, first, latitude, longitude = server.fence[message.seq]
+    server.send(
+        mavlink.MAVLink_mission_item_int_message(
+            message.get_srcSystem(), message.get_srcComponent(), message.seq, mavlink.MAV_FRAME_GLOBAL, command, 0, 1,
+            first, 0.0, 0.0, 0.0, round(latitude * 1e7), round(longitude * 1e7), 0.0, message.mission_type,
+        )
+    )  # fmt: skip
+
+
 HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "HEARTBEAT": _handle_heartbeat,
     "TIMESYNC": _handle_timesync,
@@ -176,6 +203,8 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "RC_CHANNELS_OVERRIDE": handle_override,
     "SETUP_SIGNING": handle_setup_signing,
     "MANUAL_CONTROL": handle_manual_control,
+    "MISSION_REQUEST_LIST": _handle_mission_request_list,
+    "MISSION_REQUEST_INT": _handle_mission_request,
     "SET_ATTITUDE_TARGET": handle_attitude_target,
     "SET_POSITION_TARGET_LOCAL_NED": handle_local_target,
     "SET_POSITION_TARGET_GLOBAL_INT": handle_global_target,

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from gcs_autotune.errors import GuardTripped
-from gcs_autotune.manoeuvres import GUARDS, Envelope
+from gcs_autotune.manoeuvres import GUARDS, Area, Envelope, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
 from .pond import at_rest
@@ -23,13 +24,15 @@ TIGHT = Envelope(
     battery_remaining=0.2,
     time=60.0,
 )
+POND = Area((Zone(((0.0, 0.0),), 25.0),), "the area")
 BROKEN = {
     "heading excursion": {"psi": math.radians(-41.0)},
     "depth excursion": {"z": 2.6},
     "greatest depth": {"z": 6.1},
     "least depth": {"z": 0.4},
     "speed": {"speed": 2.1},
-    "distance from start": {"x": 20.0, "y": 25.0},
+    "distance from start": {"x": 0.0, "y": 31.0},
+    "outside the area": {"x": 20.0, "y": 16.0},
     "roll": {"phi": -0.6},
     "pitch": {"theta": 0.41},
     "battery voltage": {"battery_voltage": 10.9},
@@ -46,7 +49,7 @@ def anchor_for(name: str):
 def test_every_guard_trips_beyond_its_limit_and_says_which(guard):
     anchor = anchor_for(guard.name)
     with pytest.raises(GuardTripped) as caught:
-        Watch(TIGHT, anchor).check(at_rest(**{"z": anchor.z, **BROKEN[guard.name]}))
+        Watch(replace(TIGHT, area=POND), anchor).check(at_rest(**{"z": anchor.z, **BROKEN[guard.name]}))
     assert caught.value.guard == guard.name
     assert guard.name in str(caught.value)
     assert "neutral" in str(caught.value)

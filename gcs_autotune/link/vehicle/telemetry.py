@@ -101,6 +101,7 @@ class Telemetry:
     t : stamp [s] of the last ATTITUDE. ticks : how many came.
     outputs, output_t : measured force fractions and their stamp. output_ticks : how many came.
     output_since : when they came to be so [s], as near as the messages tell.
+    fix : last latitude and longitude [deg], None before any.
     """
 
     def __init__(
@@ -121,6 +122,7 @@ class Telemetry:
         self.outputs: dict[str, float] = {}
         self.output_t = math.nan
         self.output_since = math.nan
+        self.fix: tuple[float, float] | None = None
         self.depth_offset = 0.0
         """Depth below the estimator's origin less depth below home [m]; the two are centimetres or more apart."""
         self._local_z = (math.nan, math.nan)
@@ -216,8 +218,10 @@ class Telemetry:
             self.depth_offset = self._local_z[1] + m.relative_alt * 1e-3
         self._take(t, {"z": -m.relative_alt * 1e-3, "w": m.vz * 1e-2})
         has_fix = m.lat != 0 or m.lon != 0
-        if has_fix and self._use_global(t):
-            x, y = self._flat(m.lat * 1e-7, m.lon * 1e-7)
+        if has_fix:
+            self.fix = m.lat * 1e-7, m.lon * 1e-7
+        if self.fix is not None and has_fix and self._use_global(t):
+            x, y = self._flat(*self.fix)
             self._take(t, {"x": x, "y": y, **self._velocity(t, m.vx * 1e-2, m.vy * 1e-2)})
 
     def _use_global(self, t: float) -> bool:

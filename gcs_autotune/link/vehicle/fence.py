@@ -1,0 +1,121 @@
+"""The vehicle's own fence, read over MAVLink: the polygons and circles its autopilot keeps it in, or out of.
+
+Polygons and circles come by the mission protocol with MAV_MISSION_TYPE_FENCE; the circle of FENCE_RADIUS about home is
+a parameter and HOME_POSITION. A fence that is not enabled (FENCE_ENABLE) is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = ["FENCE_PARAMETERS", "FenceItem", "read_fence"]
+
+FENCE_PARAMETERS = ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_RADIUS")
+_CIRCLE, _POLYGONS = 2, 4
+"""Bits of FENCE_TYPE: the circle about home; inclusion and exclusion polygons and circles."""
+_FENCE = 1
+"""MAV_MISSION_TYPE_FENCE."""
+_PATIENCE, _TRIES = 1.5, 3
+_INCLUDED = frozenset({5001, 5003})
+"""MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION."""
+_VERTICES, _CIRCLES = frozenset({5001, 5002}), frozenset({5003, 5004})
+_HOME = 242
+"""Number of HOME_POSITION."""
+
+
+@dataclass(frozen=True, slots=True)
+class FenceItem:
+    """A polygon (corners: latitude, longitude [deg]) or a circle (one, ``radius`` [m]); ``inside``: to stay in."""
+
+    corners: tuple[tuple[float, float], ...]
+    radius: float = 0.0
+    inside: bool = True
+
+
+def read_fence(session: Session, values: Mapping[str, float]) -> Sequence[FenceItem] | None:
+    """Return the fence of a vehicle with the parameter *values* (:data:`FENCE_PARAMETERS`); None when it does not tell.
+
+    Raises
+    ------
+    LinkLost, OperatorStopped
+        From the session.
+    """
+    if not values.get("FENCE_ENABLE", 0.0):
+        return ()
+    kinds, found = int(values.get("FENCE_TYPE", 0.0)), []
+    if kinds & _POLYGONS:
+        items = _download(session)
+        if items is None:
+            return None
+        found += _shapes(items)
+    radius = values.get("FENCE_RADIUS", 0.0)
+    if kinds & _CIRCLE and radius > 0.0:
+        home = _ask(session, lambda: session.request_message(_HOME), "HOME_POSITION")
+        if home is None:
+            return None
+        found.append(FenceItem(((home.latitude * 1e-7, home.longitude * 1e-7),), radius))
+    return found
+
+
+def _download(session: Session) -> list[Message] | None:
+    """Return the items of the fence."""
+    assert session.vehicle is not None
+    ids = session.vehicle.system, session.vehicle.component
+    count = _ask(
+        session, lambda: session.send(mavlink.MAVLink_mission_request_list_message(*ids, _FENCE)), "MISSION_COUNT"
+    )
+    items: list[Message] = []
+    while count is not None and len(items) < count.count:
+        seq = len(items)
+        item = _ask(
+            session,
+            lambda seq=seq: session.send(mavlink.MAVLink_mission_request_int_message(*ids, seq, _FENCE)),  # type: ignore[misc]
+            "MISSION_ITEM_INT",
+            seq,
+        )
+        if item is None:
+            return None
+        items.append(item)
+    if count is None:
+        return None
+    session.send(mavlink.MAVLink_mission_ack_message(*ids, mavlink.MAV_MISSION_ACCEPTED, _FENCE))
+    return items
+
+
+def _shapes(items: Sequence[Message]) -> list[FenceItem]:
+    found: list[FenceItem] = []
+    k = 0
+    while k < len(items):
+        item = items[k]
+        count = max(int(item.param1), 1) if item.command in _VERTICES else 1
+        corners = tuple((i.x * 1e-7, i.y * 1e-7) for i in items[k : k + count])
+        inside = item.command in _INCLUDED
+        if item.command in _VERTICES and len(corners) >= 3:
+            found.append(FenceItem(corners, inside=inside))
+        elif item.command in _CIRCLES:
+            found.append(FenceItem(corners, float(item.param1), inside))
+        k += count
+    return found
+
+
+def _ask(session: Session, send: Callable[[], None], name: str, seq: int | None = None) -> Message | None:
+    """Send until the vehicle answers with a message called *name* (of that *seq*); None when it does not."""
+    heard: list[Message] = []
+
+    def take(message: Message) -> None:
+        if getattr(message, "mission_type", _FENCE) == _FENCE and (seq is None or message.seq == seq):
+            heard.append(message)
+
+    stop = session.listen(name, take)
+    try:
+        for _ in range(_TRIES):
+            send()
+            if session.wait_for(lambda: heard[0] if heard else None, _PATIENCE) is not None:
+                return heard[0]
+    finally:
+        stop()
+    return None

@@ -1,0 +1,73 @@
+"""An area, or the vehicle's own fence: refused before anything is armed, and guarded in flight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import GuardTripped, PreconditionFailed
+from gcs_autotune.manoeuvres import Area, Zone
+from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, fly_plan
+from sitl.mavlink.telemetry import HOME
+
+from .sitl_harness import WHEN, Ear, SitlHarness
+
+STEPS = {"duration": 20.0, "steering": 0.8}
+FENCED = {"parameters": {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 4.0}}
+
+
+def square(half: float, north: float = 0.0) -> tuple[tuple[float, float], ...]:
+    """Return corners [deg] of a square of water about home, or *north* [m] of it."""
+    d, at = half / 111_195.0, HOME[0] + north / 111_195.0
+    return tuple((at + a * d, HOME[1] + b * d * 1.41) for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1)))
+
+
+def fly(harbour: SitlHarness, corners: tuple[tuple[float, float], ...] | None) -> Any:
+    common = harbour.settings()
+    area = None if corners is None else Area((Zone(corners),), "the pond")
+    plan = replace(FlightPlan.of(FlySettings("steps", common, STEPS, force="X")), area=area)
+    return fly_plan(plan, common, Unattended(), Ear(harbour.said), WHEN)
+
+
+def test_a_craft_that_leaves_the_area_is_stopped_and_left_as_found_with_its_record(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path)
+    with pytest.raises(GuardTripped, match="m outside the pond") as caught:
+        fly(harbour, square(6.0))
+    assert caught.value.value < 1.0
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
+    assert list((harbour.directory / "trials").glob("*.csv"))
+
+
+def test_a_craft_outside_the_area_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path)
+    with pytest.raises(PreconditionFailed, match=r"is 60 m outside the pond; nothing was armed"):
+        fly(harbour, square(40.0, north=100.0))
+    assert harbour.found == ""
+
+
+def test_the_vehicles_own_fence_is_read_and_watched(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, **FENCED)
+    harbour.server.fence = [(5001, 4.0, *corner) for corner in square(6.0)]
+    with pytest.raises(GuardTripped, match="m outside its own fence"):
+        fly(harbour, None)
+    harbour.assert_neutral()
+    rock = SitlHarness(tmp_path / "rock", **FENCED)
+    rock.server.fence = [(5001, 4.0, *corner) for corner in square(400.0)] + [(5004, 5.0, *HOME)]
+    with pytest.raises(PreconditionFailed, match="is 5 m outside its own fence"):
+        fly(rock, None)
+
+
+def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> None:
+    def silent(t: float, message: Any) -> list[Any]:
+        return [] if message.get_type() == "MISSION_COUNT" else [message]
+
+    harbour = SitlHarness(tmp_path, meddling=silent, **FENCED)
+    fly(harbour, square(400.0))
+    said = " ".join(harbour.said)
+    assert "has a fence and does not tell it" in said
+    assert "stays in the pond: 400 m to its edge" in said
