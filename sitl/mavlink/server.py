@@ -132,8 +132,6 @@ class Server:
         self._reboots = False
         self.vehicle.reboot()
         self.parameters = ParameterProtocol(self)
-        self.fence: list[FencePoint] = []
-        """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
         self.streams = Streams(available_messages(self.vehicle.autopilot), self.vehicle.rate)
         self._announce()
 
