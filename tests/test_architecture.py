@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT / "docs"))
 import draw_architecture  # noqa: E402
 
 
+@pytest.mark.slow
 def test_the_picture_is_current():
     drawn = draw_architecture.PICTURE.read_text(encoding="utf-8")
     assert drawn == draw_architecture.picture(), "run: python3 docs/draw_architecture.py"

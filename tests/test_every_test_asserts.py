@@ -152,6 +152,7 @@ def trees() -> dict[str, ast.Module]:
     return {str(f.relative_to(TESTS)): ast.parse(f.read_text(encoding="utf-8")) for f in files}
 
 
+@pytest.mark.slow
 def test_every_test_reaches_an_assertion_on_every_way_through(trees: dict[str, ast.Module]) -> None:
     helpers = asserting_helpers(trees.values())
     found = [f"{name}:{test}" for name, tree in trees.items() for test in vacuous(tree, helpers)]

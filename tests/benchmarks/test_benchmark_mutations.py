@@ -70,6 +70,7 @@ def test_a_fault_changes_one_place_and_the_rest_stays_byte_for_byte(found: list[
         assert after[-1] == "    return µ"
 
 
+@pytest.mark.slow
 def test_the_same_seed_draws_the_same_faults_from_every_area() -> None:
     first = drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "narrow_band"))
     assert first == drawn(3, 24, ("envelope", "parameter_transaction", "watchdog", "margins", "colour", "narrow_band"))
@@ -158,6 +159,7 @@ def test_tests_that_a_fault_keeps_from_starting_have_noticed_and_those_that_neve
         never.poll()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "first"),
     [

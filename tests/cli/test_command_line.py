@@ -84,6 +84,7 @@ def test_identify_reads_a_users_csv_and_prints_the_promised_json(capsys, tmp_pat
     assert isinstance(fit["doubts"], list)
 
 
+@pytest.mark.slow
 def test_degrees_and_milliseconds_are_converted(capsys, tmp_path):
     rows = [(t * 1e3, math.degrees(psi), math.degrees(r), N) for t, psi, r, N in relay_rows()]
     path = write(tmp_path / "deg.csv", rows, "t[ms],psi[deg],r[deg/s],N[N m]")
@@ -92,6 +93,7 @@ def test_degrees_and_milliseconds_are_converted(capsys, tmp_path):
     assert json.loads(out)["parameters"]["alpha_r"]["value"] == pytest.approx(0.04, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_truncated_csv_loses_only_its_last_row_and_says_so(capsys, tmp_path):
     path = write(tmp_path / "cut.csv", relay_rows())
     path.write_bytes(path.read_bytes()[:-20])
@@ -309,6 +311,7 @@ def test_a_boat_does_not_heave(capsys, tmp_path):
     assert "does not heave" in err
 
 
+@pytest.mark.slow
 def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "identify", write(tmp_path / "mine.csv", relay_rows()))

@@ -54,6 +54,7 @@ def found(runs, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_a_hidden_dead_zone_is_named_and_three_files_are_written(found):
     assert sorted(p.name for p in found.iterdir()) == ["diagnosis.json", "model.json", "report.html"]
     told = json.loads((found / "diagnosis.json").read_text())

@@ -106,6 +106,7 @@ def test_every_number_of_every_command_is_read_by_the_table_of_limits():
     assert {limit.name for limit in LIMITS.values()} == {RENAMED.get(pair, pair[1]) for pair in NUMBERS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", sorted({command for command, _ in NUMBERS}))
 def test_every_number_outside_its_limits_is_refused_by_name_before_anything_is_done(command, bare, capsys):
     cases = [case for case in CASES if case[0] == command]

@@ -51,12 +51,13 @@ def test_a_bent_compass_on_a_boat_is_named_with_its_card(tmp_path, capsys):
 
 
 def test_a_lagging_thruster_on_a_diving_rov_is_named_with_its_time_constant(tmp_path, capsys):
-    uri = "sitl:falcon?effect=actuator-lag@vertical.time_constant=0.5&seed=3"
+    # Not 0.5 s: beside the hull's own 0.65 s the two lags all but change places, and no interval is a normal one there.
+    uri = "sitl:falcon?effect=actuator-lag@vertical.time_constant=0.25&seed=3"
     found = told(capsys, tmp_path / "run", "depth", uri)
     assert found["verdict"] == "effect-found"
     assert {"actuator-lag", "net-buoyancy"} <= set(found["causes"])
     assert set(found["causes"]) <= {"actuator-lag", "net-buoyancy", "quadratic-drag", "quantisation"}
-    assert near(found, "actuator-lag", "time_constant", 0.5)
+    assert near(found, "actuator-lag", "time_constant", 0.25)
     assert numbers(found, "net-buoyancy")["force"][0] == pytest.approx(FALCON_BUOYANCY, rel=0.03)
     if "quadratic-drag" in found["causes"]:
         assert near(found, "quadratic-drag", "coefficient", FALCON_DRAG)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs_autotune.design import Proposal, Spec, design, is_better, step_metrics
+from gcs_autotune.design import Proposal, Spec, design, is_better, refinement, step_metrics
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.plant import sample_region
 from gcs_autotune.errors import NoGainsMeetSpec, ParameterMissing, UnknownName, UsageError
@@ -47,6 +48,15 @@ def gains_of(axis: Axis, proposal: Proposal) -> dict[str, float]:
     return {**present(axis), **proposal.new}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def briefly() -> Iterator[None]:
+    """Refine in a few evaluations: what holds of a proposal holds of any; ``test_refinement`` asks for the best."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
+            patch.setattr(refinement, name, number)
+        yield
+
+
 class Proposals(dict[str, Proposal]):
     """Each made when first asked for."""
 
@@ -64,6 +74,7 @@ QUICK = ("charlie", "falcon heave")
 EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CRAFTS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERY)
 def test_the_predicted_step_is_better_than_with_the_firmwares_defaults(
     proposals: dict[str, Proposal], name: str
@@ -147,10 +158,12 @@ def test_a_wanted_settling_time_within_reach_is_kept() -> None:
     assert proposal.wanted.kind == "bessel"
 
 
+@pytest.mark.slow
 def test_butterworth_is_honoured() -> None:
     assert propose("falcon yaw", kind="butterworth").wanted.kind == "butterworth"
 
 
+@pytest.mark.slow
 def test_the_same_question_gets_the_same_answer(proposals: dict[str, Proposal]) -> None:
     assert propose("videoray heave").to_dict() == proposals["videoray heave"].to_dict()
 
@@ -183,6 +196,7 @@ def test_designing_again_from_the_new_gains_soon_finds_nothing_to_change() -> No
     assert proposal.after.metrics == proposal.before.metrics
 
 
+@pytest.mark.slow
 def test_gains_outside_their_range_on_the_craft_are_mentioned_and_replaced_by_ones_inside() -> None:
     model, axis, spec = CRAFTS["bluerov heave"]
     gains = {**present(axis), "PSC_ACCZ_P": 2.0, "PSC_ACCZ_I": 4.0, "PSC_ACCZ_FF": 0.75}
@@ -209,6 +223,7 @@ def test_a_derivative_gain_that_was_set_is_taken_out_with_a_reason() -> None:
     assert "no lag" in change.reason
 
 
+@pytest.mark.slow
 def test_units_do_not_matter_when_the_full_scale_is_given() -> None:
     physical = SingleDof("yaw", "N m", 80.0, 300.0, 10.0)
     by_unit = design(physical, uncertain(physical), SUB_HEADING, present(SUB_HEADING), Spec(full_scale=400.0))
@@ -217,18 +232,21 @@ def test_units_do_not_matter_when_the_full_scale_is_given() -> None:
     assert by_unit.new == pytest.approx(by_fraction.new, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_rudder_of_reversed_sign_is_a_full_scale_of_reversed_sign() -> None:
     rudder = SingleDof("yaw", "rad", -7.4, -2.4)
     spec = Spec(speed=1.1, full_scale=-0.52)
     assert design(rudder, np.zeros((5, 5)), ROVER_HEADING, present(ROVER_HEADING), spec).changes
 
 
+@pytest.mark.slow
 def test_a_delay_that_lies_in_the_link_does_not_slow_the_loop_down() -> None:
     late, known = propose("videoray yaw late"), propose("videoray yaw late", link_delay=0.2)
     assert known.wanted.omega_0 > late.wanted.omega_0
     assert any("link delay" in note for note in late.notes)
 
 
+@pytest.mark.slow
 def test_more_noise_never_makes_a_busier_controller() -> None:
     calm, noisy = propose("bluerov yaw"), propose("bluerov yaw", noise_std=math.radians(6.0))
     stiffness = [p.new["ATC_RAT_YAW_P"] * p.new["ATC_ANG_YAW_P"] for p in (calm, noisy)]

@@ -25,6 +25,7 @@ def test_there_are_dimensions_for_the_gains_of_every_axis() -> None:
         sobol(DIMENSIONS + 1, 5)
 
 
+@pytest.mark.slow
 def test_neither_the_command_line_nor_a_design_waits_for_scipy_stats_or_signal() -> None:
     program = (
         "import sys, gcs_autotune.cli, gcs_autotune.workflow, gcs_autotune.design\n"

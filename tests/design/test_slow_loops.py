@@ -43,6 +43,7 @@ def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() ->
     assert new.itae < 0.6 * old.itae
 
 
+@pytest.mark.slow
 def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Candidate] = []
 
@@ -57,6 +58,7 @@ def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest
     assert found.after.metrics.itae == seen[0].prediction.metrics.itae < 50.0
 
 
+@pytest.mark.slow
 def test_nothing_better_is_said_only_after_a_look_all_over_the_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither the wishes nor the descents find anything: the scatter does."""
 

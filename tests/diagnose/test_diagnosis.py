@@ -24,6 +24,7 @@ def test_nothing_is_found_where_nothing_is_hidden():
     assert told.extended_model.effects == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "place", "values"),
     [
@@ -46,12 +47,14 @@ def test_a_hidden_effect_is_named_with_its_numbers_and_its_gain_on_unseen_data(s
     assert told.ranking[0].p_value < 1e-6
 
 
+@pytest.mark.slow
 def test_two_causes_that_only_pay_together_are_both_named():
     told = diagnose(towed(("backlash", "N", {"width": 0.3}), ("quadratic-drag", "yaw", {"coefficient": 1.5})))
     assert told.verdict == "effect-found"
     assert {c.effect.slug for c in told.causes} == {"backlash", "quadratic-drag"}
 
 
+@pytest.mark.slow
 def test_a_common_lag_is_named_by_its_usual_cause_with_those_it_cannot_be_told_from():
     told = diagnose(towed(("input-delay", "N", {"delay": 0.4})))
     assert told.causes[0].effect.slug == "input-delay"
@@ -59,6 +62,7 @@ def test_a_common_lag_is_named_by_its_usual_cause_with_those_it_cannot_be_told_f
     assert told.next_manoeuvre
 
 
+@pytest.mark.slow
 def test_a_force_nobody_knows_is_no_confident_finding():
     runs = []
     for run in towed(noise=0.002):
@@ -81,6 +85,7 @@ def test_a_given_model_is_judged_as_it_is_and_its_wrong_number_is_told():
     assert again.verdict == "no-effect"
 
 
+@pytest.mark.slow
 def test_somebody_elses_simulation_of_the_same_commands_is_diagnosed():
     runs = towed(("dead-zone", "N", {"width": 0.15}))
     theirs = [replace(s, name=f"sim{k}") for k, s in enumerate(towed(noise=0.0))]
@@ -91,6 +96,7 @@ def test_somebody_elses_simulation_of_the_same_commands_is_diagnosed():
         diagnose(runs, simulations=theirs[:1])
 
 
+@pytest.mark.slow
 def test_the_document_has_what_it_promises_and_the_model_file_reads_back():
     told = diagnose(
         towed(("dead-zone", "N", {"width": 0.15})), unseen=towed(("dead-zone", "N", {"width": 0.15}), seed=4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 
 import numpy as np
+import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.workers import in_parallel
@@ -39,6 +40,7 @@ def test_processes_end_although_whoever_asked_for_them_catches_signals() -> None
         signal.signal(signal.SIGTERM, before)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_does_not_depend_on_the_number_of_processes() -> None:
     runs = [run_with_dead_zone(seed) for seed in (1, 2)]
     effects = ("dead-zone", "input-bias", "saturation", "quadratic-actuator")

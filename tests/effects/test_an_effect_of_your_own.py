@@ -59,6 +59,7 @@ def flown(path: Path, seed: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_effect_from_outside_is_hidden_found_fitted_and_listed_from_the_command_line(offered, tmp_path, capsys):
     offered()
     runs = [str(flown(tmp_path / f"run{seed}.csv", seed)) for seed in (1, 2)]

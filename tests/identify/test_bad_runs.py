@@ -214,6 +214,7 @@ def test_rest_and_a_coarse_scale_are_no_clipping(record: Record) -> None:
         assert "clipped" not in slugs(fit(trial, structure="linear", dof="yaw"))
 
 
+@pytest.mark.slow
 def test_a_run_of_another_craft_is_named_with_its_distance(record: Record) -> None:
     mine = [
         record(TRUTH, Relay(C, 8 * DEG), 60.0, noise=0.003, rate_noise=0.004, seed=k, name=f"mine {k}")

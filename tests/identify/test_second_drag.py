@@ -52,6 +52,7 @@ def coverage(found: list[AxisFit], std: list[float]) -> float:
     return float(np.mean(np.abs(errors) <= 1.96 * np.array(std)))
 
 
+@pytest.mark.slow
 def test_drag_covers_the_truth_although_a_second_one_is_left_out(hardly_affine: list[AxisFit]) -> None:
     kept = [f for f in hardly_affine if f.structure == "linear"]
     assert len(kept) >= SEEDS // 3
@@ -81,6 +82,7 @@ def test_both_drags_are_taken_when_the_record_speaks_for_them(hardly_affine: lis
     assert max(gain_of_two(f) for f in hardly_affine if f.structure == "linear") <= 2.0
 
 
+@pytest.mark.slow
 def test_a_truly_linear_drag_stays_linear_and_mostly_without_doubt(truly_linear: list[AxisFit]) -> None:
     assert [f.structure for f in truly_linear].count("linear") == SEEDS
     doubted = [f for f in truly_linear if "second-drag-undecided" in {d.slug for d in f.doubts}]

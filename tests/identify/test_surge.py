@@ -35,6 +35,7 @@ def flown(model: SingleDof, square: float, levels: tuple[float, ...], seed: int,
     return Trial(f"throttle-{seed}", {"X": Channel("X", "1", t_in, X), "u": Channel("u", "m/s", t, u)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "square"),
     [
@@ -93,6 +94,7 @@ def test_bending_leaves_full_throttle_and_the_sign_alone() -> None:
     assert bent(Trial("t", {"X": X}), 1.0)["X"].values == pytest.approx([-1.0, -0.25, 0.25, 1.0])
 
 
+@pytest.mark.slow
 def test_identify_finds_the_curve_in_runs_flown_for_it_and_predicts_with_it(tmp_path: Path) -> None:
     """What a plain fit makes of the same runs explains far less."""
     model = SingleDof("surge", "1", 4.0, 0.0, 0.444)

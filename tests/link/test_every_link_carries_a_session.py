@@ -68,6 +68,7 @@ def test_parameters_commands_and_rates_make_the_round_trip(aboard: Aboard) -> No
     assert session.port.bad_data == 0
 
 
+@pytest.mark.slow
 @every
 def test_it_can_be_armed_steered_brought_to_neutral_and_released(aboard: Aboard) -> None:
     craft = open_craft(aboard.session, arm_patience=40.0)

@@ -93,6 +93,7 @@ def test_measured_sets_are_identified_without_doubt_about_their_units() -> None:
     assert found.parameters["alpha_r"].value < 0.0  # positive rudder turns to port there
 
 
+@pytest.mark.slow
 @needs_data
 def test_a_recorders_own_columns_are_identified_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     columns = "t_sim=t[s],heading_deg=psi[deg],yawrate_dps=r[deg/s],cmd=N"

@@ -83,6 +83,7 @@ def test_what_is_no_log_is_an_error_that_says_so(tmp_path: Path, text: bytes, su
         load_runs(tmp_path / f"x{suffix}")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.exists(), reason="the shared data folder is not beside this checkout")
 def test_a_real_log_is_read_whole_cut_and_spoilt(tmp_path: Path) -> None:
     (run,) = load_runs(REAL)

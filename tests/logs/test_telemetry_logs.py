@@ -53,6 +53,7 @@ def test_the_command_line_identifies_a_log(tmp_path: Path, capsys: pytest.Captur
     assert "alpha_r" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_only_stretches_armed_and_driven_become_runs_one_per_mode(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
@@ -204,12 +205,14 @@ def test_a_log_of_a_ground_station_alone_says_that_no_vehicle_was_heard(tmp_path
         load_runs(log.write(tmp_path / "lonely.tlog"))
 
 
+@pytest.mark.slow
 @needs_real_logs
 def test_a_real_log_that_was_never_armed_says_so() -> None:
     with pytest.raises(NotInformative, match=r"316 s of ArduSub .* never armed"):
         load_runs(REAL / "2023-04-18_11-03-34.tlog")
 
 
+@pytest.mark.slow
 @needs_real_logs
 def test_a_real_rov_at_rest_is_read_and_not_identified() -> None:
     (run,) = load_runs(REAL / "small.tlog")

@@ -47,6 +47,7 @@ KIND = ManoeuvreKind(
 )
 
 
+@pytest.mark.slow
 def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Any
 ) -> None:

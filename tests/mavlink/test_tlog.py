@@ -72,6 +72,7 @@ def test_a_log_that_cannot_be_opened_says_where(tmp_path: Path) -> None:
         TlogWriter(tmp_path / "no" / "a.tlog", lambda: 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not LOGS.is_dir(), reason="the shared data folder is not beside this checkout")
 @pytest.mark.parametrize(
     ("name", "frames", "damaged"), [("2023-04-18_11-03-34.tlog", 50136, 1961), ("small.tlog", 35912, 4)]

@@ -48,6 +48,7 @@ def shown(told):
     return " ".join(render_text(diagnosis_summary(told)).split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STORIES)
 def test_every_verdict_makes_a_well_formed_page_that_fetches_nothing(name):
     page = Page(html_of(name))
@@ -57,10 +58,12 @@ def test_every_verdict_makes_a_well_formed_page_that_fetches_nothing(name):
     assert not {"script", "iframe", "img"} & set(page.tags)
 
 
+@pytest.mark.slow
 def test_the_same_diagnosis_gives_the_same_bytes():
     assert render_diagnosis(deviation(), TITLE, WHEN, "out dir") == html_of("deviation")
 
 
+@pytest.mark.slow
 def test_names_from_the_user_are_escaped():
     page = html_of("dead-zone")
     assert "morning &lt;1&gt;" in page
@@ -226,6 +229,7 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(terminal):
     assert ("cause 1: screening" in stream.getvalue()) is terminal
 
 
+@pytest.mark.slow
 def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
     told = dead_zone()
     rng = np.random.default_rng(3)
@@ -237,6 +241,7 @@ def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
     assert "This speaks for:" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)
 
 
+@pytest.mark.slow
 def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside():
     told = dead_zone()
     trace = told.before[0].traces[0]

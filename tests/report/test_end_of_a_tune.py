@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 
+import pytest
 import report_stories as stories
 from rich.console import Console
 
@@ -65,6 +66,7 @@ def test_a_single_gain_keeps_its_whole_reason():
     assert table.note == ""
 
 
+@pytest.mark.slow
 def test_the_page_says_it_too():
     story = stories.kept()
     same = tuple(replace(c, reason=f"what it does: {CHOSEN}") for c in story.proposal.changes)

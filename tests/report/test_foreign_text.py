@@ -90,6 +90,7 @@ def test_a_bar_shows_a_stage_as_text_without_markup():
     assert "\x1b]0" not in stream.getvalue()
 
 
+@pytest.mark.slow
 def test_the_page_has_forged_words_as_text():
     story = kept()
     hostile = FORGED + "<script>alert(1)</script>"

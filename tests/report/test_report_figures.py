@@ -49,16 +49,19 @@ def test_the_shaded_part_holds_the_last_five_periods():
     assert np.count_nonzero(series.switches.t >= series.last_from) == 11
 
 
+@pytest.mark.slow
 def test_pictures_come_in_the_order_of_the_report():
     kinds = [picture.kind for picture in draw_pictures(stories.kept())]
     assert kinds == ["step", "relay", "relay", "cycle", "fit", "fit", "intervals"]
 
 
+@pytest.mark.slow
 def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():
     (first, *_) = draw_pictures(stories.dry_run())
     assert "nothing of this was measured" in first.caption
 
 
+@pytest.mark.slow
 def test_a_record_of_an_hour_stays_small():
     relay = stories.relay_trial(duration=1800.0)
     story = stories.replace(stories.aborted(), relays=(relay,) * 8)

@@ -23,6 +23,7 @@ def pages():
     return {name: render_report(make()) for name, make in stories.STORIES.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", stories.STORIES)
 def test_every_page_is_well_formed_with_unique_identifiers(name, pages):
     page = Page(pages[name])

@@ -25,6 +25,7 @@ def _read(path):
     return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
 
 
+@pytest.mark.slow
 def test_a_finished_tune_leaves_all_its_files_and_no_drafts(tmp_path):
     page = write_story(stories.kept(), tmp_path)
     assert page == tmp_path / "report.html"
@@ -39,6 +40,7 @@ def test_a_finished_tune_leaves_all_its_files_and_no_drafts(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_the_model_on_disk_can_be_read_back(tmp_path):
     story = stories.kept()
     write_story(story, tmp_path)
@@ -46,6 +48,7 @@ def test_the_model_on_disk_can_be_read_back(tmp_path):
     assert _read(tmp_path / "parameters_before.json") == stories.PARAMETERS
 
 
+@pytest.mark.slow
 def test_the_summary_tells_programs_how_it_ended(tmp_path):
     write_story(stories.kept(), tmp_path)
     summary = _read(tmp_path / "summary.json")
@@ -93,6 +96,7 @@ def test_the_numbers_are_on_disk_even_when_the_page_cannot_be_drawn(tmp_path, mo
     assert _read(tmp_path / "summary.json")["ending"] == "kept"
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_finished_leaves_the_old_one_whole(tmp_path, monkeypatch):
     write_story(stories.kept(), tmp_path)
     old = (tmp_path / "summary.json").read_bytes()

@@ -41,6 +41,7 @@ CASES = {
 rests on describing functions. For the I-PD loop they even make a_3 negative: an unstable loop that is none."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_two_experiments_give_the_loop_roughly_by_first_harmonics_and_exactly_by_three(name: str) -> None:
     truth, relays, rough = CASES[name]

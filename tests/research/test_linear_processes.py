@@ -51,6 +51,7 @@ PROCESSES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROCESSES)
 def test_the_first_harmonic_costs_what_it_costs_and_three_harmonics_are_exact(name: str) -> None:
     process = PROCESSES[name]

@@ -119,6 +119,7 @@ def test_servo_pulses_move_each_frame_as_its_firmware_means(name, pwm, turns, ah
     assert (speed > 0.05) if ahead else abs(speed) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "vertical"), [("bluerov2", (5, 6, 7, 8)), ("falcon", (5, 6)), ("videoray", (3,))])
 def test_a_rov_dives_comes_up_and_stays_in_the_water(name, vertical):
     physics = Physics(load_vehicle(name))

@@ -181,6 +181,7 @@ def _headings_running_free(wire: _Wire) -> dict[int, float]:
             wire.send(_command(400, 1))
 
 
+@pytest.mark.slow
 def test_running_free_agrees_with_lockstep_within_the_stated_tolerance():
     stepped = _headings_in_lockstep()
     with _udp(speedup=10) as wire:

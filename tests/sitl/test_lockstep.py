@@ -58,6 +58,7 @@ def _replies(stream: bytes) -> list[tuple[float, bytes]]:
     return replies
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["charlie", "videoray"])
 def test_same_seed_and_same_requests_give_the_same_replies_to_the_last_bit(name):
     requests = _script(name)

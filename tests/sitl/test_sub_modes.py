@@ -105,6 +105,7 @@ def _depth_target(altitude: float):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["videoray", "automarine", "falcon"])
 @pytest.mark.parametrize("mode", [SUB_ALT_HOLD, SUB_GUIDED])
 def test_depth_is_held_and_a_depth_step_followed(name, mode):
@@ -124,6 +125,7 @@ def test_a_depth_target_is_not_heard_in_manual():
     assert ground.vehicle.autopilot.depth.target != -500.0
 
 
+@pytest.mark.slow
 def test_a_far_depth_target_sent_once_is_cut_to_what_the_speed_limit_can_use():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.run(3.0)
@@ -133,6 +135,7 @@ def test_a_far_depth_target_sent_once_is_cut_to_what_the_speed_limit_can_use():
     assert ground.vehicle.body.z == pytest.approx(before + 1.11, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_far_depth_target_repeated_is_reached():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.repeated = lambda: _depth_target(-6.0)
@@ -140,6 +143,7 @@ def test_a_far_depth_target_repeated_is_reached():
     assert ground.vehicle.body.z == pytest.approx(6.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_target_in_the_air_ends_just_under_the_surface():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.repeated = lambda: _depth_target(1.0)
@@ -147,6 +151,7 @@ def test_a_target_in_the_air_ends_just_under_the_surface():
     assert -0.1 < ground.vehicle.body.z < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["videoray", "automarine", "falcon"])
 @pytest.mark.parametrize("mode", [SUB_ALT_HOLD, SUB_GUIDED, SUB_STABILIZE])
 def test_a_heading_step_is_followed(name, mode):

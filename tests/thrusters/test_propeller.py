@@ -76,6 +76,7 @@ def test_bollard_pulls_alone_give_no_thrust_curve():
         fit_open_water(OpenWaterTest(np.arange(1.0, 9.0), np.zeros(8), np.arange(1.0, 9.0) ** 2), D)
 
 
+@pytest.mark.slow
 def test_the_command_line_maps_a_pull_test_and_a_propeller(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     n = np.linspace(-100.0, 100.0, 41)
     path = tmp_path / "pull.csv"

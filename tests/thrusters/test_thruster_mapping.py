@@ -36,6 +36,7 @@ def pulls(seed: int = 1, noise: float = 0.1, ahead=AHEAD, astern=ASTERN, offset:
     return PullTest("tank", n, T, "1")
 
 
+@pytest.mark.slow
 def test_dead_zone_and_both_directions_are_found_within_their_errors():
     fit = fit_thruster(pulls())
     assert fit.structure.dead != "none" and not fit.structure.same_sides
@@ -44,12 +45,14 @@ def test_dead_zone_and_both_directions_are_found_within_their_errors():
     assert fit.noise == pytest.approx(0.1, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_plain_quadratic_thruster_is_given_no_dead_zone_and_no_linear_part():
     fit = fit_thruster(pulls(noise=0.05, ahead=(20.0, 0.0, 0.0), astern=(20.0, 0.0, 0.0)))
     assert (fit.structure.shape, fit.structure.dead, fit.structure.same_sides) == ("quadratic", "none", True)
     assert fit.parameters["a_f"].value == pytest.approx(20.0, abs=4.0 * fit.parameters["a_f"].std)
 
 
+@pytest.mark.slow
 def test_the_dynamometers_zero_is_not_mistaken_for_thrust():
     fit = fit_thruster(pulls(offset=1.5))
     assert fit.structure.offset
@@ -57,6 +60,7 @@ def test_the_dynamometers_zero_is_not_mistaken_for_thrust():
     assert float(fit.map.force(0.0)) == 0.0
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_as_often_as_they_say():
     structure = MapStructure("quadratic+linear", False, "free", True)
     truth = {"a_f": 30.0, "b_f": 4.0, "a_b": 18.0, "b_b": 3.0, "x_f": 0.12, "x_b": -0.08, "offset": 0.3}
@@ -83,6 +87,7 @@ def test_the_inverse_undoes_the_map_exactly_and_rises(direction: int):
     assert ThrusterMap.from_dict(thruster.to_dict()) == thruster
 
 
+@pytest.mark.slow
 def test_compensation_makes_the_thruster_straight():
     fit = fit_thruster(pulls())
     wanted = np.linspace(-14.0, 24.0, 77)
@@ -98,6 +103,7 @@ def test_pulls_ahead_only_are_fitted_and_said_to_be_one_sided():
     assert fit.parameters["x_f"].value == pytest.approx(0.12, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_wild_pull_and_a_wrong_curve_are_doubted():
     wild = pulls()
     force = wild.force.copy()
@@ -108,6 +114,7 @@ def test_a_wild_pull_and_a_wrong_curve_are_doubted():
     assert "lack-of-fit" in {d.slug for d in fit_thruster(PullTest("t", n, bumpy, "1")).doubts}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "ahead", "astern"), [("left", 0.1344, 0.0709), ("right", 0.1420, 0.0671)])
 def test_the_blueboats_own_static_map_is_recovered(side: str, ahead: float, astern: float):
     if not BLUEBOAT.exists():

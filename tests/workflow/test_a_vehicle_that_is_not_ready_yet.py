@@ -25,6 +25,7 @@ class StopsWhen:
         return True
 
 
+@pytest.mark.slow
 def test_a_boat_without_a_position_is_waited_for_before_it_is_armed(tmp_path):
     harbour = SitlHarness(tmp_path)
     harbour.vehicle.autopilot.ready_ms = 42_000

@@ -12,6 +12,7 @@ from gcs_autotune.workflow import Unattended, experiment
 from .sitl_harness import WHEN, Ear, SitlHarness
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["yaw", "speed"])
 def test_every_axis_of_a_boat_is_identified_and_left_with_a_page(axis: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")

@@ -68,6 +68,7 @@ def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]
     return harbour, flown(harbour)
 
 
+@pytest.mark.slow
 def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
     charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
@@ -140,6 +141,7 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
     assert list((harbour.directory / "trials").glob("*.csv"))
 
 
+@pytest.mark.slow
 def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path) -> None:
     harbour = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match="deg are wanted: give a smaller --heading"):

@@ -36,6 +36,7 @@ def test_time_that_stands_still_needs_no_process_and_no_warming():
     assert listener.said == []
 
 
+@pytest.mark.slow
 def test_a_long_compilation_is_told_of_once_while_the_craft_is_watched(monkeypatch):
     monkeypatch.setattr(jit_warmup, "_PATIENCE", 0.0)
     listener, looked = Listener(), []

@@ -26,6 +26,7 @@ def stepped(seed: int) -> Trial:
     return Trial(f"run{seed}", {"X": Channel("X", "1", t, thrust), "u": Channel("u", "m/s", t, u + 0.05 * slow)})
 
 
+@pytest.mark.slow
 def test_a_speed_step_has_to_stand_out_from_noise_that_the_receiver_has_filtered() -> None:
     runs = [stepped(0), stepped(1)]
     known = known_of(Identified(fit_surge(runs), runs), FIRMWARE["ardurover"].axes["speed"])

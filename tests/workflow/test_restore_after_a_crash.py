@@ -21,7 +21,7 @@ from gcs_autotune.workflow.restore import _Restoring
 pytestmark = pytest.mark.usefixtures("plainly")
 
 NEW = {"ATC_STR_RAT_P": 0.5, "ATC_STR_RAT_I": 0.4, "ATC_STR_RAT_FF": 1.5}
-CHARLIE = FLEET[0]
+VIDEORAY = next(subject for subject in FLEET if subject.vehicle == "videoray")
 
 
 def moored(**options: Any) -> Berth:
@@ -68,6 +68,7 @@ def test_restore_disarms_puts_back_reads_back_and_settles(path: Path) -> None:
     assert restore(berth, path) == {}
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_of_borrowing_and_again_of_restoring(path: Path) -> None:
     """The moments are counted in messages of ours, so that none between two of them is left out."""
     whole = moored()
@@ -201,7 +202,7 @@ def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> No
     ids=lambda fault: f"{fault.kind}-{fault.duration:g}",
 )
 def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fault) -> None:
-    outcome = play(Case.of(CHARLIE, fault))
+    outcome = play(Case.of(VIDEORAY, fault))
     assert outcome.failures == []
     assert outcome.writes > 0
 
@@ -209,6 +210,6 @@ def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fau
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc for open files")
 def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
-    play(Case.of(CHARLIE, Fault("unplugged", 5.0)), tmp_path)
+    play(Case.of(VIDEORAY, Fault("unplugged", 5.0)), tmp_path)
     open_files = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
     assert str(tmp_path / "run" / "journal.jsonl") not in open_files

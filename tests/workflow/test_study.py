@@ -33,6 +33,7 @@ def steps(seed: int, alpha: float = ALPHA, beta: float = BETA, name: str = "") -
     return Trial(name or f"steps-{seed}", channels)
 
 
+@pytest.mark.slow
 def test_one_run_is_checked_on_its_own_last_third_and_the_answer_uses_it_whole() -> None:
     found = study([steps(1)], [], StudySettings(), "2026-01-01T00:00:00")
     assert "without its last 30 %" in found.how_unseen
@@ -42,6 +43,7 @@ def test_one_run_is_checked_on_its_own_last_third_and_the_answer_uses_it_whole()
     assert found.fit.traces[0].t[0] == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_of_several_runs_each_is_predicted_from_the_others() -> None:
     found = study([steps(1), steps(2), steps(3)], [], StudySettings(), "2026-01-01T00:00:00")
     assert found.answer.unseen is not None
@@ -56,6 +58,7 @@ def test_a_run_of_another_vehicle_is_predicted_badly_and_says_so() -> None:
     assert found.answer.unseen.fit_percent < found.fit.fit_percent - 20.0
 
 
+@pytest.mark.slow
 def test_all_methods_are_compared_and_one_that_refuses_says_why() -> None:
     found = study([steps(1)], [], StudySettings(structure="linear", method="all", check=False), "2026-01-01T00:00:00")
     names = [o.method for o in found.outcomes]

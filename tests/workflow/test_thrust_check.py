@@ -57,6 +57,7 @@ def test_free_thrust_passes_on_the_first_half_pulse() -> None:
     assert flown.outcome.reason.endswith("X acts the right way")
 
 
+@pytest.mark.slow
 def test_thrust_that_saturates_below_the_pulse_but_drives_passes_with_less_speed_gained() -> None:
     free, _ = pulse()
     check, flown = pulse(effect="saturation@throttle.limit=0.3")
@@ -69,6 +70,7 @@ def test_thrust_that_saturates_below_the_pulse_but_drives_passes_with_less_speed
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.02, 0.1])
 def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_with_what_the_output_did(
     limit: float,
@@ -81,6 +83,7 @@ def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_wit
     assert re.search(r"though SERVO3 went to 1(889|890) us: it is dead, or too weak", flown.outcome.reason)
 
 
+@pytest.mark.slow
 def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> None:
     check, flown = pulse(MOT_THR_MAX=10.0)
     assert flown.outcome.ending == "aborted"
@@ -90,6 +93,7 @@ def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> 
     assert "MOT_THR_MAX" in flown.outcome.reason
 
 
+@pytest.mark.slow
 def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse() -> None:
     check, flown = pulse(stuck=4.0)
     assert flown.outcome.ending == "aborted"
@@ -98,6 +102,7 @@ def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse(
     assert "X stands at +0.96 of full output without any command: SERVO3 is saturated" in flown.outcome.reason
 
 
+@pytest.mark.slow
 def test_a_throttle_that_goes_on_standing_at_its_stop_is_said_to_be_not_neutral() -> None:
     with pytest.raises(NotAsFound, match=r"not neutral after 5 s: X \+0\.96 of full output; take over by hand"):
         pulse(stuck=60.0)

@@ -84,6 +84,7 @@ def dead_band() -> tuple[list[Trial], AxisFit]:
     return runs, fit_axis(runs, dof="yaw")
 
 
+@pytest.mark.slow
 def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
@@ -94,6 +95,7 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     )
 
 
+@pytest.mark.slow
 def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dwells_at_its_edge():
     band, steps = 0.0625, 100.0
     runs = [oscillation(f"relay-{n}", C, T, 0.8) for n, C, T in ((1, 0.3, 0.8), (2, 0.6, 0.6))]
@@ -140,6 +142,7 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
     assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
 
+@pytest.mark.slow
 def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     third = third_relay(runs, plain)

@@ -11,15 +11,16 @@ from gcs_autotune.link import Journal
 from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
 
-from .sitl_harness import SLOW_LOOP, Answers, SitlHarness
+from .sitl_harness import QUICK, SLOW_LOOP, Answers, SitlHarness
 
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    harbour = SitlHarness(tmp_path_factory.mktemp("tuned"))
+    harbour = SitlHarness(tmp_path_factory.mktemp("tuned"), "charlie")
     return harbour, harbour.tune()
 
 
+@pytest.mark.slow
 def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
     harbour, story = tuned
     assert story.ending == "kept"
@@ -28,11 +29,13 @@ def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
         assert harbour.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_relays_that_ended_because_they_had_settled_are_read_as_settled(tuned):
     _, story = tuned
     assert "unsettled" not in {d.slug for d in story.fit.doubts}
 
 
+@pytest.mark.slow
 def test_nothing_but_the_proposed_gains_has_changed(tuned):
     harbour, story = tuned
     now = dict(harbour.vehicle.parameters.values)
@@ -40,6 +43,7 @@ def test_nothing_but_the_proposed_gains_has_changed(tuned):
     assert changed == set(story.proposal.new)
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_left_neutral_disarmed_and_in_its_mode(tuned):
     harbour, _ = tuned
     harbour.assert_neutral()
@@ -47,12 +51,14 @@ def test_the_vehicle_is_left_neutral_disarmed_and_in_its_mode(tuned):
     assert harbour.mode == harbour.found == "HOLD"
 
 
+@pytest.mark.slow
 def test_gains_stay_inside_their_documented_ranges(tuned):
     _, story = tuned
     assert story.proposal.changes
     assert all(c.low <= c.new <= c.high for c in story.proposal.changes)
 
 
+@pytest.mark.slow
 def test_the_identified_model_is_the_hidden_one(tuned):
     _, story = tuned
     assert story.fit.structure == "linear"
@@ -60,6 +66,7 @@ def test_the_identified_model_is_the_hidden_one(tuned):
     assert story.fit.model.beta == pytest.approx(4.912, rel=0.01)
 
 
+@pytest.mark.slow
 def test_everything_is_said_before_it_is_done(tuned):
     harbour, _ = tuned
     will = [i for i, text in enumerate(harbour.said) if text.startswith("will ")]
@@ -70,6 +77,7 @@ def test_everything_is_said_before_it_is_done(tuned):
         assert word in announced
 
 
+@pytest.mark.slow
 def test_the_run_directory_holds_the_whole_record(tuned):
     harbour, story = tuned
     names = {p.name for p in (harbour.directory / "trials").glob("*.csv")}
@@ -85,6 +93,7 @@ def test_the_run_directory_holds_the_whole_record(tuned):
     assert sum(1 for _ in read_tlog(harbour.directory / "telemetry.tlog")) > 10_000
 
 
+@pytest.mark.slow
 def test_a_boat_turns_about_and_stays_within_a_hundred_and_thirty_metres(tuned):
     # Sign check (here with a second, larger pulse) and step make 118 m before it comes about the first time.
     harbour, _ = tuned
@@ -94,6 +103,7 @@ def test_a_boat_turns_about_and_stays_within_a_hundred_and_thirty_metres(tuned):
     assert far < 130.0
 
 
+@pytest.mark.slow
 def test_the_journal_is_settled_in_the_end(tuned):
     harbour, _ = tuned
     state = Journal.read(harbour.directory / "journal.jsonl")
@@ -102,6 +112,7 @@ def test_the_journal_is_settled_in_the_end(tuned):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
     runs = []
     for name in ("a", "b"):
@@ -113,8 +124,9 @@ def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, QUICK)
     story = harbour.tune(dry_run=True)
     assert story.ending == "dry-run"
     assert story.proposal.changes
@@ -122,9 +134,10 @@ def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, "charlie")
     story = harbour.tune()
     assert story.ending == "restored"
     assert "at least 100% lower" in " ".join(story.verdict_reasons)
@@ -132,8 +145,9 @@ def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_written(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, QUICK)
     operator = Answers(True, True)
     story = harbour.tune(operator, simulated=False)
     assert operator.questions[0] == "Go ahead?"
@@ -142,7 +156,7 @@ def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_writ
 
 
 def test_no_to_the_first_question_arms_nothing(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, QUICK)
     with pytest.raises(OperatorStopped, match="nothing was armed, moved or written"):
         harbour.tune(Answers(False), simulated=False)
     harbour.assert_as_found()
@@ -150,14 +164,16 @@ def test_no_to_the_first_question_arms_nothing(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_no_to_the_second_question_writes_nothing(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, QUICK)
     story = harbour.tune(Answers(True, False), simulated=False)
     assert story.ending == "declined"
     harbour.assert_as_found()
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_an_rov_survives_the_operators_long_thinking(tmp_path):
     # ArduSub disarms three seconds after the last pilot input; each question takes four.
     harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
@@ -166,28 +182,30 @@ def test_an_rov_survives_the_operators_long_thinking(tmp_path):
 
 
 def test_a_boat_has_no_depth_loop(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, QUICK)
     with pytest.raises(WrongVehicle, match="no depth loop"):
         harbour.tune(axis="depth")
     harbour.assert_as_found()
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
-    harbour = SitlHarness(tmp_path, parameters={"ATC_STR_RAT_FF": 9.0})
+    harbour = SitlHarness(tmp_path, QUICK, parameters={"ATC_STR_RAT_FF": 9.0})
     story = harbour.tune(dry_run=True)
     assert any("ATC_STR_RAT_FF" in note for note in story.proposal.notes)
     harbour.assert_as_found()
 
 
 def test_a_run_directory_is_never_overwritten(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harbour = SitlHarness(tmp_path, QUICK)
     (harbour.directory / "trials").mkdir(parents=True)
     with pytest.raises(UsageError, match="already holds a run"):
         harbour.tune()
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
 def test_the_relay_and_the_step_can_be_given(tmp_path):
     harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     story = harbour.tune(

@@ -56,6 +56,7 @@ def worker() -> Any:
         yield worker
 
 
+@pytest.mark.slow
 def test_what_is_thought_about_is_computed_in_another_process_while_the_craft_is_kept_company(worker: Worker) -> None:
     craft: Any = Company()
     assert run_in_background(craft, worker, never, os.getpid) != os.getpid()
@@ -81,6 +82,7 @@ def test_what_cannot_cross_is_an_error_and_the_desk_works_on(worker: Worker) -> 
     assert run_in_background(craft, worker, never, divmod, 7, 2) == (3, 1)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_at_work_is_told_of_and_another_takes_its_place(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises(AutotuneError, match=r"process that computes has ended by itself \(code 3"):
@@ -126,6 +128,7 @@ time.sleep(1000.0)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills by signal")
 def test_a_program_that_is_killed_takes_its_process_along() -> None:
     """Standard error is open in both: it ends when the last of them does."""

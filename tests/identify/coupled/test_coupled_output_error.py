@@ -58,6 +58,7 @@ def test_noise_levels_are_those_that_were_added(fitted: Fit) -> None:
         assert fitted.noise[name] == pytest.approx(NOISE[name], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_run_of_another_vehicle_is_named(runs: list[Trial]) -> None:
     stranger = sailed(3, seconds=20.0, boat={**BOAT, "X_udot": -60.0, "N_r": -6.0})
     short = [run.between(0.0, 20.0) for run in runs]

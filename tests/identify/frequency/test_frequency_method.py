@@ -47,6 +47,7 @@ def test_inertia_drag_and_force_come_out_with_the_response_beside_them(
     assert "model-misfit" not in slugs(fit)
 
 
+@pytest.mark.slow
 def test_a_delay_is_found_and_a_known_one_kept(record: Record) -> None:
     run = record((0.36, 0.12, 0.0, 0.0), sweep(0.05, 3.0, 120.0), 120.0, delay=0.3, noise=0.002)
     found = fit_axis(run, method="frequency")
@@ -57,6 +58,7 @@ def test_a_delay_is_found_and_a_known_one_kept(record: Record) -> None:
     assert kept.parameters["delay"].status == "fixed"
 
 
+@pytest.mark.slow
 def test_a_band_that_misses_the_corner_is_named(record: Record) -> None:
     plant = (0.36, 0.12, 0.0, 0.0)
     fast = fit_axis(record(plant, sweep(2.0, 6.0, 60.0, 1.0), 60.0, noise=0.002), method="frequency")
@@ -101,6 +103,7 @@ def measured(folder: str, name: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "K", "T"),
     [("Z_10_01", (-0.45, -0.2), (10, 30)), ("Z_20_05", (-0.3, -0.12), (7, 20)), ("Z_30_05", (-0.2, -0.1), (5, 15))],

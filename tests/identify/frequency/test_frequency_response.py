@@ -127,6 +127,7 @@ def test_a_sway_coupled_plant_shows_its_second_order() -> None:
         assert abs(getattr(second.model, name) - true) < 4.0 * second.std[name]
 
 
+@pytest.mark.slow
 def test_the_standard_errors_of_gain_and_time_constant_are_those_of_repeated_runs() -> None:
     values, told = [], []
     for seed in range(14):

@@ -87,6 +87,7 @@ def row_at(t: float) -> int:
     return int(np.searchsorted(T_IN + THETA[2], t, side="right")) - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("t", "stop"), [(0.0, 0.1), (0.0, 0.27), (0.1, 1.2), (0.97, 1.0)])
 def test_a_state_is_carried_through_jumps_as_a_simulation_is_with_its_sensitivities(t: float, stop: float) -> None:
     free = ints(6, -1, 7, 8, -1, 9, -1)

@@ -44,6 +44,7 @@ def test_starting_all_coefficients_at_plus_or_minus_20_leads_to_the_same_place(z
             assert abs(other.parameters[name].value - parameter.value) <= 0.2 * parameter.std + 1e-12
 
 
+@pytest.mark.slow
 def test_on_the_seeds_circle_the_average_error_is_below_the_seeds_best():
     """ZhaoUSV, table 3: 3.83 %; noise 1 mm/s and 1 mrad/s, circle entered from rest and left by coasting."""
     found = fit(sail("circle", 0, noise=0.001), FORM, "ekf", start=dict.fromkeys(TRUTH, -20.0))

@@ -44,6 +44,7 @@ def test_windows_beat_accelerations_on_noisy_positions():
     assert worst["integral"] < 0.3 * worst["derivative"]
 
 
+@pytest.mark.slow
 def test_noise_biases_least_squares_and_instruments_undo_it():
     shares = {"least-squares": [], "instrumental-variables": []}
     errors = {"least-squares": [], "instrumental-variables": []}
@@ -67,6 +68,7 @@ def test_the_bias_is_said_with_its_size():
     assert found.extra["noise_bias"]["X_udot"] == pytest.approx(error, rel=0.5)
 
 
+@pytest.mark.slow
 def test_standard_errors_of_instruments_are_honest():
     """Small version of benchmarks/regression_bias.py."""
     inside = []
@@ -87,6 +89,7 @@ def test_a_constant_column_takes_up_a_pull():
     assert found.parameters["X_u"].value == pytest.approx(TRUTH["X_u"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_outliers_hardly_move_the_robust_fit():
     trials = runs(0.005)
     rng = np.random.default_rng(1)
@@ -108,6 +111,7 @@ def test_terms_that_move_together_are_named():
     assert any("X_u" in d.cause or "X_udot" in d.cause for d in doubt) == (max(factors.values()) > 100.0)
 
 
+@pytest.mark.slow
 def test_recursion_ends_where_the_batch_does():
     trials = runs(0.01)
     batch = fit(trials, coupled(), "least-squares")
@@ -120,6 +124,7 @@ def test_recursion_ends_where_the_batch_does():
     assert len(history["t"]) == len(history["values"]["Y_v"])
 
 
+@pytest.mark.slow
 def test_forgetting_follows_a_craft_that_changes():
     before = yaw_run((8.0, 2.6, 0.0), (0.4, 0.17), step=0.1, noise=0.001, rate_noise=0.002, duration=120.0)
     after = yaw_run((8.0, 5.2, 0.0), (0.4, 0.17), step=0.1, noise=0.001, rate_noise=0.002, duration=120.0)

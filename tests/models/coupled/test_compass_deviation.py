@@ -83,6 +83,7 @@ def test_sensitivities_of_what_the_compass_shows_are_exact() -> None:
             assert by[:, k] == pytest.approx((shown(up)[name] - shown(down)[name]) / (2.0 * h), abs=1e-6, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_deviation_is_found_within_its_own_standard_errors() -> None:
     found = fit([sailed(s, 0.005) for s in (1, 2)], FORM, delay=0.0)
     for name, truth in (DEVIATION | VALUES).items():

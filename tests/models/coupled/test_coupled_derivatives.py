@@ -50,6 +50,7 @@ def test_added_mass_stands_where_its_letters_say(force: str, state: str) -> None
     assert (inertia.row, inertia.column) == (FORCES.index(force), STATES.index(state))
 
 
+@pytest.mark.slow
 @given(st.from_regex(r"[XYZKMNQ]_[uvwpqr|0a-z]{0,8}", fullmatch=True))
 def test_any_other_text_is_refused_or_read_never_crashes(text: str) -> None:
     try:

@@ -385,6 +385,7 @@ def test_a_sweep_goes_from_jump_to_jump_and_stamp_to_stamp_by_runge_kutta(pace: 
     assert pytest.approx(FLAT.x) == X[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["flat", "heave"])
 def test_the_sensitivities_of_a_sweep_are_its_differences_the_delays_too(name: str) -> None:
     case = CASES[name]

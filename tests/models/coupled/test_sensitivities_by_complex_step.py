@@ -261,6 +261,7 @@ def cases() -> list[tuple[str, Form, dict[str, float]]]:
     return [*found, ("recorded depth", diver, depth)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "given"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
 def test_motion_and_sensitivities_agree_with_a_second_derivation_on_complex_numbers(
     form: Form, given: dict[str, float]
@@ -316,6 +317,7 @@ def axis_motion(p: Complex) -> Complex:
     return np.array(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", AXES)
 def test_the_kernel_of_one_degree_of_freedom_agrees_with_a_second_derivation_on_complex_numbers(case: str) -> None:
     p = np.array(AXES[case])
