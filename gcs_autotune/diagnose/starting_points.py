@@ -27,7 +27,7 @@ from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.base_model import base_limits, fit_base
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.segment import Segment, without_signal

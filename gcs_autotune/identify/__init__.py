@@ -12,6 +12,7 @@ likelihood        of parameters, effects, initial states and the shift of stamps
 problem           what is to be fitted, for searches over effects
 solution          maximum likelihood, covariance, what coloured residuals cost (``whiteness``, ``reweighting``)
 stamp_correction  at which loop an input changed; ``settled_stamps`` for methods that take stamps as exact
+initial_guess     where a fit of a form begins; ``first_look`` before any fit
 delay             whether the craft answers late: one rule for every form
 doubts            reasons not to trust a fit, with cause and cure; ``odd_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds

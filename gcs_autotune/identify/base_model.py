@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.first_look import first_levels
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.preparation import INPUTS
 from gcs_autotune.identify.problem import Fitted, Problem

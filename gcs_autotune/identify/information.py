@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.uncertainty import PHYSICAL, cramer_rao
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
 from gcs_autotune.identify.problem import Problem

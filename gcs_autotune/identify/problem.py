@@ -141,7 +141,7 @@ class Problem:
 
     def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
         """Return initial states of any segments, read off their first samples."""
-        from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
+        from gcs_autotune.identify.initial_guess import initial_guess_of
 
         return initial_guess_of(self.form, segments).initial
 

@@ -3,9 +3,6 @@
 ===============  ======================================================================
 case             one question, as every method gets it
 one_axis         a single degree of freedom as the smallest form: every method here fits axes too
-smoothing        velocities and accelerations read off measured signals
-regression       the equations of motion as a linear regression, for start values
-initial_guess    start values, sturdier ones for when the first lead nowhere
 limits           bounds: the user's, physical ones, what the record can resolve
 local            the fit from the first start that leads somewhere, with a delay where the evidence is strong
 global_search    two optimisers of different kind, the better kept and polished

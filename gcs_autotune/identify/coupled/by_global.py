@@ -10,10 +10,10 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.by_output_error import fit_of, with_known_delay
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.global_search import box_of, search
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.local import Delayed, Local, local_fit
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.segment import Segment

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
-from gcs_autotune.identify.coupled.initial_guess import InitialGuess
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, physical
+from gcs_autotune.identify.initial_guess import InitialGuess
 from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.noise import gaussian_noise

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.problem import Problem

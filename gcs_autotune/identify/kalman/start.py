@@ -9,41 +9,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.free_run import first_state
+from gcs_autotune.identify.initial_guess import SPECIAL_START, Motion, regression_of
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.identify.special_start import SPECIAL_START
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.models.coupled.regressors import Balance, balance_of
 from gcs_autotune.sname import DOFS
 
-__all__ = ["Motion", "Start", "begin", "rough_noise", "smoothed_motion"]
+__all__ = ["Start", "begin"]
 
 Array = NDArray[np.float64]
 
 ROUNDS = 12
 """Rounds to fit the walk of the velocities; start values need no more."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """One record smoothed without a model: stamps (s,), states (s, n), accelerations (s, k), inputs (s, m), and
-    ``seen`` (k,): whether the run tells of a velocity at all. ``walk`` (k,) is the drive found [unit^2/s]."""
-
-    t: Array
-    X: Array
-    nu_dot: Array
-    inputs: Array
-    seen: NDArray[np.bool_]
-    walk: Array
-    noise: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,14 +57,15 @@ class Start:
 def begin(bank: Bank, given: Mapping[str, float]) -> Start:
     """Return where to begin; *given* overrides the regression's values."""
     form = bank.form
-    motions = [smoothed_motion(form, track.record, bank.signals) for track in bank.tracks]
+    walked = [_walked(form, track.record, bank.signals) for track in bank.tracks]
+    motions = [m for m, _ in walked]
     given = _possible(form, given)
     theta, scale, left = _regression(form, motions, given)
     dt = float(np.median(np.concatenate([np.diff(t.stamps) for t in bank.tracks])))
     k, n = len(form.dofs), len(bank.states)
     drive = np.zeros(n)
     drive[k : 2 * k] = left**2 * dt
-    noise = np.mean([m.noise for m in motions], axis=0)
+    noise = np.mean([n for _, n in walked], axis=0)
     steps = [max((t.record.signals[s].step for t in bank.tracks if s in t.record.signals), default=0.0)
              for s in bank.signals]  # fmt: skip
     floors = np.maximum(np.array(steps) ** 2 / 12.0, 1e-6 * noise)
@@ -96,7 +84,7 @@ def begin(bank: Bank, given: Mapping[str, float]) -> Start:
     )
 
 
-def rough_noise(signal: Signal) -> float:
+def _rough_noise(signal: Signal) -> float:
     """Return the standard deviation of a signal's noise, from how far samples lie off the line through neighbours."""
     t, y = signal.t, signal.values
     w = (t[2:] - t[1:-1]) / (t[2:] - t[:-2])
@@ -105,8 +93,11 @@ def rough_noise(signal: Signal) -> float:
     return max(1.4826 * float(np.median(np.abs(off))), least)
 
 
-def smoothed_motion(form: Form, record: Segment, signals: Sequence[str] = ()) -> Motion:
-    """Smooth one record with velocities that walk at random; *signals* gives the order of ``noise`` (m,)."""
+def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Motion, Array]:
+    """Smooth one record with velocities that walk at random; also return the noise variances (m,) of *signals*.
+
+    A velocity counts as known where the run tells of it at all: this smoother takes positions only as well.
+    """
     walk = Form(
         name="walk",
         title="velocities that walk at random",
@@ -120,7 +111,7 @@ def smoothed_motion(form: Form, record: Segment, signals: Sequence[str] = ()) ->
     k, names = len(form.dofs), bank.states
     first, spread = first_state(record, names), _spread_of(names, record)
     prior = Prior(first[None, :], spread[None, :], np.zeros(0), np.zeros((0, 0)))
-    noise = np.array([rough_noise(record.signals[s]) ** 2 for s in bank.signals])
+    noise = np.array([_rough_noise(record.signals[s]) ** 2 for s in bank.signals])
     drive = np.concatenate([np.zeros(k), np.maximum(spread[k:] ** 2, 1e-12)])
     levels = Levels(noise, drive, np.zeros(0))
     theta = np.array([walk.known[n] for n in walk.parameters])
@@ -143,33 +134,20 @@ def smoothed_motion(form: Form, record: Segment, signals: Sequence[str] = ()) ->
     nu_dot = np.gradient(X[:, k : 2 * k], t, axis=0)
     by_name = dict(zip(bank.signals, levels.noise, strict=True))
     order = np.array([by_name.get(s, np.nan) for s in signals])
-    return Motion(t, X, nu_dot, inputs, seen, levels.drive[k:], order)
+    return Motion(t, X, nu_dot, inputs, seen), order
 
 
 def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float]) -> tuple[Array, Array, Array]:
     """Return all parameters, the scales of the free ones, and the accelerations (k,) the equations do not explain."""
     names = form.parameters
-    theta = np.array(
-        [{**{n: s.value for n, s in SPECIAL_START.items()}, **given, **form.known}.get(n, 0.0) for n in names]
-    )
-    sought = [n for n in form.free if n not in SPECIAL and n not in given]
-    base, by = _balance(form, theta, motions)
+    seen = np.any([m.known for m in motions], axis=0)
+    begun = replace(form, start=dict(given))
+    regression = regression_of(begun, [replace(m, known=seen) for m in motions])
+    base, by = _balance(form, regression.theta, motions)
+    theta = regression.solve(Limits({}, {}))
+    left = base + by @ (theta - regression.theta)
     J = by[:, :, [names.index(n) for n in form.free]] * np.array([n not in SPECIAL for n in form.free])
-    seen = np.any([m.seen for m in motions], axis=0)
-    weight = np.where(seen, 1.0, 0.0)
     size = np.sqrt(np.mean(J**2, axis=0))
-    at = [form.free.index(n) for n in sought]
-    left = base
-    if sought:
-        rows = weight / np.maximum(np.sqrt(np.mean(base**2, axis=0)), 1e-12)
-        for _ in range(3):
-            A = (J[:, :, at] * rows[None, :, None]).reshape(-1, len(at))
-            unit = np.maximum(np.sqrt(np.mean(A**2, axis=0)), 1e-300)
-            G = (A / unit).T @ (A / unit) + 1e-6 * len(A) * np.eye(len(at))
-            found = np.linalg.solve(G, -(A / unit).T @ (base * rows).ravel()) / unit
-            left = base + J[:, :, at] @ found
-            rows = weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-12)
-        theta[[names.index(n) for n in sought]] = found
     _make_inertia_positive(form, theta, motions, given)
     M = inertia_matrix(form, theta)
     active = program_of(form).active
@@ -239,7 +217,7 @@ def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: M
     for name in form.free:
         if name not in given and name not in SPECIAL:
             still[names.index(name)] = 0.0
-    zero = [Motion(m.t, 0.0 * m.X, 0.0 * m.nu_dot, m.inputs, m.seen, m.walk, m.noise) for m in motions]
+    zero = [Motion(m.t, 0.0 * m.X, 0.0 * m.nu_dot, m.inputs, m.known) for m in motions]
     force = np.sqrt(np.mean(_balance(form, still, zero).values ** 2, axis=0))
     rough = force / np.maximum(acceleration, 1e-12)
     rough[rough <= 0.0] = float(np.max(rough)) if np.any(rough > 0.0) else 1.0
@@ -273,7 +251,7 @@ def _spread_of(names: Sequence[str], record: Segment) -> Array:
     for i, name in enumerate(names):
         own = next(d for d in DOFS.values() if name in (d.velocity, d.position))
         if name in record.signals:
-            spread[i] = np.std(record.signals[name].values) + 10.0 * rough_noise(record.signals[name])
+            spread[i] = np.std(record.signals[name].values) + 10.0 * _rough_noise(record.signals[name])
         elif name == own.velocity:
             rate = speed if own.name in ("surge", "sway") else 0.0
             if own.position in record.signals:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise

@@ -11,8 +11,8 @@ from coupled_plants import sail
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.initial_guess import initial_guess_of
 from gcs_autotune.identify.coupled.limits import limits_of
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.solution import solve_form
 from gcs_autotune.models.coupled import form_from

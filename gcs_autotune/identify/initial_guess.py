@@ -1,0 +1,363 @@
+"""Where a fit of a form begins: motions smoothed, the equations as a regression on them, and sturdier starts.
+
+Signals are read off by local polynomials, each at its own stamps; the equations (Miskovic2007, eq. (4)) are linear in
+the parameters (:mod:`gcs_autotune.models.coupled.regressors`), so bounded least squares gives values to begin with.
+What no such regression sees (delay, lag, current, walls) begins where :data:`SPECIAL_START` says. Rough on purpose:
+only start values come from here. One axis has a surer way, :mod:`.axis.start`; filters smooth by a walk of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.first_look import first_levels
+from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.identify.likelihood import Limits, Objective, first_input
+from gcs_autotune.identify.noise import gaussian_noise
+from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.models.coupled import Form
+from gcs_autotune.models.coupled.compass import COEFFICIENTS
+from gcs_autotune.models.coupled.derivatives import SPECIAL, WALLS, inertia_of
+from gcs_autotune.models.coupled.program import program_of, states_of
+from gcs_autotune.models.coupled.regressors import balance_of
+from gcs_autotune.sname import DOFS
+
+__all__ = ["SPECIAL_START", "InitialGuess", "Motion", "Regression", "SpecialStart", "initial_guess_of", "regression_of"]
+
+Array = NDArray[np.float64]
+
+HALF_WIDTHS = (2, 5, 12, 30)
+"""Neighbours to each side a local polynomial may use."""
+
+MOST = 400
+"""Stamps per record at which the equations are looked at."""
+
+RIDGE = 1e-6
+"""Share of each regressor's power added to its own, so that what is not excited stays small."""
+
+ROUNDS = 3
+"""Rounds of weighing each driven equation by what it leaves. An equation without inputs keeps its weight: it would
+be satisfied best by parameters that are all zero."""
+
+LEAST = 1e-3
+"""Smallest remainder of an equation, in shares of the largest known force, that its weight is taken from."""
+
+PIECES = 15
+"""Pieces a record is cut into for a start: each begins where the craft was measured to be, so nothing runs away."""
+
+SHORTEST = 12
+"""Fewest stamps of a piece."""
+
+TRIALS, ROUGH = 25, 1e-4
+"""Trials on the pieces, and the relative decrease that ends them: a start need not be exact."""
+
+FEW = 2
+"""Trials that tell whether a form suits the pieces at all."""
+
+LIGHTEST = 0.02
+"""Smallest inertia of a start, in units of that whose acceleration takes all of the known forces."""
+
+SHARE = 0.1
+"""Noise to begin with, in shares of a signal's standard deviation."""
+
+
+class SpecialStart(NamedTuple):
+    """A start value and how far from it the truth may well be (standard deviation), in the parameter's unit."""
+
+    value: float
+    spread: float
+
+
+SPECIAL_START: Mapping[str, SpecialStart] = {
+    "delay": SpecialStart(0.0, 0.2),
+    "lag": SpecialStart(0.2, 0.3),
+    **dict.fromkeys(("V_x", "V_y", "drift_x", "drift_y"), SpecialStart(0.0, 0.3)),
+    **dict.fromkeys(COEFFICIENTS, SpecialStart(0.0, 0.1)),
+    "reach": SpecialStart(1.0, 1.0),
+    "bottom": SpecialStart(0.0, 3.0),
+    **dict.fromkeys(WALLS, SpecialStart(0.0, 1.0)),
+}
+"""Name in ``derivatives.SPECIAL`` -> start. No delay, no current, a true compass, no wall; a lag a thruster may have
+[s]; the bottom is felt a metre away, because in no reach at all it cannot be computed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A record's states at some stamps.
+
+    t (s,); X (s, n) in the order of ``states_of(form)``, 0 where nothing was measured; nu_dot (s, k); inputs (s, m);
+    known (k,): whether a velocity could be had.
+    """
+
+    t: Array
+    X: Array
+    nu_dot: Array
+    inputs: Array
+    known: NDArray[np.bool_]
+
+
+def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> Motion:
+    """Return the smoothed states of *record*, its inputs held and late by *delay* [s]."""
+    begin = max(float(s.t[0]) for s in record.signals.values())
+    end = min(float(s.t[-1]) for s in record.signals.values())
+    stamps = record.stamps
+    t = stamps[(stamps >= begin) & (stamps <= end)]
+    t = t if len(t) > 3 else stamps
+    t = t[:: max(1, len(t) // MOST)]
+    states, k = states_of(form), len(form.dofs)
+    X, nu_dot, known = np.zeros((len(t), len(states))), np.zeros((len(t), k)), np.zeros(k, dtype=bool)
+    fits = {name: _local(signal, t, 2 if name in "uvwpqr" else 3) for name, signal in record.signals.items()}
+    psi = fits["psi"][0] if "psi" in fits else np.zeros(len(t))
+    for place, dof in enumerate(DOFS[d] for d in form.dofs):
+        if dof.position in fits:
+            X[:, states.index(dof.position)] = fits[dof.position][0]
+        if dof.velocity in fits:
+            value, rate, _ = fits[dof.velocity]
+        elif dof.name in ("surge", "sway") and {"x", "y"} & set(fits):
+            value, rate = _through_the_body(fits, psi, dof.name)
+        elif dof.position in fits:
+            _, value, rate = fits[dof.position]
+        else:
+            continue
+        X[:, states.index(dof.velocity)], nu_dot[:, place], known[place] = value, rate, True
+    row = np.maximum(np.searchsorted(record.t_in, t - delay, side="right") - 1, 0)
+    inputs = np.ascontiguousarray(record.inputs[row])
+    if "lag" in form.parameters:
+        X[:, 2 * k :] = inputs
+    return Motion(t, X, nu_dot, inputs, known)
+
+
+def _through_the_body(fits: dict[str, tuple[Array, Array, Array]], psi: Array, dof: str) -> tuple[Array, Array]:
+    """Return surge or sway velocity and its rate of change from north and east positions."""
+    zero = (np.zeros_like(psi),) * 3
+    _, x_1, x_2 = fits.get("x", zero)
+    _, y_1, y_2 = fits.get("y", zero)
+    r = fits["r"][0] if "r" in fits else fits["psi"][1] if "psi" in fits else np.zeros_like(psi)
+    c, s = np.cos(psi), np.sin(psi)
+    u, v = c * x_1 + s * y_1, c * y_1 - s * x_1
+    if dof == "surge":
+        return u, c * x_2 + s * y_2 + r * v
+    return v, c * y_2 - s * x_2 - r * u
+
+
+def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
+    """Return value, first and second derivative at *t*, the width chosen by leave-one-out prediction."""
+    best: tuple[float, list[Array]] | None = None
+    for half in HALF_WIDTHS:
+        if 2 * half + 1 > len(signal.t) or 2 * half < order + 1:
+            continue
+        coefficients, missed = _polynomials(signal, half, order)
+        if best is None or missed < best[0]:
+            best = (missed, coefficients)
+    if best is None:
+        return np.interp(t, signal.t, signal.values), np.zeros_like(t), np.zeros_like(t)
+    value, first, second = (np.interp(t, signal.t, c) for c in best[1])
+    return value, first, second
+
+
+def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], float]:
+    """Return value and two derivatives (n,) at every stamp, and the mean squared leave-one-out error."""
+    n, width = len(signal.t), 2 * half + 1
+    first = np.clip(np.arange(n) - half, 0, n - width)
+    at = first[:, None] + np.arange(width)
+    span = signal.t[at[:, -1]] - signal.t[at[:, 0]]
+    z = (signal.t[at] - signal.t[:, None]) / span[:, None]
+    V = np.ones((n, width, order + 1))
+    for i in range(1, order + 1):
+        V[:, :, i] = V[:, :, i - 1] * z
+    transposed = V.transpose(0, 2, 1)
+    inverse = np.linalg.inv(transposed @ V + 1e-12 * np.eye(order + 1))
+    c = (inverse @ (transposed @ signal.values[at][:, :, None]))[:, :, 0]
+    left = (signal.values - c[:, 0]) / np.maximum(1.0 - inverse[:, 0, 0], 1e-6)
+    return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(left**2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """``base + J @ values`` are the imbalances (s, k) of the equations; ``names`` (f,) of the values.
+
+    ``theta`` (p,) known parameters and start values, the regressed ones 0; ``usable`` (k,) equations whose velocity
+    was measured; ``force`` (k,) rms of the known forces, that of the largest where none is known.
+    """
+
+    form: Form
+    names: tuple[str, ...]
+    theta: Array
+    base: Array
+    J: Array
+    usable: NDArray[np.bool_]
+    driven: NDArray[np.bool_]
+    force: Array
+
+    @property
+    def scales(self) -> Array:
+        """Size (f,) of each parameter at which its term is as large as the known forces; 0 where it never acts."""
+        rms = np.sqrt(np.mean(self.J**2, axis=0)) / self.force[:, None]
+        share = rms.max(axis=0)
+        scales: Array = np.where(share > 1e-12, 1.0 / np.maximum(share, 1e-12), 0.0)
+        return scales
+
+    def with_values(self, values: Array) -> Array:
+        """Return all parameters (p,) with the regressed ones at *values* (f,)."""
+        theta = self.theta.copy()
+        theta[[self.form.parameters.index(n) for n in self.names]] = values
+        return theta
+
+    def solve(self, limits: Limits) -> Array:
+        """Return start values (p,) within *limits*, each driven equation weighed by what it leaves."""
+        if not self.names:
+            return self.theta
+        low, high = limits.of(self.names)
+        weight = np.where(self.usable, 1.0 / self.force, 0.0)
+        values = np.zeros(len(self.names))
+        for _ in range(ROUNDS):
+            A = (self.J * weight[None, :, None]).reshape(-1, len(self.names))
+            values = _bounded(A, -(self.base * weight).ravel(), low, high)
+            left = np.sqrt(np.mean((self.base + self.J @ values) ** 2, axis=0))
+            weight = np.where(self.driven, 1.0 / np.maximum(left, LEAST * self.force.max()), weight)
+        return self.with_values(values)
+
+
+def _known_theta(form: Form) -> Array:
+    """Return all parameters (p,): known ones as they are, free ones from ``form.start``, ``SPECIAL_START`` or 0."""
+    values = {**{n: s.value for n, s in SPECIAL_START.items()}, **form.start, **form.known}
+    return np.array([values.get(n, 0.0) for n in form.parameters])
+
+
+def regression_of(form: Form, motions: Sequence[Motion], delay: float | None = None) -> Regression:
+    """Set up the regression on *motions*; parameters with start values, delay, lag and current stay out of it."""
+    theta = _known_theta(form)
+    if delay is not None and "delay" in form.parameters:
+        theta[form.parameters.index("delay")] = delay
+    names = tuple(n for n in form.free if n not in SPECIAL and n not in form.start)
+    balances = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
+    base = np.vstack([b.values for b in balances])
+    J = np.vstack([b.by for b in balances])[:, :, [form.parameters.index(n) for n in names]]
+    usable = np.all([m.known for m in motions], axis=0)
+    usable = usable if usable.any() else np.ones_like(usable)
+    rms = np.sqrt(np.mean(base**2, axis=0))
+    largest = float(rms.max()) or 1.0
+    driven = usable & (rms > 1e-9 * largest)
+    return Regression(form, names, theta, base, J, usable, driven, np.where(driven, rms, largest))
+
+
+def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
+    """Return the least-squares solution within bounds, on the normal equations scaled to unit columns."""
+    scale = np.sqrt(np.maximum(np.sum(A * A, axis=0), 1e-300))
+    G = (A.T @ A) / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    R = np.linalg.cholesky(G).T
+    target = np.linalg.solve(R.T, A.T @ b / scale)
+    if np.all(np.isneginf(low)) and np.all(np.isposinf(high)):
+        solution: Array = np.linalg.solve(R, target) / scale
+        return solution
+    found: Array = lsq_linear(R, target, (low * scale, high * scale)).x / scale
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InitialGuess:
+    """What is known before any simulation: smoothed motions, the regression, first states.
+
+    ``rough``: each signal's scatter about its neighbours, the least noise a fit can leave; ``levels``: noise to begin
+    with, a share of the motion itself, for a model that does not hold to the last digit leaves far more than scatter.
+    """
+
+    form: Form
+    records: tuple[Segment, ...]
+    motions: tuple[Motion, ...]
+    regression: Regression
+    initial: tuple[Array, ...]
+    rough: Mapping[str, float]
+    levels: Mapping[str, float]
+
+    def starts(self, limits: Limits) -> Iterator[Array]:
+        """Yield start values (p,), the likeliest first.
+
+        The regression; the regression with positive inertia and drag that damps, made better on short pieces; a craft
+        of the right size without any coupling, likewise.
+        """
+        yield self.regression.solve(limits)
+        sturdy = self.sturdy(limits)
+        for theta in (self.regression.solve(sturdy), self._plain(sturdy)):
+            better = self.on_pieces(theta, sturdy)
+            if better is not None:
+                yield better[0]
+
+    def misfit(self, limits: Limits) -> float:
+        """Return what the form leaves of short pieces after a few trials: comparable between records of one size."""
+        sturdy = self.sturdy(limits)
+        end = self.on_pieces(self.regression.solve(sturdy), sturdy, FEW)
+        return math.inf if end is None else end[1]
+
+    def sturdy(self, limits: Limits) -> Limits:
+        """Return *limits* cut down to a craft that can be simulated: drag that damps, inertia not near zero."""
+        high = {}
+        for name, scale in zip(self.regression.names, self.regression.scales.tolist(), strict=True):
+            inertia = inertia_of(name) if name.endswith("dot") else None
+            if inertia is not None and inertia.row == inertia.column and not _has_rigid_body(self.form):
+                high[name] = -LIGHTEST * (scale or 1.0)
+        return limits.within(Limits({}, high)).within(physical(self.form))
+
+    def pieces(self) -> tuple[tuple[Segment, ...], tuple[Array, ...]]:
+        """Return the records cut into short pieces, and the smoothed state each begins with."""
+        pieces, initial = [], []
+        for record, motion in zip(self.records, self.motions, strict=True):
+            for piece in _pieces(record):
+                pieces.append(piece)
+                x_0 = np.array([np.interp(piece.start, motion.t, column) for column in motion.X.T])
+                initial.append(_lagged(x_0, piece, self.form))
+        return tuple(pieces), tuple(initial)
+
+    def on_pieces(self, theta: Array, limits: Limits, trials: int = TRIALS) -> tuple[Array, float] | None:
+        """Fit the parameters from *theta* on to short pieces that begin at smoothed states, and return them and the
+        cost; None if even these fail.
+        """
+        pieces, initial = self.pieces()
+        objective = Objective(Problem(self.form, pieces, None, limits), theta, initial, fixed_states=True)
+        at = partial(objective.at, noise=gaussian_noise(self.levels, robust=True))
+        found = descend(at, objective.pack(), *objective.limits(), trials=trials, tolerance=ROUGH)
+        return None if found is None else (objective.unpack(found.x)[0], found.cost)
+
+    def _plain(self, limits: Limits) -> Array:
+        """Return values (p,) of a craft without coupling whose inertia and drag are of the size of its forces."""
+        r = self.regression
+        low, high = limits.of(r.names)
+        values = np.where(high <= 0.0, -0.5, np.where(low >= 0.0, 0.5, 0.0)) * r.scales
+        return r.with_values(np.clip(values, low, high))
+
+
+def initial_guess_of(form: Form, records: Sequence[Segment], delay: float | None = None) -> InitialGuess:
+    """Look at *records* once; *delay* [s] is where a free delay begins."""
+    known = form.known.get("delay", 0.0) if delay is None else delay
+    motions = tuple(smoothed_motion(form, record, known) for record in records)
+    initial = tuple(_lagged(m.X[0].copy(), r, form) for r, m in zip(records, motions, strict=True))
+    regression = regression_of(form, motions, delay)
+    rough = first_levels(records)
+    spread = {n: max(float(np.std(r.signals[n].values)) for r in records if n in r.signals) for n in rough}
+    levels = {n: max(level, SHARE * spread[n]) for n, level in rough.items()}
+    return InitialGuess(form, tuple(records), motions, regression, initial, rough, levels)
+
+
+def _lagged(x_0: Array, record: Segment, form: Form) -> Array:
+    k = 2 * len(form.dofs)
+    if len(x_0) > k:
+        x_0[k:] = first_input(record)
+    return x_0
+
+
+def _has_rigid_body(form: Form) -> bool:
+    return any(name in form.known for name in ("m", "I_x", "I_y", "I_z"))
+
+
+def _pieces(record: Segment) -> list[Segment]:
+    return record.pieces(max(1, min(PIECES, len(record.stamps) // SHORTEST)))
