@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
-from sitl.ardupilot_json.command import add_options, run_json, write_parameters
+from sitl.ardupilot_json import add_options, run_json, write_parameters
 from sitl.autopilot import GENERATIONS
 from sitl.catalogue import load_vehicle
 from sitl.clock import Pacer
@@ -19,7 +19,7 @@ from sitl.eeprom import keep_parameters, read_parameters
 from sitl.effects import EFFECTS, parse_effect
 from sitl.listen import AddressError, CannotListen, open_link, serve_free_running
 from sitl.lockstep import serve_lockstep
-from sitl.mavlink.signing import demand_signatures, read_key
+from sitl.mavlink import demand_signatures, read_key
 from sitl.modelfile import read_model
 
 __all__ = ["main"]

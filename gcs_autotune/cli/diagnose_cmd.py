@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.text import Text
 
     from gcs_autotune.report import StageBar, diagnosis_summary
-    from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
+    from gcs_autotune.workflow import DiagnosisSettings, run_diagnosis, write_diagnosis
 
     if args.list_effects:
         return _list(as_json=args.json)

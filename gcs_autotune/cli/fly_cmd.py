@@ -112,7 +112,7 @@ def _list() -> int:
 
 def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tuple[FlightPlan, TuneSettings]:
     """Return what is flown, and what all of it has in common."""
-    from gcs_autotune.identify.model_file import load_model
+    from gcs_autotune.identify import load_model
     from gcs_autotune.manoeuvres import read_area
     from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, load_flight_plan
 

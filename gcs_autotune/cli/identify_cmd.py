@@ -95,8 +95,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.text import Text
 
-    from gcs_autotune.identify import METHODS
-    from gcs_autotune.identify.model_file import load_model, save_model
+    from gcs_autotune.identify import METHODS, load_model, save_model
     from gcs_autotune.report import StageBar, render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
@@ -150,7 +149,7 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
     """Identify step by step, as a plan says."""
     from rich.console import Console
 
-    from gcs_autotune.identify.plan import load_plan, run_plan
+    from gcs_autotune.identify import load_plan, run_plan
     from gcs_autotune.report import plan_summary
 
     result = run_plan(load_plan(args.plan).knowing(known), runs)

@@ -30,8 +30,7 @@ from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection
-    from gcs_autotune.workflow.supplied_gains import SuppliedGains
+    from gcs_autotune.workflow import Connection, SuppliedGains
 
 __all__ = ["COMMAND"]
 
@@ -94,7 +93,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over a link that is open, and tell of it."""
     from rich.console import Console
 
-    from gcs_autotune.identify.model_file import load_model
+    from gcs_autotune.identify import load_model
     from gcs_autotune.report import TerminalWatcher, show_tune, summarise
     from gcs_autotune.workflow import TuneSettings, tune
 
@@ -163,7 +162,7 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
     """Read the gains to prove."""
     if args.gains is None:
         return None
-    from gcs_autotune.workflow.supplied_gains import load_gains
+    from gcs_autotune.workflow import load_gains
 
     return load_gains(args.gains, args.axis)
 

@@ -7,11 +7,17 @@ What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` 
 
 from __future__ import annotations
 
-from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design.actuator import USED, Actuator
 from gcs_autotune.design.hunting import Hunting
 from gcs_autotune.design.ipd import IpdGains, Uncertainty, design_ipd, stability_bound, uncertainty_of
+from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.laws.law import Scenario
+from gcs_autotune.design.laws.loops import holding
+from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
+from gcs_autotune.design.open_loop import OpenLoop
+from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.proposal import design, design_from
-from gcs_autotune.design.reduction import Reduction, reduce
+from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
 from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
 from gcs_autotune.design.spec import Spec
@@ -19,16 +25,22 @@ from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.verdict import Verdict, is_better
 
 __all__ = [
+    "LAWS",
     "REFERENCE_MODELS",
+    "USED",
     "Actuator",
     "Change",
     "Hunting",
     "IpdGains",
+    "Law",
     "Margins",
+    "OpenLoop",
     "Prediction",
     "Proposal",
     "Reduction",
     "ReferenceModel",
+    "Remark",
+    "Scenario",
     "Spec",
     "StepMetrics",
     "Uncertainty",
@@ -37,12 +49,16 @@ __all__ = [
     "design",
     "design_from",
     "design_ipd",
+    "holding",
+    "in_fractions",
     "is_better",
     "omega_for_settling",
+    "pulse_of",
     "reduce",
     "reference_model",
     "settling_time",
     "stability_bound",
     "step_metrics",
+    "throttle_of",
     "uncertainty_of",
 ]

@@ -25,11 +25,8 @@ from gcs_autotune.diagnose.resonance_check import memories, resonance_checks
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, Step
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedSimulator, Leftover, columns_of
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.likelihood import judged_by
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.whiteness import autocorrelation
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import term_of
+from gcs_autotune.identify import Fitted, Problem, autocorrelation, judged_by
+from gcs_autotune.models import Form, term_of
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 

@@ -16,12 +16,8 @@ from gcs_autotune.diagnose.state import Given, Progress, Question, begin
 from gcs_autotune.diagnose.strategies import SEARCH, SECOND_LOOKS, follow, foretells
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.base_model import overlooked, plain_form
-from gcs_autotune.identify.model_file import ModelFile
-from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import within_horizon
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import Doubt, ModelFile, overlooked, plain_form, prepare_as_recorded, within_horizon
+from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 

@@ -17,8 +17,7 @@ from gcs_autotune.diagnose.score import bic_penalty
 from gcs_autotune.diagnose.undo_data_errors import turned
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, ExtendedSimulator, Leftover, Observed, in_order
-from gcs_autotune.identify.likelihood import judged_by
-from gcs_autotune.identify.problem import Fitted, Problem
+from gcs_autotune.identify import Fitted, Problem, judged_by
 
 __all__ = [
     "ROUGH",

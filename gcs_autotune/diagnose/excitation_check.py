@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.base_model import THRUSTERS
-from gcs_autotune.identify.preparation import INPUTS, signals_of
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import INPUTS, THRUSTERS, signals_of
+from gcs_autotune.models import Form
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial

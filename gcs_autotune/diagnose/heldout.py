@@ -13,9 +13,7 @@ from scipy.special import logsumexp
 
 from gcs_autotune.diagnose.result import Gain
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify import Fitted, Problem, Residual, Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [

@@ -18,10 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
-from gcs_autotune.identify.intake import parts_of
-from gcs_autotune.identify.preparation import INPUTS
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES
+from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, parts_of
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 

@@ -31,11 +31,8 @@ from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
 from gcs_autotune.diagnose.simulation import PLAIN, plain_numbers
 from gcs_autotune.diagnose.state import Given, Key, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
-from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names
-from gcs_autotune.identify.model_file import ModelFile
-from gcs_autotune.identify.problem import Fitted, Problem, label_of
-from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
-from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL
+from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_names, label_of
+from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["Given", "given_of", "judge_numbers"]

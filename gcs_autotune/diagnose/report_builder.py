@@ -15,10 +15,7 @@ from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Sig
 from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance, Leftover
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.result import Doubt, Trace
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify import Doubt, Fitted, Problem, Residual, Trace, autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial

@@ -24,8 +24,7 @@ from scipy.optimize import minimize
 
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.effects import ExtendedSimulator, Leftover, Passage, rung
-from gcs_autotune.identify.likelihood import judged_by
-from gcs_autotune.identify.problem import Fitted, Problem
+from gcs_autotune.identify import Fitted, Problem, judged_by
 
 __all__ = ["memories", "resonance_checks"]
 

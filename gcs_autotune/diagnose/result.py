@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import Curve, EffectInstance, ExtendedModel
-from gcs_autotune.identify.result import Doubt, Trace, plain_data
+from gcs_autotune.identify import Doubt, Trace, plain_data
 
 __all__ = [
     "Cause",

@@ -11,7 +11,7 @@ import numpy as np
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify.problem import Fitted
+from gcs_autotune.identify import Fitted
 
 __all__ = [
     "ALIKE",

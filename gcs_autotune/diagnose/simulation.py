@@ -18,11 +18,8 @@ from gcs_autotune.diagnose.state import Given, Question, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.base_model import plain_form
-from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.identify import Doubt, Fitted, Problem, plain_form, prepare_as_recorded
+from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 

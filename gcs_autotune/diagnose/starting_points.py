@@ -26,12 +26,17 @@ from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.base_model import base_limits, fit_base
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.segment import Segment, without_signal
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import (
+    Fitted,
+    Limits,
+    Problem,
+    Segment,
+    base_limits,
+    fit_base,
+    initial_guess_of,
+    without_signal,
+)
+from gcs_autotune.models import Form
 
 __all__ = ["Bases", "lost", "merged", "permuted_channels", "segment_starts", "without_one_signal"]
 

@@ -28,11 +28,8 @@ from gcs_autotune.diagnose.score import Judged, Step, bic_penalty, error_ratio, 
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
-from gcs_autotune.identify.base_model import fit_base, given_base
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
+from gcs_autotune.models import Form
 
 __all__ = ["Given", "Key", "LostBase", "Progress", "Question", "SearchState", "begin", "begin_with", "mistaken_for"]
 

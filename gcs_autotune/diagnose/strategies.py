@@ -44,9 +44,7 @@ from gcs_autotune.diagnose.score import (
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
-from gcs_autotune.identify.problem import Fitted, Problem
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment, within_horizon
+from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
 
 __all__ = ["SEARCH", "SECOND_LOOKS", "Strategy", "blocked_cv", "drop_insignificant", "follow", "foretells"]
 

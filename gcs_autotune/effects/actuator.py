@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects.effect import INPUT, Curve, Drive, Effect, EffectInstance, Quantity
 from gcs_autotune.effects.kernels import play
 from gcs_autotune.effects.summary import DataSummary
-from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models import CoupledModel
 from gcs_autotune.sname import DOFS
 
 __all__ = [

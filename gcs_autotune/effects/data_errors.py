@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from gcs_autotune.effects.effect import Array, Drive, Effect, EffectInstance, Observed, Quantity, columns_of, concerns
 from gcs_autotune.effects.summary import DataSummary
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
 __all__ = ["SLIPS", "ChannelSwap", "SignError", "TimeOffset", "TimeScale", "UnitError"]

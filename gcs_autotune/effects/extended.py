@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects.effect import Drive, EffectInstance, Observed
 from gcs_autotune.effects.table import EFFECTS
 from gcs_autotune.errors import BadFile
-from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
+from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Channel
 

@@ -18,7 +18,7 @@ from gcs_autotune.effects.summary import (
     sense,
     top_speed,
 )
-from gcs_autotune.models.coupled.derivatives import DEPTH, PAYLOAD
+from gcs_autotune.models import DEPTH, PAYLOAD
 from gcs_autotune.sname import DOFS
 
 __all__ = [

@@ -10,7 +10,7 @@ import numpy as np
 from gcs_autotune.effects.actuator import Actuator, redrawn, steers
 from gcs_autotune.effects.effect import Array, Curve, Drive, EffectInstance, Quantity
 from gcs_autotune.effects.summary import DataSummary
-from gcs_autotune.models.coupled.derivatives import FORCES, STATES
+from gcs_autotune.models import FORCES, STATES
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
 __all__ = [

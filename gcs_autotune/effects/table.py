@@ -36,7 +36,7 @@ from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 from gcs_autotune.errors import UsageError
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["CRAFT", "EFFECTS", "GROUP", "usual_bounds"]

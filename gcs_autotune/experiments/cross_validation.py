@@ -16,9 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify.free_run import validate
-from gcs_autotune.identify.result import Fit, Trace
-from gcs_autotune.identify.whiteness import correlation_time
+from gcs_autotune.identify import Fit, Trace, correlation_time, validate
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [

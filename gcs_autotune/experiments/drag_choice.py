@@ -15,10 +15,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.experiments.cross_validation import cross_validated, folds_of, swings_of
-from gcs_autotune.identify.api import fit_axis
-from gcs_autotune.identify.axis.structure import FREE
-from gcs_autotune.identify.free_run import validate
-from gcs_autotune.identify.result import AxisFit, Decision, Structure
+from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, validate
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 

@@ -25,14 +25,8 @@ from gcs_autotune.experiments.cross_validation import (
     rms_per_signal,
     swings_of,
 )
-from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.free_run import validate
-from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.result import Fit
-from gcs_autotune.models.coupled import CoupledModel, Form
-from gcs_autotune.models.coupled.derivatives import RIGID_BODY, inertia_of
+from gcs_autotune.identify import METHODS, CoupledCase, Fit, physical, prepare_form, validate
+from gcs_autotune.models import RIGID_BODY, CoupledModel, Form, inertia_of
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.experiments.preview import ManoeuvringRoom, room_of_runs
 from gcs_autotune.experiments.scales import Scales, scales_of
-from gcs_autotune.identify.information import BLIND, FittedModel, Information, fitted_model_of, information_on
-from gcs_autotune.identify.result import Doubt, Fit
-from gcs_autotune.models.coupled.derivatives import STATES, inertia_of
+from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, fitted_model_of, information_on
+from gcs_autotune.models import STATES, inertia_of
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 

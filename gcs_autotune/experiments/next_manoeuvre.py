@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
 from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, fly, helm_of
-from gcs_autotune.identify.information import FittedModel, Information, fitted_model_of, information_on
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify import Fit, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial

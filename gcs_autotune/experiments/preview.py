@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.information import FittedModel
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify import FittedModel, Segment, Signal
 from gcs_autotune.manoeuvres import Preset
-from gcs_autotune.models.coupled import Form, Simulator
-from gcs_autotune.models.coupled.derivatives import FORCES
-from gcs_autotune.models.coupled.program import states_of
+from gcs_autotune.models import FORCES, Form, Simulator, states_of
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = [

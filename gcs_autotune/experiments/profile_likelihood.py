@@ -20,13 +20,19 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.experiments.scales import scales_of
-from gcs_autotune.identify.information import FittedModel, fitted_model_of, information_on
-from gcs_autotune.identify.least_squares import descend
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.reweighting import alternate
+from gcs_autotune.identify import (
+    Fit,
+    FittedModel,
+    Limits,
+    NoiseModel,
+    Objective,
+    Problem,
+    alternate,
+    descend,
+    fitted_model_of,
+    gaussian_noise,
+    information_on,
+)
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 

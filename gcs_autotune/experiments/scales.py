@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.information import FittedModel, model_delay
+from gcs_autotune.identify import FittedModel, model_delay
 from gcs_autotune.identify.initial_guess import Motion
-from gcs_autotune.models.coupled.derivatives import SPECIAL
-from gcs_autotune.models.coupled.program import program_of, states_of
-from gcs_autotune.models.coupled.regressors import balance_of
+from gcs_autotune.models import SPECIAL, balance_of, program_of, states_of
 
 __all__ = ["FELT", "Scales", "scales_of"]
 

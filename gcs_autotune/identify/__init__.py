@@ -25,29 +25,184 @@ on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``op
 
 from __future__ import annotations
 
-from gcs_autotune.identify.api import fit, fit_axis
+from gcs_autotune.identify.api import fit, fit_axis, form_of
+from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
-from gcs_autotune.identify.cleaning import quantum
-from gcs_autotune.identify.free_run import ResidualStatistics, free_run, residual_statistics
+from gcs_autotune.identify.base_model import THRUSTERS, base_limits, fit_base, given_base, overlooked, plain_form
+from gcs_autotune.identify.cleaning import clean, quantum
+from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.limits import physical
+from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
+from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
+from gcs_autotune.identify.frequency import FrequencyResponse
+from gcs_autotune.identify.frequency.pictures import frequency_picture
+from gcs_autotune.identify.information import (
+    BLIND,
+    FittedModel,
+    Information,
+    fitted_model_of,
+    information_on,
+    model_delay,
+)
+from gcs_autotune.identify.initial_guess import initial_guess_of
+from gcs_autotune.identify.intake import parts_of
+from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.relay.iso import decide
+from gcs_autotune.identify.model_file import ModelFile, load_model, model_document, save_model, whole_model
+from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
+from gcs_autotune.identify.open_loop.by_zigzag import nomoto_of, solve_zigzag
+from gcs_autotune.identify.open_loop.readings import (
+    Hold,
+    LocalFit,
+    Reading,
+    find_holds,
+    local_fit,
+    mean_reading,
+    rate_of,
+)
+from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log
+from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
+from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
+from gcs_autotune.identify.pictures import draw_trace
+from gcs_autotune.identify.plan import Agreement, PlanResult, load_plan, run_plan
+from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_recorded, prepare_form, signals_of
+from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.regression.drive import drives_of
+from gcs_autotune.identify.regression.motion import NU, motion_of
+from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators
 from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState, find_cycles
-from gcs_autotune.identify.result import AxisFit, Fit, Structure
+from gcs_autotune.identify.result import (
+    AxisFit,
+    Candidate,
+    Decision,
+    Doubt,
+    Fit,
+    IsoEstimate,
+    LimitCycle,
+    Parameter,
+    Status,
+    Structure,
+    Trace,
+    plain_data,
+)
+from gcs_autotune.identify.reweighting import alternate
+from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
+from gcs_autotune.identify.surge import CURVE, fit_surge, square_of
+from gcs_autotune.identify.whiteness import Remainder, autocorrelation, correlation_time
 
 __all__ = [
+    "BLIND",
+    "CURVE",
+    "FREE",
+    "INPUTS",
     "METHODS",
+    "MIN_SAMPLES",
+    "NU",
+    "SIGNS",
+    "THRUSTERS",
+    "Agreement",
     "AxisFit",
+    "Candidate",
+    "CoupledCase",
+    "Decision",
+    "Doubt",
+    "Execute",
     "Fit",
+    "Fitted",
+    "FittedModel",
+    "FrequencyResponse",
+    "Hold",
+    "Information",
+    "IsoEstimate",
+    "LimitCycle",
     "LimitCycleMonitor",
+    "Limits",
+    "Local",
+    "LocalFit",
+    "Method",
+    "ModelFile",
     "MonitorState",
+    "NoiseModel",
+    "Objective",
+    "Parameter",
+    "PlanResult",
+    "Problem",
+    "Reading",
+    "Remainder",
+    "Residual",
     "ResidualStatistics",
+    "Segment",
+    "ShipLog",
+    "Signal",
+    "Status",
+    "StepReading",
     "Structure",
+    "Trace",
+    "Validation",
+    "alternate",
+    "autocorrelation",
+    "base_limits",
+    "clean",
+    "correlation_time",
     "cramer_rao",
     "decide",
+    "derivative_names",
+    "descend",
+    "draw_trace",
+    "drives_of",
     "find_cycles",
+    "find_executes",
+    "find_holds",
     "fit",
     "fit_axis",
+    "fit_base",
+    "fit_surge",
+    "fitted_model_of",
+    "form_of",
     "free_run",
+    "frequency_picture",
+    "from_delay",
+    "from_integrators",
+    "gaussian_noise",
+    "given_base",
+    "information_on",
+    "initial_guess_of",
+    "inverse_of",
+    "join",
+    "judged_by",
+    "label_of",
+    "load_model",
+    "load_plan",
+    "local_fit",
+    "mean_reading",
+    "model_delay",
+    "model_document",
+    "motion_of",
+    "nomoto_of",
+    "overlooked",
+    "parts_of",
+    "physical",
+    "plain_data",
+    "plain_form",
+    "prepare",
+    "prepare_as_recorded",
+    "prepare_form",
     "quantum",
+    "rate_of",
+    "read_steps",
     "residual_statistics",
+    "rows_of",
+    "run_plan",
+    "save_model",
+    "ship_log",
+    "signals_of",
+    "solve_zigzag",
+    "square_of",
+    "validate",
+    "whole_model",
+    "with_actuator",
+    "within_horizon",
+    "without_signal",
 ]

@@ -23,7 +23,7 @@ from gcs_autotune.identify.preparation import guess_dof, prepare, prepare_form
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import FORMS, Form, load_form
+from gcs_autotune.models import FORMS, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial

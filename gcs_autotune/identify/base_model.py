@@ -17,8 +17,7 @@ from gcs_autotune.identify.preparation import INPUTS
 from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
-from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
-from gcs_autotune.models.coupled.derivatives import inertia_of
+from gcs_autotune.models import FORMS, CoupledModel, Form, inertia_of
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 

@@ -29,9 +29,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import solve
 from gcs_autotune.identify.whiteness import autocorrelation, whiteness
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import CoupledModel, Simulator
-from gcs_autotune.models.simulation import explicit_parameters
+from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 

@@ -27,8 +27,7 @@ from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import AxisFit, Fit
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
 from gcs_autotune.identify.solution import solve_form
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import CoupledModel, Form, Simulator
+from gcs_autotune.models import CoupledModel, Form, Simulator, SingleDof
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 

@@ -25,11 +25,7 @@ from gcs_autotune.identify.likelihood import Limits, Objective, first_input
 from gcs_autotune.identify.noise import gaussian_noise
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.compass import COEFFICIENTS
-from gcs_autotune.models.coupled.derivatives import SPECIAL, WALLS, inertia_of
-from gcs_autotune.models.coupled.program import program_of, states_of
-from gcs_autotune.models.coupled.regressors import balance_of
+from gcs_autotune.models import COEFFICIENTS, SPECIAL, WALLS, Form, balance_of, inertia_of, program_of, states_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["SPECIAL_START", "InitialGuess", "Motion", "Regression", "SpecialStart", "initial_guess_of", "regression_of"]

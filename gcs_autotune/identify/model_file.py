@@ -20,8 +20,7 @@ from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Structure
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.sname import DOFS
 
 __all__ = ["ModelFile", "load_model", "model_document", "save_model", "whole_model"]

@@ -20,7 +20,7 @@ from gcs_autotune.identify.along_axis import DISTANCE, ahead_doubt, projected_tr
 from gcs_autotune.identify.cleaning import clean, holes_of, noted, outside, quantum, unwrap, within_range
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial

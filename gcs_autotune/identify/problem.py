@@ -17,7 +17,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedM
 from gcs_autotune.identify.least_squares import descend, inverse_of
 from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["Fitted", "Problem", "label_of"]
 

@@ -15,10 +15,18 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, horizon
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form, Simulator
-from gcs_autotune.models.coupled.kernel import COS_PSI, ETA, NEAR, SIN_PHI, SIN_PSI, SIN_THETA
-from gcs_autotune.models.coupled.program import program_of
-from gcs_autotune.models.simulation import simulate_explicit
+from gcs_autotune.models import (
+    COS_PSI,
+    ETA,
+    NEAR,
+    SIN_PHI,
+    SIN_PSI,
+    SIN_THETA,
+    Form,
+    Simulator,
+    program_of,
+    simulate_explicit,
+)
 from gcs_autotune.sname import DOFS, Dof
 
 __all__ = ["EXPLICIT", "ExplicitForm", "Predicted", "SegmentSimulator", "free_states", "simulator_of", "typical_of"]

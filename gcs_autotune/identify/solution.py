@@ -29,7 +29,7 @@ from gcs_autotune.identify.result import Trace
 from gcs_autotune.identify.reweighting import Effort, alternate, errors_of, likeliest
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.whiteness import all_white, correlation_time, scores_covariance
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["THOROUGH", "Solution", "fit_percent_of", "fit_percents", "solution_of", "solve", "solve_form", "traces_of"]

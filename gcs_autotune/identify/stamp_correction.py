@@ -21,7 +21,7 @@ from gcs_autotune.identify.preparation import WITHIN_LOOP
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import simulator_of
 from gcs_autotune.identify.solution import Solution
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 
 __all__ = ["Switches", "corrected", "switches_of"]
 

@@ -2,8 +2,77 @@
 
 from __future__ import annotations
 
+from gcs_autotune.models.coupled import FORMS, CoupledModel, Form, Simulator, form_from, load_form, unit_of
+from gcs_autotune.models.coupled.compass import COEFFICIENTS
+from gcs_autotune.models.coupled.derivatives import (
+    DEPTH,
+    FORCES,
+    PAYLOAD,
+    RIGID_BODY,
+    SPECIAL,
+    STATES,
+    WALLS,
+    inertia_of,
+    term_of,
+)
+from gcs_autotune.models.coupled.kernel import (
+    COS_PSI,
+    ETA,
+    NEAR,
+    REACH,
+    SIN_PHI,
+    SIN_PSI,
+    SIN_THETA,
+    Program,
+    advance,
+    scratch,
+)
+from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
+from gcs_autotune.models.coupled.regressors import Balance, balance_of, force_columns, inertia_columns
 from gcs_autotune.models.nomoto import Nomoto1, Nomoto2
+from gcs_autotune.models.simulation import explicit_parameters, simulate_explicit
 from gcs_autotune.models.single_dof import SingleDof
 from gcs_autotune.models.transfer_function import TransferFunction
 
-__all__ = ["Nomoto1", "Nomoto2", "SingleDof", "TransferFunction"]
+__all__ = [
+    "COEFFICIENTS",
+    "COS_PSI",
+    "DEPTH",
+    "ETA",
+    "FORCES",
+    "FORMS",
+    "NEAR",
+    "PAYLOAD",
+    "REACH",
+    "RIGID_BODY",
+    "SIN_PHI",
+    "SIN_PSI",
+    "SIN_THETA",
+    "SPECIAL",
+    "STATES",
+    "WALLS",
+    "Balance",
+    "CoupledModel",
+    "Form",
+    "Nomoto1",
+    "Nomoto2",
+    "Program",
+    "Simulator",
+    "SingleDof",
+    "TransferFunction",
+    "advance",
+    "balance_of",
+    "explicit_parameters",
+    "force_columns",
+    "form_from",
+    "inertia_columns",
+    "inertia_matrix",
+    "inertia_of",
+    "load_form",
+    "program_of",
+    "scratch",
+    "simulate_explicit",
+    "states_of",
+    "term_of",
+    "unit_of",
+]

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.identify.plan import Agreement, PlanResult
+from gcs_autotune.identify import Agreement, PlanResult
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import bullet, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (

@@ -14,14 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.regression.drive import drives_of
-from gcs_autotune.identify.regression.motion import NU, Motion, motion_of
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
-from gcs_autotune.models.coupled.program import program_of
-from gcs_autotune.models.coupled.regressors import force_columns, inertia_columns
+from gcs_autotune.identify import NU, Segment, drives_of, motion_of, prepare_form
+from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.models import RIGID_BODY, SPECIAL, Form, force_columns, inertia_columns, inertia_of, program_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 

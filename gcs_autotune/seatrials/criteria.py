@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.open_loop.readings import Reading
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import Doubt, Reading
 
 __all__ = [
     "Figure",

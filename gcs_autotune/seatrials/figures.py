@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify.open_loop.readings import Reading
-from gcs_autotune.identify.open_loop.ship_log import ShipLog, ship_log
+from gcs_autotune.identify import Reading, ShipLog, ship_log
 from gcs_autotune.registry import lookup
 from gcs_autotune.seatrials.criteria import (
     ADVANCE,

@@ -20,11 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.open_loop.readings import Reading, find_holds, mean_reading, rate_of
-from gcs_autotune.identify.open_loop.ship_log import ShipLog
-from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
-from gcs_autotune.identify.preparation import prepare
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import (
+    Doubt,
+    Reading,
+    ShipLog,
+    StepReading,
+    find_holds,
+    mean_reading,
+    prepare,
+    rate_of,
+    read_steps,
+)
 from gcs_autotune.trial import Trial
 
 __all__ = ["PullOut", "Spiral", "SpiralPoint", "read_pull_out", "read_reverse_spiral", "read_spiral"]

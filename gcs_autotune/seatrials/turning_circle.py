@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify.open_loop.readings import Hold, Reading, find_holds, local_fit, mean_reading
-from gcs_autotune.identify.open_loop.ship_log import ShipLog
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import Doubt, Hold, Reading, ShipLog, find_holds, local_fit, mean_reading
 
 __all__ = ["Current", "Track", "TurningCircle", "current_of", "read_turning_circle", "track_of"]
 

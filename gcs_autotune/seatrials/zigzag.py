@@ -16,12 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.open_loop.by_zigzag import nomoto_of, solve_zigzag
-from gcs_autotune.identify.open_loop.readings import LocalFit, Reading, local_fit
-from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes
-from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
-from gcs_autotune.identify.preparation import prepare
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import (
+    Doubt,
+    Execute,
+    LocalFit,
+    Reading,
+    ShipLog,
+    find_executes,
+    local_fit,
+    nomoto_of,
+    prepare,
+    rows_of,
+    solve_zigzag,
+)
 from gcs_autotune.seatrials.criteria import (
     FIRST_OVERSHOOT_20,
     INITIAL_TURNING,

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.result import Doubt, Parameter
+from gcs_autotune.identify import Doubt, Parameter, inverse_of
 
 __all__ = ["OpenWater", "OpenWaterTest", "PropellerFit", "fit_bilinear", "fit_open_water"]
 

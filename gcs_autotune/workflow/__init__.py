@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, load_flight_plan
 from gcs_autotune.workflow.flight_result import FlightResult
@@ -17,16 +18,19 @@ from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 from gcs_autotune.workflow.study import StudySettings, study
+from gcs_autotune.workflow.supplied_gains import SuppliedGains, load_gains
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [
     "PLAN_FILE",
     "Connection",
+    "DiagnosisSettings",
     "FlightPlan",
     "FlightResult",
     "FlySettings",
     "Operator",
     "StudySettings",
+    "SuppliedGains",
     "TuneSettings",
     "Unattended",
     "experiment",
@@ -35,10 +39,13 @@ __all__ = [
     "is_settled",
     "link_of",
     "load_flight_plan",
+    "load_gains",
     "preview_of_model",
     "restore_parameters",
     "restore_run",
+    "run_diagnosis",
     "save_parameters",
     "study",
     "tune",
+    "write_diagnosis",
 ]

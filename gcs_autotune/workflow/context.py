@@ -9,7 +9,7 @@ from functools import partial
 from typing import ParamSpec, TypeVar
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design import LAWS, Law
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of

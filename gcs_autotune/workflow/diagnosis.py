@@ -10,7 +10,7 @@ from pathlib import Path
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.model_file import load_model
+from gcs_autotune.identify import load_model
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MODEL_FILE, render_diagnosis
 from gcs_autotune.trial import Trial

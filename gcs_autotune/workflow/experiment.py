@@ -9,8 +9,7 @@ from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.identify import AxisFit
-from gcs_autotune.identify.model_file import save_model
+from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import render_study
 from gcs_autotune.watch import Watcher

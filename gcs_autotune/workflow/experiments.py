@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.axes import AXES, SIGNAL_FORCES, excitation_of
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import StepMetrics, combine, step_metrics
-from gcs_autotune.design.laws.rover_throttle import throttle_of
+from gcs_autotune.design import StepMetrics, combine, step_metrics, throttle_of
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import quantum
 from gcs_autotune.manoeuvres import (

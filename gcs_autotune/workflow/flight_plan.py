@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
-from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify import ModelFile
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Area, Manoeuvre, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup

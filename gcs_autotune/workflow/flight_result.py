@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import AxisFit, fit_axis
-from gcs_autotune.identify.free_run import Validation, validate
-from gcs_autotune.identify.model_file import save_model
+from gcs_autotune.identify import AxisFit, Validation, fit_axis, save_model, validate
 from gcs_autotune.manoeuvres import DOF_OF, Preview
 from gcs_autotune.report import FlownModel, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES

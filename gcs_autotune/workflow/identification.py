@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from gcs_autotune.identify import AxisFit, Fit, fit_axis
-from gcs_autotune.identify.coupled.one_axis import with_actuator
-from gcs_autotune.identify.surge import fit_surge
+from gcs_autotune.identify import AxisFit, Fit, fit_axis, fit_surge, with_actuator
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import relay_for, second_output, throttle_steps_for

@@ -13,8 +13,7 @@ from functools import partial
 import numpy as np
 
 from gcs_autotune.clock import Deadline, ManualClock
-from gcs_autotune.design.laws import LAWS
-from gcs_autotune.design.laws.law import Scenario
+from gcs_autotune.design import LAWS, Scenario
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import fit_axis
 from gcs_autotune.link import MavlinkCraft

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_autotune.design import reduce
-from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design import in_fractions, reduce
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import Firmware
-from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify import ModelFile
 from gcs_autotune.manoeuvres import DOF_OF, SPEED_TIME, PaperCraft
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS

@@ -13,15 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_autotune.axes import axis_kind
-from gcs_autotune.design import Actuator, Reduction
-from gcs_autotune.design.laws.loops import holding
-from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
-from gcs_autotune.design.plant import in_fractions
-from gcs_autotune.design.reduction import Remark
+from gcs_autotune.design import Actuator, Reduction, Remark, holding, in_fractions, pulse_of, throttle_of
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import AxisFit
-from gcs_autotune.identify.surge import CURVE, square_of
+from gcs_autotune.identify import CURVE, AxisFit, square_of
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow.experiments import noise_in

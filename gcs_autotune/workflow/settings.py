@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gcs_autotune.identify import Structure
-from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify import ModelFile, Structure
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope

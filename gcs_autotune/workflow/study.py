@@ -11,14 +11,21 @@ from typing import Any, Literal
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
-from gcs_autotune.identify import METHODS, AxisFit, Fit, fit
-from gcs_autotune.identify.api import form_of
-from gcs_autotune.identify.axis.structure import FREE
-from gcs_autotune.identify.free_run import Validation, join, validate
-from gcs_autotune.identify.model_file import whole_model
-from gcs_autotune.identify.result import Structure
-from gcs_autotune.identify.surge import fit_surge
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import (
+    FREE,
+    METHODS,
+    AxisFit,
+    Fit,
+    Structure,
+    Validation,
+    fit,
+    fit_surge,
+    form_of,
+    join,
+    validate,
+    whole_model,
+)
+from gcs_autotune.models import Form
 from gcs_autotune.report import Outcome, RunRow, Study
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.study_sections import (

@@ -21,11 +21,8 @@ from gcs_autotune.experiments import (
     proposal_picture,
     weigh_drags,
 )
-from gcs_autotune.identify import METHODS, AxisFit, Fit
-from gcs_autotune.identify.frequency.pictures import frequency_picture
-from gcs_autotune.identify.frequency.response import FrequencyResponse
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.nomoto import Nomoto1
+from gcs_autotune.identify import METHODS, AxisFit, Fit, FrequencyResponse, frequency_picture
+from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:

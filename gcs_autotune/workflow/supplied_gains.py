@@ -10,7 +10,7 @@ from typing import Any
 from gcs_autotune.axes import AXES
 from gcs_autotune.design import Change
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.identify.model_file import load_model
+from gcs_autotune.identify import load_model
 from gcs_autotune.link import same_float32
 from gcs_autotune.logs import TRIALS_FOLDER
 from gcs_autotune.manoeuvres import StepSettings

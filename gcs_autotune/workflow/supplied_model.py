@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from gcs_autotune.design import Reduction, reduce
-from gcs_autotune.design.laws import LAWS
+from gcs_autotune.design import LAWS, Reduction, reduce
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify.free_run import validate
-from gcs_autotune.identify.model_file import ModelFile
+from gcs_autotune.identify import ModelFile, validate
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 

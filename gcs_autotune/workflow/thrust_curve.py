@@ -21,13 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design import Proposal, Reduction, Spec, design_from, reduce
-from gcs_autotune.design.actuator import USED
+from gcs_autotune.design import USED, Proposal, Reduction, Spec, design_from, reduce
 from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import AxisFit, Fit, fit
-from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify import AxisFit, Fit, Parameter, fit
 from gcs_autotune.trial import Trial
 
 __all__ = [

@@ -12,7 +12,7 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from gcs_autotune.design.laws import LAWS
+from gcs_autotune.design import LAWS
 from gcs_autotune.errors import AutotuneError, BadFile, ParameterMissing, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.link import Journal, MavlinkCraft

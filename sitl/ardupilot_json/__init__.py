@@ -5,8 +5,20 @@ parameters and the command line ArduPilot needs, ``serve`` the loop. The autopil
 are ArduPilot's; nothing here speaks MAVLink.
 """
 
+from sitl.ardupilot_json.command import add_options, run_json, write_parameters
 from sitl.ardupilot_json.firmware import HOME, needed_parameters, parameter_text, start_commands
 from sitl.ardupilot_json.physics import Physics
 from sitl.ardupilot_json.serve import DEFAULT_PORT, JsonServer
 
-__all__ = ["DEFAULT_PORT", "HOME", "JsonServer", "Physics", "needed_parameters", "parameter_text", "start_commands"]
+__all__ = [
+    "DEFAULT_PORT",
+    "HOME",
+    "JsonServer",
+    "Physics",
+    "add_options",
+    "needed_parameters",
+    "parameter_text",
+    "run_json",
+    "start_commands",
+    "write_parameters",
+]

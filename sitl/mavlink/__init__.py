@@ -7,5 +7,10 @@
 from __future__ import annotations
 
 from sitl.mavlink.server import Server
+from sitl.mavlink.signing import demand_signatures, read_key
 
-__all__ = ["Server"]
+__all__ = [
+    "Server",
+    "demand_signatures",
+    "read_key",
+]

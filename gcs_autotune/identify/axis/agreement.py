@@ -24,7 +24,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import EXPLICIT
 from gcs_autotune.identify.solution import Solution
 from gcs_autotune.identify.stamp_correction import switches_of
-from gcs_autotune.models.simulation import simulate_explicit
+from gcs_autotune.models import simulate_explicit
 
 __all__ = ["Agreement", "agreement"]
 

@@ -17,7 +17,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import IsoEstimate
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.models.simulation import simulate_explicit
+from gcs_autotune.models import simulate_explicit
 
 __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
 

@@ -19,8 +19,7 @@ from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
 from gcs_autotune.identify.solution import Solution, solve
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.simulation import explicit_parameters
+from gcs_autotune.models import SingleDof, explicit_parameters
 from gcs_autotune.trial import Trial
 
 __all__ = [

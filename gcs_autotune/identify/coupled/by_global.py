@@ -18,7 +18,7 @@ from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve_form
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 
 __all__ = ["OPTIONS", "fit_by_global_search"]
 

@@ -21,7 +21,7 @@ from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
 from gcs_autotune.identify.solution import fit_percent_of, solve, traces_of
 from gcs_autotune.identify.stamp_correction import corrected
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["fit_coupled_by_output_error", "fit_of", "with_known_delay"]
 

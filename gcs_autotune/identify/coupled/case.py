@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Trial
 
 __all__ = ["CoupledCase"]

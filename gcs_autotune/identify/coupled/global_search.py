@@ -22,8 +22,7 @@ from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.noise import gaussian_noise
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.reweighting import likeliest
-from gcs_autotune.models.coupled import Simulator
-from gcs_autotune.models.coupled.derivatives import inertia_of
+from gcs_autotune.models import Simulator, inertia_of
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["Box", "Searched", "box_of", "search"]

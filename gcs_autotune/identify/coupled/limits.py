@@ -9,8 +9,7 @@ import numpy as np
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, STATES, inertia_of
+from gcs_autotune.models import FORCES, RIGID_BODY, STATES, Form, inertia_of
 
 __all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of", "physical"]
 

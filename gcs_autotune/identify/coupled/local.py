@@ -18,7 +18,7 @@ from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.reweighting import Effort
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 
 __all__ = ["Delayed", "Local", "fit_with_delay", "local_fit"]
 

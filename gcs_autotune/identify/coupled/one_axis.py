@@ -23,8 +23,7 @@ from gcs_autotune.identify.doubts import OF_THE_RUNS, once
 from gcs_autotune.identify.free_run import rms_of
 from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Parameter, Status, Structure
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form, SingleDof
 from gcs_autotune.sname import DOFS, Dof
 
 __all__ = ["axis_fit", "axis_form", "coupled_case", "derivative_names", "for_axis", "with_actuator"]

@@ -20,7 +20,7 @@ from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
 from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, solve, traces_of
-from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
 __all__ = ["ExtendedCase", "fit_with_effects"]

@@ -23,8 +23,7 @@ from gcs_autotune.identify.frequency.spectrum import (
 )
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
 from gcs_autotune.identify.result import AxisFit, Doubt, Status, Trace
-from gcs_autotune.models.nomoto import Nomoto1
-from gcs_autotune.models.single_dof import SingleDof
+from gcs_autotune.models import Nomoto1, SingleDof
 
 __all__ = ["OPTIONS", "fit_by_frequency", "frequency_doubts"]
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
-from gcs_autotune.models.nomoto import Nomoto1, Nomoto2
-from gcs_autotune.models.transfer_function import TransferFunction
+from gcs_autotune.models import Nomoto1, Nomoto2, TransferFunction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -29,8 +29,7 @@ from gcs_autotune.identify.frequency.response import FrequencyResponse, Sampled,
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.limit_cycle import Settled, settled_cycles
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.models.nomoto import Nomoto1
-from gcs_autotune.models.single_dof import SingleDof
+from gcs_autotune.models import Nomoto1, SingleDof
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
 

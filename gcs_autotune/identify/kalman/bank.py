@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.program import program_of, states_of
+from gcs_autotune.models import Form, program_of, states_of
 
 __all__ = ["Bank", "Levels", "Passed", "Prior", "Smoothed", "Track"]
 

@@ -10,7 +10,7 @@ from gcs_autotune.identify.doubts import COLOUR
 from gcs_autotune.identify.kalman.bank import Passed
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["filter_doubts"]
 

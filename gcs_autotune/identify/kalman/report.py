@@ -14,7 +14,7 @@ from gcs_autotune.identify.kalman.bank import Levels, Passed
 from gcs_autotune.identify.kalman.doubts import filter_doubts
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
-from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["MOST_POINTS", "Found", "report"]
 

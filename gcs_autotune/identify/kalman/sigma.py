@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.transition import carry, inertia
-from gcs_autotune.models.coupled.kernel import Program
+from gcs_autotune.models import Program
 
 __all__ = ["sigma_step"]
 

@@ -22,7 +22,7 @@ from gcs_autotune.identify.kalman.bank import Levels, Passed, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.models.coupled.program import inertia_matrix
+from gcs_autotune.models import inertia_matrix
 
 __all__ = ["SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate", "positive_inertia", "settled"]
 

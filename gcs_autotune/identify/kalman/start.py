@@ -19,10 +19,17 @@ from gcs_autotune.identify.initial_guess import SPECIAL_START, Motion, regressio
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import RIGID_BODY, SPECIAL, inertia_of
-from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
-from gcs_autotune.models.coupled.regressors import Balance, balance_of
+from gcs_autotune.models import (
+    RIGID_BODY,
+    SPECIAL,
+    Balance,
+    Form,
+    balance_of,
+    inertia_matrix,
+    inertia_of,
+    program_of,
+    states_of,
+)
 from gcs_autotune.sname import DOFS
 
 __all__ = ["Start", "begin"]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.sigma import sigma_step
 from gcs_autotune.identify.kalman.transition import inertia, measure, step
-from gcs_autotune.models.coupled.kernel import Program
+from gcs_autotune.models import Program
 
 __all__ = ["Tape", "backward", "forward", "new_tape"]
 

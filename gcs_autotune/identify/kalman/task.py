@@ -14,7 +14,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
 from gcs_autotune.identify.likelihood import WEAK
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 
 __all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled.kernel import REACH, Program, advance, scratch
+from gcs_autotune.models import REACH, Program, advance, scratch
 
 __all__ = ["carry", "inertia", "measure", "step"]
 

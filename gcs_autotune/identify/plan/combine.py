@@ -30,7 +30,7 @@ from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 
 __all__ = ["Agreement", "Estimate", "Joint", "Part", "agreements", "combined", "fit_jointly"]
 

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.models.coupled import Form, form_from
+from gcs_autotune.models import Form, form_from
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 

@@ -17,7 +17,7 @@ from gcs_autotune.identify.plan.combine import Agreement, Estimate, Joint, Part,
 from gcs_autotune.identify.plan.plan import Final, Plan, Step
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
-from gcs_autotune.models.coupled import CoupledModel, Form, unit_of
+from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
 __all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]

@@ -16,8 +16,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.identify.regression.physical import damping_slopes
 from gcs_autotune.identify.regression.solver import Barrier, Equations, Estimate, solve
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.program import inertia_matrix, program_of
+from gcs_autotune.models import Form, inertia_matrix, program_of
 
 __all__ = ["barrier_of", "feasible_start", "solve_physical"]
 

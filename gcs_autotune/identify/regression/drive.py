@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form, kernel
-from gcs_autotune.models.coupled.program import program_of
+from gcs_autotune.models import Form, program_of
+from gcs_autotune.models.coupled import kernel
 
 __all__ = ["drives_of"]
 

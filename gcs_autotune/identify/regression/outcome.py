@@ -15,7 +15,7 @@ from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["fit_of", "model_of"]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.models.coupled import CoupledModel, Form, kernel
-from gcs_autotune.models.coupled.program import program_of
+from gcs_autotune.models import CoupledModel, Form, program_of
+from gcs_autotune.models.coupled import kernel
 
 __all__ = ["Check", "check_physics", "damping_slopes", "physics_doubts", "velocities_visited"]
 

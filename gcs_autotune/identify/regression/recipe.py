@@ -21,7 +21,7 @@ from gcs_autotune.identify.regression.smoothing import SMOOTHERS
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import NoiseDraw, draw_noise, raised
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 

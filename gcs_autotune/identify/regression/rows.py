@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import Motion
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.regressors import force_columns, inertia_columns
+from gcs_autotune.models import Form, force_columns, inertia_columns
 
 __all__ = ["EQUATIONS", "Rows", "rows_of"]
 

@@ -19,9 +19,7 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.regression.rows import Rows
 from gcs_autotune.identify.whiteness import scores_covariance
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.derivatives import SPECIAL, inertia_of
-from gcs_autotune.models.coupled.program import inertia_matrix, program_of
+from gcs_autotune.models import SPECIAL, Form, inertia_matrix, inertia_of, program_of
 
 __all__ = ["Barrier", "Equations", "Estimate", "solve"]
 

@@ -18,7 +18,7 @@ from gcs_autotune.identify.regression.motion import Motion, motion_of
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 
 __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
 

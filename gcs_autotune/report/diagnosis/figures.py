@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose import Gain, Portrait
 from gcs_autotune.effects import Curve, Effect
-from gcs_autotune.identify.result import Trace
+from gcs_autotune.identify import Trace
 from gcs_autotune.report.diagnosis.wording import signal_words
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
 from gcs_autotune.report.toolkit.figures import draw_inputs, finite, thin

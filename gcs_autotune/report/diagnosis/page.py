@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs_autotune.diagnose import Cause, Diagnosis, Numbers, Portrait
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify.result import Trace
+from gcs_autotune.identify import Trace
 from gcs_autotune.report.diagnosis.figures import (
     View,
     draw_curve,

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from gcs_autotune.identify import AxisFit
-from gcs_autotune.identify.free_run import Validation
+from gcs_autotune.identify import AxisFit, Validation
 from gcs_autotune.report.study.study import structure_title
 from gcs_autotune.report.study.tables import parameter_table, unseen_table
 from gcs_autotune.report.summaries import sheet_table

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs_autotune.identify import AxisFit
-from gcs_autotune.identify.result import Trace
+from gcs_autotune.identify import AxisFit, Trace
 from gcs_autotune.report.study.study import Study, structure_title, unseen_remarks, verdict_headline
 from gcs_autotune.report.study.tables import (
     choice_table,

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gcs_autotune.identify import AxisFit, Fit
-from gcs_autotune.identify.free_run import Validation
-from gcs_autotune.models.coupled import FORMS
+from gcs_autotune.identify import AxisFit, Fit, Validation
+from gcs_autotune.models import FORMS
 from gcs_autotune.report.toolkit.axis_fit import explains, model_sentences, model_words
 from gcs_autotune.report.toolkit.wording import Headline, Tone, format_error, format_percent
 from gcs_autotune.sname import SIGNALS

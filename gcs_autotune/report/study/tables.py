@@ -7,10 +7,7 @@ from collections.abc import Iterable
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.identify import AxisFit, Fit
-from gcs_autotune.identify.free_run import Validation
-from gcs_autotune.identify.method import Method
-from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify import AxisFit, Fit, Method, Parameter, Validation
 from gcs_autotune.report.study.study import (
     Outcome,
     Study,

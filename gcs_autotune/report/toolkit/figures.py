@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design import Actuator
 from gcs_autotune.effects import ExtendedModel
-from gcs_autotune.identify.pictures import draw_trace
-from gcs_autotune.identify.result import Parameter, Trace
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.identify import Parameter, Trace, draw_trace
+from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.report.toolkit.canvas import AFTER, BAND, BEFORE, FAINT, INK, PAPER, WANTED, legend, new_axes
 from gcs_autotune.report.toolkit.wording import format_percent, pretty_unit, to_people
 from gcs_autotune.trial import Trial

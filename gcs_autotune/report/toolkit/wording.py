@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import Doubt
 
 __all__ = [
     "MOST_FACTOR",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.design.open_loop import OpenLoop
+from gcs_autotune.design import OpenLoop
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, legend, new_axes
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.design.result import Prediction
+from gcs_autotune.design import Prediction
 from gcs_autotune.report.toolkit.canvas import (
     AFTER,
     BAND,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gcs_autotune.identify.result import AxisFit
+from gcs_autotune.identify import AxisFit
 from gcs_autotune.report.toolkit.axis_fit import (
     candidate_table,
     cycle_table,

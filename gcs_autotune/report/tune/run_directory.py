@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from gcs_autotune.design.result import StepMetrics
-from gcs_autotune.identify.model_file import model_document, whole_model
+from gcs_autotune.design import StepMetrics
+from gcs_autotune.identify import model_document, whole_model
 from gcs_autotune.report.tune.page import render_report
 from gcs_autotune.report.tune.story import TuneStory
 

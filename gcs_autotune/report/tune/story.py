@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.axes import AXES, OTHER_NAMES
-from gcs_autotune.design.result import Change, Proposal, StepMetrics
-from gcs_autotune.identify.result import AxisFit
+from gcs_autotune.design import Change, Proposal, StepMetrics
+from gcs_autotune.identify import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 

@@ -10,7 +10,7 @@ from pathlib import PurePath
 from rich.console import Console, Group, RenderableType
 from rich.text import Text
 
-from gcs_autotune.design.result import Change, Margins, Proposal, StepMetrics
+from gcs_autotune.design import Change, Margins, Proposal, StepMetrics
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import STYLES, bullet, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (

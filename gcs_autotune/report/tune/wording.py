@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping
 from pathlib import PurePath
 
-from gcs_autotune.design.result import Margins, Proposal, StepMetrics
+from gcs_autotune.design import Margins, Proposal, StepMetrics
 from gcs_autotune.report.toolkit.wording import (
     Headline,
     Tone,
