@@ -32,6 +32,8 @@ STEADY_SHARE = 0.03
 """Speed counts as steady when it changes less than this share (or 2 cm/s) over the window [s]."""
 STEADY_RATE = 0.02
 """A turn counts as steady when its rate changes less than this share of the largest seen over the window."""
+COURSE_WINDOW = 1.0
+"""Chosen [s]: the heading of the approach is the mean over its end, one sample of a compass is too few."""
 LONGEST_HOLD = 60.0
 """Chosen [s]: a helm whose turn is not steady by then (waves, an unstable craft) is left as it is."""
 
@@ -157,7 +159,7 @@ class UnderWay(Manoeuvre):
         self._approach = Approach(signal, needs_way=steering.throttle != 0.0)
         self._heading_hold = HeadingHold()
         self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["psi"]] if steering.keep_still else []
-        self._fastest = 0.0
+        self._fastest, self._course = 0.0, math.nan
         self._rates: list[tuple[float, float]] = []
 
     @property
@@ -178,13 +180,16 @@ class UnderWay(Manoeuvre):
     def _approached(self, now: Observation) -> Part:
         """Go straight ahead until the speed is steady, and under way for as long again: it still creeps up by then.
 
-        A light hand keeps the heading of a craft that needs way.
+        A light hand keeps the heading of a craft that needs way. ``_course`` is afterwards the heading gone [rad].
         """
         self.phase, throttle, start, steady_at = "approach", self._steering.throttle, now.t, math.inf
+        heading = Steadiness(COURSE_WINDOW)
         self._approach.start(now)
         self._heading_hold.start(now)
         while True:
             self._approach.update(now.t, now.value(self.signal), now.speed)
+            heading.update(now.t, now.psi)
+            self._course = heading.mean
             if self._approach.done:
                 steady_at = min(steady_at, now.t)
             if now.t - start >= (2.0 if throttle else 1.0) * (steady_at - start):

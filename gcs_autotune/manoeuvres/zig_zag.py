@@ -59,7 +59,8 @@ class ZigZag(UnderWay):
             now = yield from self._approached(now)
         while s.approach is not None and now.t - start < s.approach:
             now = yield self._command(0.0, now)
-        base, side, executed, since, farthest = now.psi, self._steering.side, 0, -math.inf, 0.0
+        base = self._course if math.isfinite(self._course) else now.psi
+        side, executed, since, farthest = self._steering.side, 0, -math.inf, 0.0
         while True:
             deviation = now.psi - base
             if not executed or (executed < s.executes and side * deviation > s.heading):
