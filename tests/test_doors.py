@@ -14,9 +14,6 @@ PAST_THE_DOOR = {
     ("gcs_autotune/identify/regression/physical.py", "gcs_autotune.models.coupled"),
     # Reproduces a published experiment with the pieces of one method.
     ("gcs_autotune/research/linear_processes.py", "gcs_autotune.identify.relay.iso"),
-    # Two records of smoothed motion, of one degree of freedom and of several, bear one name.
-    ("gcs_autotune/experiments/scales.py", "gcs_autotune.identify.initial_guess"),
-    ("gcs_autotune/research/correlation.py", "gcs_autotune.identify.regression.motion"),
 }
 """(file, module): the imports of another room's inside that are meant."""
 
@@ -54,3 +51,14 @@ def test_an_import_past_a_door_is_seen(tmp_path: Path) -> None:
         file.write_text(text, encoding="utf-8")
     page = "gcs_autotune/report/page.py"
     assert imports_past_a_door(tmp_path) == {(page, "gcs_autotune.design.margins"), (page, "gcs_autotune.design.laws")}
+
+
+def test_no_public_class_name_means_two_things() -> None:
+    places: dict[str, list[str]] = {}
+    for package in ("gcs_autotune", "sitl"):
+        for path in sorted(ROOT.glob(f"{package}/**/*.py")):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    places.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
+    assert len(places) > 300
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}

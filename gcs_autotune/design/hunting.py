@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import Scenario, Settings
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 
 __all__ = ["Hunting", "hunting_of"]
 
@@ -45,7 +45,7 @@ class Hunting:
         return math.isfinite(self.period)
 
 
-def hunting_of(problem: Problem, settings: Settings, step: float) -> Hunting:
+def hunting_of(problem: DesignProblem, settings: Settings, step: float) -> Hunting:
     """Return what is left of a step of *step* [rad or m] after a long time on the identified model, without noise."""
     motion = problem.law.simulate(
         problem.model, settings, Scenario(step, LONG), problem.spec.speed, problem.delay, problem.actuator

@@ -30,7 +30,7 @@ from gcs_autotune.models import SingleDof
 
 __all__ = [
     "NOISE_LIMIT",
-    "Problem",
+    "DesignProblem",
     "integral_shortfall",
     "linearisations",
     "match",
@@ -66,7 +66,7 @@ DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
+class DesignProblem:
     """Everything matching needs except the wish itself.
 
     ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains;
@@ -141,7 +141,7 @@ class Problem:
         return [samples[i] for i in np.argsort(ease, kind="stable")[:count]]
 
 
-def integral_shortfall(problem: Problem, settings: Settings, wanted: ReferenceModel) -> float:
+def integral_shortfall(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> float:
     """Return how much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
     law, speed = problem.law, problem.speed
     high = next(g.high for g in problem.gains if g.parameter == law.integral)
@@ -149,7 +149,7 @@ def integral_shortfall(problem: Problem, settings: Settings, wanted: ReferenceMo
     return max(0.0, 1.0 - law.integral_rate(settings, speed) / max(rate, 1e-12))
 
 
-def output_noise(problem: Problem, settings: Settings) -> float:
+def output_noise(problem: DesignProblem, settings: Settings) -> float:
     """Return the actuator's rms [fraction] that the measured position noise causes, white up to its bandwidth."""
     spec = problem.spec
     if spec.jitter == 0.0:
@@ -159,7 +159,7 @@ def output_noise(problem: Problem, settings: Settings) -> float:
     return float(spec.jitter * np.sqrt(np.mean(size**2)))
 
 
-def match(problem: Problem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:
+def match(problem: DesignProblem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:
     """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
 
     Descents begin at the best of the algebraic starts, the present gains and *start* (gains found for a neighbouring
@@ -203,7 +203,7 @@ def round_gain(value: float, gain: Gain) -> float:
 class _Residuals:
     """The vector least squares works on, for one problem and one wish."""
 
-    def __init__(self, problem: Problem, wanted: ReferenceModel) -> None:
+    def __init__(self, problem: DesignProblem, wanted: ReferenceModel) -> None:
         self._problem = problem
         self._wish = wanted
         self._watched = [problem.model]

@@ -15,10 +15,10 @@ import numpy as np
 
 from gcs_autotune.design.hunting import LONG, Hunting
 from gcs_autotune.design.laws import SKID, Settings
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.reference_model import settling_time
 from gcs_autotune.design.result import Margins, ReferenceModel
-from gcs_autotune.design.selection import Candidate
+from gcs_autotune.design.selection import GainCandidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
 from gcs_autotune.models import SingleDof
@@ -39,7 +39,7 @@ ROUNDING = 1e-6
 
 
 def notes_on(
-    problem: Problem, axis: Axis, before: Candidate, shown: Candidate, changed: bool, is_refined: bool
+    problem: DesignProblem, axis: Axis, before: GainCandidate, shown: GainCandidate, changed: bool, is_refined: bool
 ) -> Iterator[str]:
     """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
@@ -69,7 +69,7 @@ def _left(h: Hunting, dof: str) -> str:
     return f"it stands {size(abs(h.offset))} off" if abs(h.offset) > TINY[dof] else "it comes to rest"
 
 
-def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:
+def _on_the_present(problem: DesignProblem, axis: Axis) -> Iterator[str]:
     for gain in axis.gains:
         old, slack = problem.settings[gain.parameter], ROUNDING * (gain.high - gain.low)
         if not gain.low - slack <= old <= gain.high + slack:
@@ -77,7 +77,7 @@ def _on_the_present(problem: Problem, axis: Axis) -> Iterator[str]:
             yield f"{gain.parameter} = {value:g} on the craft is outside its range {low:g}..{high:g}"
 
 
-def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterator[str]:
+def _on_the_change(before: GainCandidate, shown: GainCandidate, changed: bool) -> Iterator[str]:
     if not changed:
         yield "no gains found inside the documented ranges do better than the present ones: nothing to change"
     elif not before.worst_margins.stable:
@@ -90,7 +90,7 @@ def _on_the_change(before: Candidate, shown: Candidate, changed: bool) -> Iterat
         )
 
 
-def _on_the_model(problem: Problem) -> Iterator[str]:
+def _on_the_model(problem: DesignProblem) -> Iterator[str]:
     if problem.model.delay > LONG_DELAY:
         yield (
             f"the identified delay of {problem.model.delay:.2f} s is taken to lie between autopilot and force; if "
@@ -100,7 +100,7 @@ def _on_the_model(problem: Problem) -> Iterator[str]:
         yield "the model came without uncertainty, so the worst margins are those of the model itself"
 
 
-def _on_the_wish(problem: Problem, axis: Axis, shown: Candidate, is_refined: bool) -> Iterator[str]:
+def _on_the_wish(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
     for objection in shown.objections:
         yield f"less than wished for, but the best the documented ranges allow: {objection}"
     if is_refined:
@@ -122,7 +122,7 @@ def _on_the_wish(problem: Problem, axis: Axis, shown: Candidate, is_refined: boo
         yield "the documented ranges keep the step from following the wanted one more closely"
 
 
-def _on_the_ranges(problem: Problem, axis: Axis, shown: Candidate) -> Iterator[str]:
+def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate) -> Iterator[str]:
     """Say which documented ranges hold the gains, and what following the wanted step would take without them."""
     exact = problem.law.starts(problem.model, shown.wanted, problem.settings, problem.speed)[0]
     held, takes = [], []
@@ -141,7 +141,7 @@ def _on_the_ranges(problem: Problem, axis: Axis, shown: Candidate) -> Iterator[s
         )
 
 
-def _lags(shown: Candidate) -> bool:
+def _lags(shown: GainCandidate) -> bool:
     error = shown.prediction.position - shown.prediction.wanted
     return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))
 
@@ -161,7 +161,7 @@ def at_speed(model: SingleDof, share: float) -> SingleDof:
     )
 
 
-def on_other_speeds(problem: Problem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
+def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
     """Yield a sentence with the margins at half and twice the speed; nothing for a craft that does not steer by way."""
     speed = problem.spec.speed
     steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import Scenario, Settings
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.design.result import Prediction, ReferenceModel, StepMetrics
 from gcs_autotune.design.step_metrics import combine, step_metrics
@@ -34,7 +34,7 @@ class _Flown(NamedTuple):
 
 
 def predict(
-    problem: Problem, model: SingleDof, wanted: ReferenceModel, settings: Settings, duration: float
+    problem: DesignProblem, model: SingleDof, wanted: ReferenceModel, settings: Settings, duration: float
 ) -> Prediction:
     """Simulate the step and the step back on *model* with *settings* for *duration* [s] each.
 
@@ -48,14 +48,14 @@ def predict(
     return Prediction(there.t, np.full_like(there.t, problem.step), there.position, ideal, there.output, metrics)
 
 
-def predict_metrics(problem: Problem, settings: Settings, step: float, duration: float) -> StepMetrics:
+def predict_metrics(problem: DesignProblem, settings: Settings, step: float, duration: float) -> StepMetrics:
     """Return what :func:`predict` would measure for a step of *step* [rad or m] on the identified model."""
     pair = _there_and_back(problem, problem.model, settings, step, duration)
     return combine([_measure(problem, flown) for flown in pair])
 
 
 def _there_and_back(
-    problem: Problem, model: SingleDof, settings: Settings, step: float, duration: float
+    problem: DesignProblem, model: SingleDof, settings: Settings, step: float, duration: float
 ) -> tuple[_Flown, _Flown]:
     """Return both steps: in one flight where that is known, else each of a loop that has long settled."""
     if problem.spec.step_duration is None:
@@ -73,7 +73,7 @@ def _there_and_back(
 
 
 def _fly(
-    problem: Problem, model: SingleDof, settings: Settings, scenario: Scenario, begin: float
+    problem: DesignProblem, model: SingleDof, settings: Settings, scenario: Scenario, begin: float
 ) -> tuple[Array, Array, Array]:
     """Return t (n,) [s] from *begin* on, position and output, at the rate that is kept."""
     motion = problem.law.simulate(model, settings, scenario, problem.spec.speed, problem.delay, problem.actuator)
@@ -83,7 +83,7 @@ def _fly(
     return motion.t[kept] - begin, motion.position[kept], motion.output[kept]
 
 
-def _measure(problem: Problem, flown: _Flown) -> StepMetrics:
+def _measure(problem: DesignProblem, flown: _Flown) -> StepMetrics:
     """Measure a step as the flown one is: the target was the position at rest, and errors within the noise are none."""
     spec = problem.spec
     target = np.full_like(flown.t, flown.size)

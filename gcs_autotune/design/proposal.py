@@ -13,7 +13,7 @@ from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.notes import notes_on, said
 from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict
@@ -21,7 +21,7 @@ from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.reference_model import reference_model, settling_time
 from gcs_autotune.design.refinement import any_better, refine
 from gcs_autotune.design.result import Change, Proposal, ReferenceModel
-from gcs_autotune.design.selection import Candidate, choose, is_tolerable, judge
+from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.effects import ExtendedModel
@@ -146,7 +146,9 @@ def design_from(
     return design(r.model, r.covariance, axis, present, replace(spec, quantum=max(spec.quantum, r.quantum)), r)
 
 
-def _best(problem: Problem, before: Candidate, matched: Candidate, span: float) -> tuple[Candidate, bool]:
+def _best(
+    problem: DesignProblem, before: GainCandidate, matched: GainCandidate, span: float
+) -> tuple[GainCandidate, bool]:
     """Return the gains to offer, and whether the present ones stay: safe to fly, and none in the ranges do better."""
     free = problem.law.free_overshoot
     refined = refine(problem, matched, span)
@@ -166,7 +168,7 @@ def _bound(
     return stability_bound(model, wanted, uncertainty_of(model, covariance), velocity)
 
 
-def _left(problem: Problem, pair: tuple[Candidate, Candidate]) -> tuple[Hunting, Hunting]:
+def _left(problem: DesignProblem, pair: tuple[GainCandidate, GainCandidate]) -> tuple[Hunting, Hunting]:
     """Return what dead zone and play leave behind with the present gains and with those shown, after a small step."""
     first, second = (hunting_of(problem, c.settings, SMALL * problem.step) for c in pair)
     return first, second
@@ -188,12 +190,12 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
 
 def _problem(
     law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec, actuator: Actuator
-) -> Problem:
+) -> DesignProblem:
     by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in axis.gains}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step
     tuned, late = ([by_name[n] for n in names] for names in (law.tuned, law.late))
-    problem = Problem(law, tuned, region, dict(present), spec, step, delay, actuator=actuator, late=late)
+    problem = DesignProblem(law, tuned, region, dict(present), spec, step, delay, actuator=actuator, late=late)
     return replace(problem, present_overshoot=_present_overshoot(problem))
 
 
@@ -203,7 +205,7 @@ def _within_reason(gain: Gain, law: Law, model: SingleDof, present: Mapping[str,
     return replace(gain, high=min(gain.high, ceilings.get(gain.parameter, math.inf)))
 
 
-def _span(spec: Spec, chosen: Candidate) -> float:
+def _span(spec: Spec, chosen: GainCandidate) -> float:
     """Return how long to show the steps [s]: as flown, else three times what the new one needs to settle."""
     if spec.step_duration is not None:
         return spec.step_duration
@@ -213,14 +215,14 @@ def _span(spec: Spec, chosen: Candidate) -> float:
     return max(3.0 * settled, 3.0 * wish, MIN_SPAN)
 
 
-def _present_overshoot(problem: Problem) -> float:
+def _present_overshoot(problem: DesignProblem) -> float:
     """Fly the present gains for as long as the craft's slowest motion takes to show."""
     model, step, span = problem.model, problem.step, problem.spec.step_duration
     span = span or MIN_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
     return predict(problem, model, reference_model("bessel", 1.0), problem.settings, span).metrics.overshoot
 
 
-def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_refined: bool) -> tuple[Change, ...]:
+def _changes(law: Law, axis: Axis, before: GainCandidate, after: GainCandidate, is_refined: bool) -> tuple[Change, ...]:
     found = []
     for gain in axis.gains:
         old, new = float(before.settings[gain.parameter]), float(after.settings[gain.parameter])
@@ -233,7 +235,7 @@ def _changes(law: Law, axis: Axis, before: Candidate, after: Candidate, is_refin
     return tuple(found)
 
 
-def _reason(law: Law, gain: Gain, after: Candidate, is_refined: bool) -> str:
+def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str:
     if gain.parameter in law.measured:
         return f"{gain.meaning}: measured on the water, the speed that this throttle keeps"
     if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from gcs_autotune.design.laws import Settings
-from gcs_autotune.design.matching import NOISE_LIMIT, Problem, integral_shortfall, output_noise, round_gain
+from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.design.result import ReferenceModel, StepMetrics
 from gcs_autotune.design.scatter import sobol
 from gcs_autotune.design.selection import (
     MIN_GAIN_MARGIN,
     MIN_PHASE_MARGIN,
-    Candidate,
+    GainCandidate,
     is_tolerable,
     judge,
     max_overshoot,
@@ -74,7 +74,7 @@ CALM = 0.01
 """Chosen: with such a gain measurement noise may move the actuator by 1 % of full (rms) only, not to wear it out."""
 
 
-def refine(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
+def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
     """Return the candidate with the least cost over *duration* [s]: a refined one, or *chosen* itself.
 
     Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. What they find must
@@ -94,7 +94,7 @@ def refine(problem: Problem, chosen: Candidate, duration: float) -> Candidate:
     return _refined(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
 
 
-def any_better(problem: Problem, before: Candidate, duration: float) -> Candidate | None:
+def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
     """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
 
     What is looked at is a scatter all over the documented ranges, and what descents make of the best of it. Present
@@ -110,21 +110,21 @@ def any_better(problem: Problem, before: Candidate, duration: float) -> Candidat
     return None
 
 
-def _passes(problem: Problem, before: Candidate, found: Candidate) -> bool:
+def _passes(problem: DesignProblem, before: GainCandidate, found: GainCandidate) -> bool:
     old, new = before.prediction.metrics, found.prediction.metrics
     return is_better(old, new, problem.law.free_overshoot).better
 
 
 def _refined(
-    problem: Problem,
-    chosen: Candidate,
+    problem: DesignProblem,
+    chosen: GainCandidate,
     starts: Sequence[Settings],
     duration: float,
     *,
     worth: float = NOTICEABLE,
     noise: float = NOISE_LIMIT,
     lenient: bool = False,
-) -> Candidate:
+) -> GainCandidate:
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
     cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise, lenient=lenient)
     best, least = chosen, worth * cost.of(chosen.settings)
@@ -142,7 +142,7 @@ def _refined(
     return best
 
 
-def _rounded(problem: Problem, settings: Settings) -> dict[str, float]:
+def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
     return {**settings, **{g.parameter: round_gain(settings[g.parameter], g) for g in problem.gains}}
 
 
@@ -154,7 +154,7 @@ class _Cost:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: DesignProblem,
         wanted: ReferenceModel,
         duration: float,
         near: Settings,

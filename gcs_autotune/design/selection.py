@@ -10,7 +10,7 @@ from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import (
     NOISE_LIMIT,
-    Problem,
+    DesignProblem,
     match,
     output_noise,
 )
@@ -23,7 +23,7 @@ __all__ = [
     "MIN_GAIN_MARGIN",
     "MIN_PHASE_MARGIN",
     "OVERSHOOT",
-    "Candidate",
+    "GainCandidate",
     "choose",
     "is_tolerable",
     "judge",
@@ -49,7 +49,7 @@ FASTEST, SLOWEST = 20.0, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class GainCandidate:
     """One wish, the gains it led to, what they promise, and what speaks against them."""
 
     wanted: ReferenceModel
@@ -61,7 +61,7 @@ class Candidate:
     free_overshoot: float = 0.0
 
 
-def choose(problem: Problem) -> Candidate:
+def choose(problem: DesignProblem) -> GainCandidate:
     """Return the best acceptable candidate: the given wish, or the fastest that gains nothing by slowing down.
 
     Raises
@@ -69,8 +69,8 @@ def choose(problem: Problem) -> Candidate:
     NoGainsMeetSpec
         Nothing passes; the message says by how much the last one failed and what to try.
     """
-    tried: list[Candidate] = []
-    best: Candidate | None = None
+    tried: list[GainCandidate] = []
+    best: GainCandidate | None = None
     patience = PATIENCE
     for wanted in _wishes(problem):
         fastest = (tried[0].wanted if tried else wanted).omega_0
@@ -91,18 +91,18 @@ def choose(problem: Problem) -> Candidate:
     return best
 
 
-def _tolerable(tried: Sequence[Candidate]) -> Candidate | None:
+def _tolerable(tried: Sequence[GainCandidate]) -> GainCandidate | None:
     """Return the fastest wish among those not noticeably worse than the best that are still safe to fly."""
     safe = [c for c in tried if is_tolerable(c)]
     least = min((_score(c) for c in safe), default=0.0)
     return next((c for c in safe if _score(c) * NOTICEABLE <= least), None)
 
 
-def _score(candidate: Candidate) -> float:
+def _score(candidate: GainCandidate) -> float:
     return candidate.prediction.metrics.itae
 
 
-def is_tolerable(candidate: Candidate) -> bool:
+def is_tolerable(candidate: GainCandidate) -> bool:
     """Whether gains that miss the wish are still safe to fly: stable over the region, with the least margins."""
     low = candidate.worst_margins
     return (
@@ -113,16 +113,16 @@ def is_tolerable(candidate: Candidate) -> bool:
     )
 
 
-def judge(problem: Problem, wanted: ReferenceModel, settings: Settings, duration: float) -> Candidate:
+def judge(problem: DesignProblem, wanted: ReferenceModel, settings: Settings, duration: float) -> GainCandidate:
     """Return what *settings* promise, over a step recorded for *duration* [s]."""
     found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
     margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
     found_wanting = tuple(objections(problem, settings, low, prediction))
-    return Candidate(wanted, settings, margins, low, prediction, found_wanting, problem.law.free_overshoot)
+    return GainCandidate(wanted, settings, margins, low, prediction, found_wanting, problem.law.free_overshoot)
 
 
-def objections(problem: Problem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
+def objections(problem: DesignProblem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
     """Yield what is wrong with gains whose worst margins and predicted step are given."""
     spec = problem.spec
     if not low.stable:
@@ -145,12 +145,12 @@ def objections(problem: Problem, settings: Settings, low: Margins, prediction: P
         yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
 
 
-def max_overshoot(problem: Problem) -> float:
+def max_overshoot(problem: DesignProblem) -> float:
     """Return how far the predicted step may overshoot, as a share of it."""
     return max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
 
 
-def _wishes(problem: Problem) -> Iterator[ReferenceModel]:
+def _wishes(problem: DesignProblem) -> Iterator[ReferenceModel]:
     spec = problem.spec
     if spec.omega_0 is not None:
         yield reference_model(spec.kind, spec.omega_0)
@@ -164,7 +164,7 @@ def _wishes(problem: Problem) -> Iterator[ReferenceModel]:
         omega *= SLOWER
 
 
-def _fastest(problem: Problem) -> float:
+def _fastest(problem: DesignProblem) -> float:
     """Return the fastest flyable wish [rad/s]: actuator, velocity limit and total delay leave room for it."""
     spec, model = problem.spec, problem.model
     limit = problem.law.velocity_limit(problem.settings, spec.speed)
@@ -187,7 +187,7 @@ def _fastest(problem: Problem) -> float:
     return math.exp(low)
 
 
-def _refusal(problem: Problem, last: Candidate) -> NoGainsMeetSpec:
+def _refusal(problem: DesignProblem, last: GainCandidate) -> NoGainsMeetSpec:
     settled = settling_time(last.wanted.kind, last.wanted.omega_0)
     return NoGainsMeetSpec(
         f"no gains inside the documented ranges give an acceptable {problem.law.name} loop; the last try, "

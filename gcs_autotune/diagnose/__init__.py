@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.heldout import METRIC
 from gcs_autotune.diagnose.result import (
     Cause,
     Diagnosis,
-    Gain,
+    ErrorReduction,
     Number,
     Numbers,
     Portrait,
@@ -43,7 +43,7 @@ __all__ = [
     "METRIC",
     "Cause",
     "Diagnosis",
-    "Gain",
+    "ErrorReduction",
     "Number",
     "Numbers",
     "Portrait",

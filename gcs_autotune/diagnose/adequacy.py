@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.resonance_check import memories, resonance_checks
-from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, Step
+from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, SearchStep
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedSimulator, Leftover, columns_of
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify import Fitted, Problem, autocorrelation, judged_by
@@ -279,7 +279,7 @@ def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
-def explains_all(problem: Problem, found: Step) -> bool:
+def explains_all(problem: Problem, found: SearchStep) -> bool:
     """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
     return any(leaves_nothing(problem, j.fitted) for j in found.judged if j.evidence > 0.0)
 

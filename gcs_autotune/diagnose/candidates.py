@@ -23,7 +23,7 @@ __all__ = [
     "ROUGH",
     "RUNNERS",
     "Attempt",
-    "Candidate",
+    "EffectCandidate",
     "best_of_each",
     "candidates",
     "fitted_roughly",
@@ -45,7 +45,7 @@ LONGEST_SCALE = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class EffectCandidate:
     """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises.
 
     ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian;
@@ -81,7 +81,7 @@ def screen(
     choices: Sequence[Sequence[EffectInstance]],
     progress: Callable[[int, int], None] | None = None,
     jobs: int = 1,
-) -> list[Candidate]:
+) -> list[EffectCandidate]:
     """Return the most promising start of each choice, the best promise first.
 
     fits : where fits may begin: the present model first; others : where those of bookkeeping may begin as well.
@@ -101,7 +101,7 @@ def screen(
         if best:
             k, own, promised, adapted = best[0]
             begin = _begun(problem, grounds[k].fitted, own)
-            listed.append(Candidate(own, begin, promised, adapted, tuple(other[1] for other in best[1:])))
+            listed.append(EffectCandidate(own, begin, promised, adapted, tuple(other[1] for other in best[1:])))
     return sorted(listed, key=lambda c: c.promised)
 
 
@@ -150,7 +150,7 @@ class _Ground:
             total += n * np.log((s * level**2 + n * floor**2) / n / floor**2)
         return float(total)
 
-    def promise(self, entry: Effect, own: EffectInstance) -> Candidate | None:
+    def promise(self, entry: Effect, own: EffectInstance) -> EffectCandidate | None:
         """Return what adding *own* promises; None when the motion runs away with it.
 
         At the size it comes with; and, where an effect grows with its numbers, at the size that suits the residual
@@ -161,7 +161,7 @@ class _Ground:
         begin = _begun(self.problem, self.fitted, own)
         return (self if begin is self.fitted else _Ground(self.problem, begin))._from_here(entry, own)
 
-    def _from_here(self, entry: Effect, own: EffectInstance) -> Candidate | None:
+    def _from_here(self, entry: Effect, own: EffectInstance) -> EffectCandidate | None:
         changed = self._residual_with(own)
         best = None if changed is None else self._promised(own, changed)
         growing = tuple(n for n in entry.grows_with if n in own.values)
@@ -180,8 +180,8 @@ class _Ground:
                 best = other
         return best
 
-    def _promised(self, own: EffectInstance, left: Array) -> Candidate:
-        return Candidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
+    def _promised(self, own: EffectInstance, left: Array) -> EffectCandidate:
+        return EffectCandidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
 
     def _scaled(self, entry: Effect, own: EffectInstance, changed: Array, most: float) -> tuple[float, Array]:
         """Return by how much *own* would have to grow to suit the residual, and what would then be left."""
@@ -193,10 +193,14 @@ class _Ground:
         scale = float(np.clip(float(moved @ self.free) / power, least, most))
         return scale, self.residual - scale * (self.residual - changed)
 
-    def _learnt(self, own: EffectInstance) -> Candidate | None:
+    def _learnt(self, own: EffectInstance) -> EffectCandidate | None:
         now = self.fitted
         tried = self.problem.fit(now.theta, (*now.effects, own), now.initial, trials=1, shift=now.shift)
-        return None if tried is None else Candidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
+        return (
+            None
+            if tried is None
+            else EffectCandidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
+        )
 
     def _residual_with(self, own: EffectInstance) -> Array | None:
         effects = in_order((*self.fitted.effects, own))
@@ -258,7 +262,7 @@ def _of(fitted: Fitted, own: EffectInstance) -> EffectInstance:
     return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
 
 
-Attempt = tuple[Candidate, Fitted]
+Attempt = tuple[EffectCandidate, Fitted]
 
 ROUGH = 8
 """Trials of a rough fit."""
@@ -278,7 +282,7 @@ def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
     return list(best.values())
 
 
-def fitted_roughly(problem: Problem, candidate: Candidate) -> Fitted | None:
+def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | None:
     """Return a rough fit, begun at the model adapted to first order; at the model as it is when that leads nowhere,
     and at other values of the effect when that is still no better than without it. None: the motion runs away.
     """
@@ -294,7 +298,7 @@ def fitted_roughly(problem: Problem, candidate: Candidate) -> Fitted | None:
     return found
 
 
-def fitted_to_the_end(problem: Problem, candidate: Candidate, rough: Fitted) -> Fitted:
+def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:
     """Return the fit. Where the cost has many valleys, other values are tried too: of effects that act on commands,
     and moments about the one found.
     """

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from gcs_autotune.diagnose.result import Gain
+from gcs_autotune.diagnose.result import ErrorReduction
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.identify import Fitted, Problem, Residual, Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "METRIC",
-    "Fold",
     "HeldOut",
+    "HeldOutFold",
     "Parts",
     "blocks",
     "gains_of",
@@ -46,7 +46,7 @@ FEWEST = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fold:
+class HeldOutFold:
     """Segments to fit, segments to predict."""
 
     train: tuple[Segment, ...]
@@ -69,7 +69,7 @@ class Parts:
     """
 
     kind: Literal["apart", "runs", "blocks"]
-    folds: tuple[Fold, ...]
+    folds: tuple[HeldOutFold, ...]
     starts: tuple[tuple[Array, ...], ...]
     tests: tuple[tuple[Array, ...], ...]
     words: str
@@ -97,7 +97,7 @@ def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: boo
     segments = problem.segments
     runs = list(dict.fromkeys(s.run for s in segments))
     if unseen:
-        fold = Fold(tuple(segments), tuple(unseen))
+        fold = HeldOutFold(tuple(segments), tuple(unseen))
         names = ", ".join(dict.fromkeys(s.run for s in unseen))
         return _begun(problem, "apart", [fold], f"runs not used for fitting: {names}")
     if len(runs) > 1 and in_blocks:
@@ -119,18 +119,20 @@ def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: boo
     return _begun(problem, "blocks", folds, f"{len(blocks)} blocks of the run left out in turn")
 
 
-def _labelled(pool: Sequence[Segment], label: Sequence[int]) -> list[Fold]:
+def _labelled(pool: Sequence[Segment], label: Sequence[int]) -> list[HeldOutFold]:
     """Return a fold for every label, which is tested while the others are fitted."""
     folds = []
     for k in range(max(label) + 1):
         train = tuple(s for s, own in zip(pool, label, strict=True) if own != k)
         test = tuple(s for s, own in zip(pool, label, strict=True) if own == k)
         if train and test:
-            folds.append(Fold(train, test))
+            folds.append(HeldOutFold(train, test))
     return folds
 
 
-def _begun(problem: Problem, kind: Literal["apart", "runs", "blocks"], folds: Sequence[Fold], words: str) -> Parts:
+def _begun(
+    problem: Problem, kind: Literal["apart", "runs", "blocks"], folds: Sequence[HeldOutFold], words: str
+) -> Parts:
     segments = list({id(s): s for fold in folds for s in (*fold.train, *fold.test)}.values())
     states = {id(s): x for s, x in zip(segments, problem.first_states(segments), strict=True)}
     starts = tuple(tuple(states[id(s)] for s in fold.train) for fold in folds)
@@ -241,7 +243,7 @@ def ratio_interval(before: Sequence[Residual], after: Sequence[Residual], seed: 
     return float(low), float(high)
 
 
-def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:
+def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReduction, ...]:
     """Return the gain of every signal; *words* say what was left out. None where a model runs away."""
     old, new = rms_of(before.rests), rms_of(after.rests)
     found = []
@@ -250,5 +252,7 @@ def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[Gain, ...]:
             continue
         pairs = [(a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.signal == name]
         interval = ratio_interval([a for a, _ in pairs], [b for _, b in pairs])
-        found.append(Gain(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words))
+        found.append(
+            ErrorReduction(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words)
+        )
     return tuple(found)

@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import Curve, EffectInstance, ExtendedModel
+from gcs_autotune.effects import EffectCurve, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Trace, plain_data
 
 __all__ = [
     "Cause",
     "Diagnosis",
-    "Gain",
+    "ErrorReduction",
     "Number",
     "Numbers",
     "Portrait",
@@ -46,7 +46,7 @@ class Value:
 
 
 @dataclass(frozen=True, slots=True)
-class Gain:
+class ErrorReduction:
     """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
 
     ``held_out`` says in words which runs or blocks were held out.
@@ -92,7 +92,7 @@ class Numbers:
 
     of: Literal["model", "simulation"]
     rows: tuple[Number, ...]
-    gains: tuple[Gain, ...] = ()
+    gains: tuple[ErrorReduction, ...] = ()
     over: Literal["given", "fitted"] = "fitted"
     """What the causes' own gains are counted over, the better of the two: the model as given, its numbers fitted."""
 
@@ -102,7 +102,7 @@ class Numbers:
         return tuple(r for r in self.rows if r.wrong)
 
     @property
-    def gain(self) -> Gain | None:
+    def gain(self) -> ErrorReduction | None:
         """The gain of the signal that gains most."""
         return min(self.gains, key=lambda g: g.ratio, default=None)
 
@@ -134,7 +134,7 @@ class Cause:
     meaning: str
     share: float
     """Of the held-out mean square error above the noise that the base model leaves, the share this cause removed."""
-    curve: Curve | None = None
+    curve: EffectCurve | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,8 +182,8 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     ranking: tuple[Ranked, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
-    gain: Gain | None
-    gains: tuple[Gain, ...]
+    gain: ErrorReduction | None
+    gains: tuple[ErrorReduction, ...]
     base_model: ExtendedModel
     extended_model: ExtendedModel
     next_manoeuvre: str
@@ -285,7 +285,7 @@ def _numbers(numbers: Numbers) -> dict[str, Any]:
     }
 
 
-def _gain(gain: Gain) -> dict[str, Any]:
+def _gain(gain: ErrorReduction) -> dict[str, Any]:
     return {
         "metric": gain.metric,
         "signal": gain.signal,

@@ -19,7 +19,7 @@ __all__ = [
     "MATERIAL",
     "SIGNIFICANCE",
     "Judged",
-    "Step",
+    "SearchStep",
     "bic_penalty",
     "error_ratio",
     "is_material",
@@ -57,7 +57,7 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class SearchStep:
     """One step of the search: everything judged, best first; ``accepted`` the winner, None when none paid."""
 
     judged: tuple[Judged, ...]

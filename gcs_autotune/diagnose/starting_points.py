@@ -20,7 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.candidates import ROUGH, Candidate, candidates, fitted_roughly, fitted_to_the_end, screen
+from gcs_autotune.diagnose.candidates import (
+    ROUGH,
+    EffectCandidate,
+    candidates,
+    fitted_roughly,
+    fitted_to_the_end,
+    screen,
+)
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.diagnose.workers import in_parallel
@@ -87,7 +94,7 @@ def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
 
 def permuted_channels(
     problem: Problem, present: Fitted, choices: Sequence[Sequence[EffectInstance]]
-) -> list[Candidate]:
+) -> list[EffectCandidate]:
     """Return the likeliest slips in the wiring of commands, or of signals of all runs, with the base found anew under
     each.
 
@@ -114,7 +121,7 @@ def permuted_channels(
         except AutotuneError:
             continue
         begin = replace(present, theta=alone.theta, initial=alone.initial)
-        found.append(Candidate(own, begin, alone.cost, np.zeros(present.jacobian.shape[1])))
+        found.append(EffectCandidate(own, begin, alone.cost, np.zeros(present.jacobian.shape[1])))
     return found
 
 
@@ -122,9 +129,9 @@ def _misfit(form: Form, segments: Sequence[Segment], limits: Limits) -> float:
     return initial_guess_of(form, segments).misfit(limits)
 
 
-def merged(listed: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
+def merged(listed: Sequence[EffectCandidate], more: Sequence[EffectCandidate]) -> list[EffectCandidate]:
     """Return both lists, the best promise of each effect and place, the best first."""
-    best: dict[tuple[str, str], Candidate] = {}
+    best: dict[tuple[str, str], EffectCandidate] = {}
     for candidate in sorted([*listed, *more], key=lambda c: c.promised):
         best.setdefault((candidate.effect.slug, candidate.effect.place), candidate)
     return list(best.values())
@@ -157,7 +164,7 @@ TOLD = 3.0
 
 def segment_starts(
     problem: Problem, present: Fitted, slugs: Sequence[str], jobs: int = 1
-) -> list[tuple[Candidate, Fitted]]:
+) -> list[tuple[EffectCandidate, Fitted]]:
     """Return rough fits over whole runs begun at the likeliest causes of pieces, each with its candidate.
 
     present : the base fitted to whole runs.
@@ -205,10 +212,10 @@ def _where_told(fit: Fitted, present: Fitted) -> Array:
     return theta
 
 
-def _candidate(present: Fitted, fit: Fitted) -> Candidate:
+def _candidate(present: Fitted, fit: Fitted) -> EffectCandidate:
     (own,) = fit.effects
     begin = replace(present, theta=fit.theta, initial=fit.initial, shift=fit.shift)
-    return Candidate(own, begin, fit.cost, np.zeros(present.jacobian.shape[1]))
+    return EffectCandidate(own, begin, fit.cost, np.zeros(present.jacobian.shape[1]))
 
 
 def _pieces(segments: Sequence[Segment]) -> list[Segment]:

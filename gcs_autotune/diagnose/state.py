@@ -15,7 +15,7 @@ from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_o
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
     Attempt,
-    Candidate,
+    EffectCandidate,
     best_of_each,
     candidates,
     fitted_roughly,
@@ -24,7 +24,7 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.result import Numbers
-from gcs_autotune.diagnose.score import Judged, Step, bic_penalty, error_ratio, ordered, winner_of
+from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
@@ -114,7 +114,7 @@ class SearchState:
     present_unseen: HeldOut
     given: Fitted | None = None
     given_unseen: HeldOut | None = None
-    steps: tuple[Step, ...] = ()
+    steps: tuple[SearchStep, ...] = ()
     renamed: tuple[tuple[str, str], ...] = ()
     tried: int = 0
     restarts: int = 0
@@ -167,7 +167,7 @@ class SearchState:
         slugs: Sequence[str] | None = None,
         quick: bool = False,
         most: int = SHORT_LIST,
-    ) -> tuple[SearchState, Step]:
+    ) -> tuple[SearchState, SearchStep]:
         """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone.
 
         The state returned has the same model, or a better base found on the way. slugs : of candidates, all of the
@@ -203,7 +203,7 @@ class SearchState:
             now = replace(now, lost=LostBase(present, tuple(ends), len(choices)))
         return now, now.judged_all(ends, present, len(choices), quick)
 
-    def judged_all(self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False) -> Step:
+    def judged_all(self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False) -> SearchStep:
         """Judge fits made on top of *present*, of so many *tried*."""
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
         raised = correlation_of(best)
@@ -212,7 +212,7 @@ class SearchState:
             return self.judged(ends[i][0].effect, ends[i][1], present, tried, raised, quick=quick)
 
         judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.question.jobs))
-        return Step(tuple(judged), None if quick else winner_of(judged, tried, present))
+        return SearchStep(tuple(judged), None if quick else winner_of(judged, tried, present))
 
     def judged(
         self,
@@ -243,7 +243,7 @@ class SearchState:
         fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.question.jobs)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
-    def _rough(self, listed: Sequence[Candidate], stage: str) -> list[Attempt]:
+    def _rough(self, listed: Sequence[EffectCandidate], stage: str) -> list[Attempt]:
         def told(done: int, total: int) -> None:
             self.question.say(stage + ": fitting", done, total)
 
@@ -290,7 +290,7 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
     return SearchState(question, problem, fitted, fitted, parts, unseen, unseen, given, given_unseen)
 
 
-def mistaken_for(effect: EffectInstance, passed_over: Sequence[Candidate]) -> list[Candidate]:
+def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate]) -> list[EffectCandidate]:
     """Return those of *passed_over* that *effect* is easily mistaken for, there: a screening may misjudge them."""
     rivals = EFFECTS[effect.slug].mistaken_for
     return [c for c in passed_over if c.effect.slug in rivals and c.effect.place == effect.place]

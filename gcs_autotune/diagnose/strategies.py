@@ -35,7 +35,7 @@ from gcs_autotune.diagnose.score import (
     ALIKE,
     SIGNIFICANCE,
     Judged,
-    Step,
+    SearchStep,
     bic_penalty,
     is_needed,
     ordered,
@@ -88,7 +88,7 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 # -- cause after cause
 
 
-def add_causes(state: SearchState, first: Step | None = None) -> SearchState:
+def add_causes(state: SearchState, first: SearchStep | None = None) -> SearchState:
     """Take one step after the other until none pays; *first*: the next one, judged already."""
     found = True
     while found and len(state.steps) < MOST_CAUSES:
@@ -99,7 +99,7 @@ def add_causes(state: SearchState, first: Step | None = None) -> SearchState:
     return state
 
 
-def _one_more(state: SearchState, judged: Step | None) -> tuple[SearchState, bool]:
+def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchState, bool]:
     """Take one more step (or several, where only causes together pay); whether anything was found."""
     stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
@@ -110,7 +110,7 @@ def _one_more(state: SearchState, judged: Step | None) -> tuple[SearchState, boo
         step = judged
     if step.accepted is None:
         state, step = blocked_cv(state, step) or (state, step)
-    taken: tuple[Step, ...] = (step,)
+    taken: tuple[SearchStep, ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
         state, ahead = _look_ahead(state, step, stage)
         taken = ahead or taken
@@ -140,7 +140,7 @@ def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
     return again if again is not None and again.cost < present.cost - ALIKE else None
 
 
-def blocked_cv(state: SearchState, step: Step) -> tuple[SearchState, Step] | None:
+def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, SearchStep] | None:
     """Judge a step again with blocks of every run left out instead of runs; None where that names nothing either.
 
     Where each run shows one size of command only, none tells of the next although one cause explains all of them.
@@ -154,7 +154,7 @@ def blocked_cv(state: SearchState, step: Step) -> tuple[SearchState, Step] | Non
     paying = [j for j in step.judged if j.evidence > 0.0]
     again = ordered([now.judged(j.effect, j.fitted, present, now.tried) for j in paying])
     winner = winner_of(again, now.tried, present)
-    return None if winner is None else (now, Step(tuple(again), winner))
+    return None if winner is None else (now, SearchStep(tuple(again), winner))
 
 
 # -- causes that only pay together
@@ -165,7 +165,7 @@ class _Path:
     """Causes in order, and what was judged beside each."""
 
     taken: tuple[Judged, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[SearchStep, ...]
 
     def price(self, present: Fitted) -> float:
         """Return the cost of its end, parameters paid for."""
@@ -173,7 +173,7 @@ class _Path:
         return end.cost + bic_penalty(end, present)
 
 
-def _look_ahead(state: SearchState, step: Step, stage: str) -> tuple[SearchState, tuple[Step, ...] | None]:
+def _look_ahead(state: SearchState, step: SearchStep, stage: str) -> tuple[SearchState, tuple[SearchStep, ...] | None]:
     """Return steps, all accepted, that pay together; None when no path does. *step*: the one where nothing paid.
 
     Where two things are wrong, mending one may foretell no better (a position drifts all the same), so that no step
@@ -207,16 +207,16 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
 
 
-def _accepted(path: _Path, whole: Judged) -> tuple[Step, ...]:
+def _accepted(path: _Path, whole: Judged) -> tuple[SearchStep, ...]:
     """Return the steps of a path with its causes accepted, their numbers those of its end."""
     now = {(e.slug, e.place): e for e in whole.fitted.effects}
     steps = []
     for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
         ended = replace(taken, effect=now[taken.effect.slug, taken.effect.place])
-        steps.append(Step(tuple(ended if j is taken else j for j in step.judged), ended))
+        steps.append(SearchStep(tuple(ended if j is taken else j for j in step.judged), ended))
     last = path.steps[-1]
     others = tuple(j for j in last.judged if j is not path.taken[-1])
-    return (*steps, Step((whole, *others), whole))
+    return (*steps, SearchStep((whole, *others), whole))
 
 
 # -- earlier causes reconsidered

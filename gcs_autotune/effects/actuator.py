@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import INPUT, Curve, Drive, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.effect import INPUT, Drive, Effect, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.kernels import play
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import CoupledModel
@@ -18,7 +18,7 @@ from gcs_autotune.sname import DOFS
 __all__ = [
     "RESOLUTION",
     "SUBTRACTED",
-    "Actuator",
+    "ActuatorEffect",
     "AsymmetricThrust",
     "Backlash",
     "Characteristic",
@@ -50,7 +50,7 @@ RESOLUTION = "resolution"
 """Constant [input unit s] of effects that move between stamps: slope times squared length of a piece held."""
 
 
-class Actuator(Effect):
+class ActuatorEffect(Effect):
     """An effect on one input: its place is the input's channel, wherever something was commanded."""
 
     family = "actuator"
@@ -60,7 +60,7 @@ class Actuator(Effect):
         return tuple(n for n in data.inputs if data.amplitude[n] > 0.0)
 
 
-class Characteristic(Actuator):
+class Characteristic(ActuatorEffect):
     """An actuator whose output is a function of the present command: a static curve."""
 
     title: ClassVar[str]
@@ -73,15 +73,15 @@ class Characteristic(Actuator):
         """Pass every command through the curve."""
         return drive.with_channel(effect.place, self.acting(effect, drive.channels[effect.place]))
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Acting over commanded."""
         u = np.linspace(-data.amplitude[effect.place], data.amplitude[effect.place], 201)
         unit = data.inputs[effect.place]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
-        return Curve(u, self.acting(effect, u), x_label, y_label, self.title, plain=u)
+        return EffectCurve(u, self.acting(effect, u), x_label, y_label, self.title, plain=u)
 
 
-class Gradual(Actuator):
+class Gradual(ActuatorEffect):
     """An actuator that moves between the stamps of its commands."""
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
@@ -321,7 +321,7 @@ def _both_ways(extent: tuple[float, float]) -> bool:
     return min(-low, high) > BOTH * max(-low, high)
 
 
-class Backlash(Actuator):
+class Backlash(ActuatorEffect):
     """Play: what acts stays where it is until the command has gone ``width / 2`` past it, then is dragged along.
 
     It starts at the first command. Exact for held commands.
@@ -351,11 +351,11 @@ class Backlash(Actuator):
         """Drag what acts along."""
         return drive.with_channel(effect.place, play(drive.channels[effect.place], 0.5 * effect["width"]))
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """The loop: from full reverse to full ahead and back."""
         way = np.linspace(-data.amplitude[effect.place], data.amplitude[effect.place], 101)
         u = np.concatenate([way, way[::-1], way])
         y = play(u, 0.5 * effect["width"])
         unit = data.inputs[effect.place]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
-        return Curve(u[101:], y[101:], x_label, y_label, "Backlash", plain=u[101:])
+        return EffectCurve(u[101:], y[101:], x_label, y_label, "Backlash", plain=u[101:])

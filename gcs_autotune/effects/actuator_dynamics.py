@@ -6,15 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import Actuator, Gradual, horizon, last_stamp, redrawn
-from gcs_autotune.effects.effect import INPUT, Curve, Drive, EffectInstance, Quantity
+from gcs_autotune.effects.actuator import ActuatorEffect, Gradual, horizon, last_stamp, redrawn
+from gcs_autotune.effects.effect import INPUT, Drive, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.kernels import fading, following, limited
 from gcs_autotune.effects.summary import DataSummary
 
 __all__ = ["ActuatorLag", "GainDrift", "InputDelay", "RateLimit"]
 
 
-class InputDelay(Actuator):
+class InputDelay(ActuatorEffect):
     """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
 
     slug = "input-delay"
@@ -50,11 +50,13 @@ class InputDelay(Actuator):
         t[0] = drive.t[0]
         return redrawn(drive, effect.place, t, u)
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """A step, commanded and acting."""
         t = np.linspace(-0.5, 2.5, 601) * max(effect["delay"], data.interval)
         acting, commanded = (t >= effect["delay"]).astype(float), (t >= 0.0).astype(float)
-        return Curve(t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Input delay", plain=commanded)
+        return EffectCurve(
+            t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Input delay", plain=commanded
+        )
 
 
 class RateLimit(Gradual):
@@ -85,13 +87,13 @@ class RateLimit(Gradual):
         u = drive.channels[effect.place]
         return redrawn(drive, effect.place, *limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """A step from zero to full command, commanded and acting."""
         full = data.amplitude[effect.place]
         t = np.linspace(-0.5, 2.0, 501) * full / effect["rate"]
         commanded = np.where(t >= 0.0, full, 0.0)
         acting = np.clip(effect["rate"] * t, 0.0, full)
-        return Curve(
+        return EffectCurve(
             t, acting, "time [s]", f"{effect.place} [{data.inputs[effect.place]}]", "Rate limit", plain=commanded
         )
 
@@ -136,13 +138,15 @@ class ActuatorLag(Gradual):
             return drive
         return redrawn(drive, effect.place, *following(drive.t, u, effect["time_constant"], self.resolution(effect, u)))
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """A step, commanded and acting."""
         T = max(effect["time_constant"], INSTANT)
         t = np.linspace(-1.0, 5.0, 601) * T
         commanded = (t >= 0.0).astype(float)
         acting = -np.expm1(-np.maximum(t, 0.0) / T)
-        return Curve(t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Actuator lag", plain=commanded)
+        return EffectCurve(
+            t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Actuator lag", plain=commanded
+        )
 
 
 LEAST_GAIN = 0.05
@@ -183,8 +187,10 @@ class GainDrift(Gradual):
         faded = fading(drive.t, u, drive.start, last_stamp(drive), effect["rate"], LEAST_GAIN, resolution)
         return redrawn(drive, effect.place, *faded)
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Gain over time."""
         t = np.linspace(0.0, data.duration, 201)
         gain = np.maximum(1.0 - effect["rate"] * t, LEAST_GAIN)
-        return Curve(t, gain, "time in the run [s]", f"gain of {effect.place} [1]", "Gain drift", plain=np.ones_like(t))
+        return EffectCurve(
+            t, gain, "time in the run [s]", f"gain of {effect.place} [1]", "Gain drift", plain=np.ones_like(t)
+        )

@@ -31,9 +31,9 @@ from gcs_autotune.trial import Channel
 __all__ = [
     "INPUT",
     "SIGNAL",
-    "Curve",
     "Drive",
     "Effect",
+    "EffectCurve",
     "EffectInstance",
     "Family",
     "Leftover",
@@ -156,7 +156,7 @@ class Leftover:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class EffectCurve:
     """An effect drawn: ``y`` over ``x``, with words at the axes; ``polar`` when ``x`` is a heading [rad].
 
     ``plain`` (n,): the same without the effect, for comparison; None when that is zero.
@@ -284,7 +284,7 @@ class Effect:
 
     # -- what is told of it
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve | None:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
         """Return its picture."""
         return None
 

@@ -7,7 +7,7 @@ from math import cos, inf, pi, sin
 
 import numpy as np
 
-from gcs_autotune.effects.effect import INPUT, Curve, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.effect import INPUT, Effect, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.summary import DataSummary, force_scale, force_unit, sense, stiffness_unit, top_speed
 from gcs_autotune.sname import DOFS
 
@@ -106,11 +106,11 @@ class SteadyCurrent(Effect):
         names = _NAMES[effect.place]
         return {names[n]: v for n, v in effect.values.items()}
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """How fast the water carries along each heading."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         along = effect.values.get("V_x", 0.0) * np.cos(psi) + effect.values.get("V_y", 0.0) * np.sin(psi)
-        return Curve(psi, along, "heading [rad]", "current from astern [m/s]", "Current", polar=True)
+        return EffectCurve(psi, along, "heading [rad]", "current from astern [m/s]", "Current", polar=True)
 
 
 DIRECTIONS = 6
@@ -160,12 +160,12 @@ class WindMoment(Effect):
         strength = effect.sense * effect["strength"]
         return {"N_cospsi": strength * sin(effect["direction"]), "N_sinpsi": -strength * cos(effect["direction"])}
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """The wind rose: moment over heading."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         moment = effect["strength"] * np.sin(effect["direction"] - psi)
         unit = force_unit(effect.place, data)
-        return Curve(psi, moment, "heading [rad]", f"moment to starboard [{unit}]", "Wind moment", polar=True)
+        return EffectCurve(psi, moment, "heading [rad]", f"moment to starboard [{unit}]", "Wind moment", polar=True)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """That of the moment, and of the heading."""
@@ -248,18 +248,20 @@ class TetherPull(Effect):
             "Y_xsinpsi": k, "Y_ycospsi": -k, "Y_sinpsi": -north, "Y_cospsi": east,
         }  # fmt: skip
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Pull over position, on the plane over distance."""
         if effect.place == PLANE:
             far = max(high - low for low, high in (data.extent["x"], data.extent["y"])) or 1.0
             distance = np.linspace(0.0, far, 61)
             unit = force_unit("surge", data)
-            return Curve(distance, effect["stiffness"] * distance, "distance [m]", f"pull [{unit}]", "Tether pull")
+            return EffectCurve(
+                distance, effect["stiffness"] * distance, "distance [m]", f"pull [{unit}]", "Tether pull"
+            )
         d = DOFS[effect.place]
         x = np.linspace(*data.extent[d.position], 61)
         pull = -effect["stiffness"] * (x - effect["anchor"])
         unit = force_unit(effect.place, data)
-        return Curve(x, pull, f"{d.position} [{d.position_unit}]", f"pull [{unit}]", "Tether pull")
+        return EffectCurve(x, pull, f"{d.position} [{d.position_unit}]", f"pull [{unit}]", "Tether pull")
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """Force per distance, and that of the position."""

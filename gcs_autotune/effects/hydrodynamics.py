@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gcs_autotune.effects.effect import Curve, Drive, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.effect import Drive, Effect, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.summary import (
     DataSummary,
     force_scale,
@@ -38,7 +38,7 @@ def drag_names(dof: str) -> tuple[str, str]:
     return f"{d.force}_{d.velocity}", f"{d.force}_{d.velocity}{d.velocity}"
 
 
-def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> Curve:
+def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> EffectCurve:
     """Return drag over speed with the base's drag and the effect's, against the base's alone."""
     d = DOFS[effect.place]
     linear, quadratic = drag_names(effect.place)
@@ -47,7 +47,7 @@ def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> Curve:
     plain = -sign * (known.get(linear, 0.0) + known.get(quadratic, 0.0) * np.abs(nu)) * nu
     more = effect["coefficient"] * (nu if effect.slug == "linear-drag" else np.abs(nu) * nu)
     velocity = f"{d.velocity} [{d.position_unit}/s]"
-    return Curve(nu, plain + more, velocity, f"drag [{force_unit(effect.place, data)}]", title, plain=plain)
+    return EffectCurve(nu, plain + more, velocity, f"drag [{force_unit(effect.place, data)}]", title, plain=plain)
 
 
 class Drag(Effect):
@@ -84,7 +84,7 @@ class Drag(Effect):
         """``X_u``, ``N_r`` and so on; ``X_uu``, ``N_rr`` of the second power."""
         return {drag_names(effect.place)[self.power - 1]: -effect.sense * effect["coefficient"]}
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """The drag polar."""
         return drag_polar(effect, data, self.polar)
 
@@ -289,12 +289,14 @@ class MassChange(Effect):
         finer = drive.on(np.union1d(drive.t, [drive.start, change]))
         return finer.with_channel(PAYLOAD, np.where(finer.t >= change, effect["ratio"], 1.0))
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Inertia over time."""
         t = np.array([0.0, effect["time"], effect["time"], max(data.duration, effect["time"])])
         ones = np.ones(4)
         inertia = np.array([1.0, 1.0, effect["ratio"], effect["ratio"]])
-        return Curve(t, inertia, "time in the run [s]", "inertia, in shares of the first", "Mass change", plain=ones)
+        return EffectCurve(
+            t, inertia, "time in the run [s]", "inertia, in shares of the first", "Mass change", plain=ones
+        )
 
 
 class NetBuoyancy(Effect):
@@ -394,10 +396,10 @@ class GroundEffect(Effect):
             "bottom": effect["bottom"],
         }
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Drag over height."""
         low, high = data.extent["z"]
         height = np.linspace(0.0, high - low, 121)
         drag = 1.0 + effect["strength"] * np.exp(-height / effect["length"])
         name, far = "height above the deepest point [m]", "drag over that far from the bottom"
-        return Curve(height, drag, name, far, "Ground effect", plain=np.ones(len(height)))
+        return EffectCurve(height, drag, name, far, "Ground effect", plain=np.ones(len(height)))

@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import Actuator, redrawn, steers
-from gcs_autotune.effects.effect import Array, Curve, Drive, EffectInstance, Quantity
+from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers
+from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES, STATES
 from gcs_autotune.slow_imports import scipy_signal
@@ -28,7 +28,7 @@ WINDOWS = (5, 9, 15, 25, 41, 67, 111)
 """Samples a parabola may be laid through to smooth the speed; which, every run says itself."""
 
 
-class SpeedDependentSteering(Actuator):
+class SpeedDependentSteering(ActuatorEffect):
     """Commands act times ``(1 - share) + share (U/U_ref)^2``: rudder force goes with the square of the flow.
 
     ``U`` is the surge speed through the water: the simulated one where surge is simulated, as noise in a measured one
@@ -101,13 +101,13 @@ class SpeedDependentSteering(Actuator):
         u = drive.channels[effect.place][np.searchsorted(drive.t, t, side="right") - 1]
         return redrawn(drive, effect.place, t, u * ((1.0 - effect["share"]) + effect["share"] * mean))
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Gain over speed."""
         name = _speed(data.channels) or "u"
         low, high = data.extent.get(name, (0.0, 2.0 * effect["U_ref"]))
         speed = np.linspace(min(low, 0.0), high, 201)
         gain = (1.0 - effect["share"]) + effect["share"] * (speed / effect["U_ref"]) ** 2
-        return Curve(
+        return EffectCurve(
             speed,
             gain,
             f"{name} [m/s]",
@@ -172,7 +172,7 @@ RUDDER = "rad"
 PER_SPEED = "s/m or s/rad"
 
 
-class AdvanceSpeedLoss(Actuator):
+class AdvanceSpeedLoss(ActuatorEffect):
     """The force of a thruster is lowered by ``loss |force| nu``: the bilinear thruster.
 
     Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity
@@ -215,14 +215,14 @@ class AdvanceSpeedLoss(Actuator):
         i = int(effect[AXIS])
         return {f"{FORCES[i]}_|{effect.place}|{STATES[i]}": -effect["loss"] * effect[GAIN]}
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Force at full command over speed ahead."""
         force, velocity = FORCES[int(effect[AXIS])], STATES[int(effect[AXIS])]
         nu = np.linspace(0.0, _fastest(effect.place, data), 101)
         rest = np.full_like(nu, effect[GAIN] * data.amplitude[effect.place])
         unit = data.inputs[effect.place] if effect[GAIN] == 1.0 else SIGNALS[force][0]
         x_label, y_label = f"{velocity} [{SIGNALS[velocity][0]}]", f"{force} at full {effect.place} [{unit}]"
-        return Curve(nu, rest * (1.0 - effect["loss"] * nu), x_label, y_label, "Thrust over speed", plain=rest)
+        return EffectCurve(nu, rest * (1.0 - effect["loss"] * nu), x_label, y_label, "Thrust over speed", plain=rest)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """Seconds per metre, or per radian."""

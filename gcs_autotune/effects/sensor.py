@@ -6,7 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_autotune.effects.effect import SIGNAL, Array, Curve, Effect, EffectInstance, Observed, Quantity, columns_of
+from gcs_autotune.effects.effect import (
+    SIGNAL,
+    Array,
+    Effect,
+    EffectCurve,
+    EffectInstance,
+    Observed,
+    Quantity,
+    columns_of,
+)
 from gcs_autotune.effects.kernels import earlier
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.sname import DOFS
@@ -62,10 +71,12 @@ class CompassDeviation(Effect):
         cosine, sine = np.cos(d), np.sin(d)
         return shown.with_signal("u", cosine * u + sine * v).with_signal("v", cosine * v - sine * u)
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """The deviation card."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
-        return Curve(psi, _deviation(effect, psi), "heading [rad]", "deviation [rad]", "Deviation card", polar=True)
+        return EffectCurve(
+            psi, _deviation(effect, psi), "heading [rad]", "deviation [rad]", "Deviation card", polar=True
+        )
 
 
 def _deviation(effect: EffectInstance, psi: Array) -> Array:

@@ -15,7 +15,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr, ndtri_exp
 
-from gcs_autotune.effects.effect import SIGNAL, Array, Curve, Effect, EffectInstance, Leftover, Quantity
+from gcs_autotune.effects.effect import SIGNAL, Array, Effect, EffectCurve, EffectInstance, Leftover, Quantity
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -106,12 +106,12 @@ class Quantisation(Effect):
         """How exactly a grid is read off."""
         return {"step": TOLERANCE * effect["step"]}
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """The stairs, about zero."""
         x = np.linspace(-5.0, 5.0, 1001) * effect["step"]
         y = np.round(x / effect["step"]) * effect["step"] if effect["step"] > 0.0 else x
         unit = data.signals[effect.place]
-        return Curve(
+        return EffectCurve(
             x, y, f"{effect.place} true [{unit}]", f"{effect.place} read [{unit}]", "Stairs of the reading", plain=x
         )
 
@@ -232,7 +232,7 @@ class Outliers(Effect):
         count = max(effect["share"] * n, 1.0)
         return {"share": math.sqrt(effect["share"] / max(n, 1)), "size": effect["size"] / math.sqrt(2.0 * count)}
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve | None:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
         """The law of the errors: a narrow bell on broad feet."""
         level = effect.constants.get("level", 0.0)
         if level <= 0.0:
@@ -242,7 +242,9 @@ class Outliers(Effect):
         core = np.exp(-0.5 * (x / level) ** 2) / (level * math.sqrt(2.0 * math.pi))
         unit = data.signals[effect.place]
         label = f"density [1/({unit})]"
-        return Curve(x, law.density(x), f"error of {effect.place} [{unit}]", label, "Law of the errors", plain=core)
+        return EffectCurve(
+            x, law.density(x), f"error of {effect.place} [{unit}]", label, "Law of the errors", plain=core
+        )
 
 
 Flags = NDArray[np.bool_]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from gcs_autotune.effects.effect import INPUT, Array, Curve, Effect, EffectInstance, Leftover, Quantity
+from gcs_autotune.effects.effect import INPUT, Array, Effect, EffectCurve, EffectInstance, Leftover, Quantity
 from gcs_autotune.effects.narrow_band import Oscillator, Record, cost, driven, whitened
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.sname import DOFS
@@ -323,7 +323,7 @@ class WaveDisturbance(Effect):
             found["amplitude"] = effect["amplitude"] * relative
         return found
 
-    def curve(self, effect: EffectInstance, data: DataSummary) -> Curve | None:
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
         """The spectrum of the force."""
         omega, zeta, a = effect["frequency"], max(effect["bandwidth"], 0.002), effect.values.get("amplitude", 0.0)
         if a <= 0.0:
@@ -331,7 +331,9 @@ class WaveDisturbance(Effect):
         x = np.linspace(0.0, 3.0 * omega, 901)
         y = a**2 * 4.0 * zeta * omega**3 / math.pi / ((omega**2 - x**2) ** 2 + (2.0 * zeta * omega * x) ** 2)
         unit = self.unit_of("amplitude", effect.place, data)
-        return Curve(x, y, "frequency [rad/s]", f"force spectrum [({unit})^2 s/rad]", "Spectrum of the disturbance")
+        return EffectCurve(
+            x, y, "frequency [rad/s]", f"force spectrum [({unit})^2 s/rad]", "Spectrum of the disturbance"
+        )
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """The force's, or that of the input when forces are known as fractions or angles."""

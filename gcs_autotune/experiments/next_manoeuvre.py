@@ -25,7 +25,7 @@ from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
-__all__ = ["Criterion", "Plan", "Proposal", "plan_next", "worth_of"]
+__all__ = ["Criterion", "RankedManoeuvre", "Ranking", "plan_next", "worth_of"]
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ FAR = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class Ranking:
     """One candidate manoeuvre and what it is expected to bring.
 
     ``std`` (p,) standard errors expected from the runs and this manoeuvre together; ``worst`` the largest of them
@@ -62,7 +62,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
+class RankedManoeuvre:
     """Manoeuvres ranked, best first, against what the runs ``now`` tell.
 
     ``hopeless``: parameters no candidate makes visible; they are left out of the ranking.
@@ -70,7 +70,7 @@ class Proposal:
 
     now: Identifiability
     seconds: float
-    plans: tuple[Plan, ...]
+    plans: tuple[Ranking, ...]
     hopeless: tuple[str, ...]
 
     @property
@@ -79,18 +79,18 @@ class Proposal:
         return self.now.names
 
     @property
-    def best(self) -> Plan:
+    def best(self) -> Ranking:
         """The manoeuvre ranked first."""
         return self.plans[0]
 
-    def factors(self, plan: Plan) -> Mapping[str, float]:
+    def factors(self, plan: Ranking) -> Mapping[str, float]:
         """Return by which factor each standard error falls."""
         before = self.now.information.std
         with np.errstate(invalid="ignore"):
             ratio = np.where(np.isfinite(plan.std), before / plan.std, 1.0)
         return dict(zip(self.names, ratio.tolist(), strict=True))
 
-    def say(self, plan: Plan) -> str:
+    def say(self, plan: Ranking) -> str:
         """Return one sentence: the manoeuvre, the standard errors it improves most, the room it takes."""
         before, after = self.now.relative, plan.std / self.now.scales.size
         order = [i for i in np.argsort(-before) if self.names[i] not in self.hopeless][:3]
@@ -119,7 +119,7 @@ def plan_next(
     *,
     seconds: float = 60.0,
     criterion: Criterion = "worst",
-) -> Proposal:
+) -> RankedManoeuvre:
     """Rank manoeuvres by what they would add to *trials* about the fitted parameters of *fit*.
 
     Parameters
@@ -155,10 +155,10 @@ def plan_next(
     hopeless = ~np.any([np.isfinite(p.std) for p in plans], axis=0)
     ranked = sorted(plans, key=lambda p: _key(p, now, hopeless, criterion))
     names = tuple(n for n, h in zip(now.names, hopeless, strict=True) if h)
-    return Proposal(now, seconds, tuple(ranked), names)
+    return RankedManoeuvre(now, seconds, tuple(ranked), names)
 
 
-def worth_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Plan | None:
+def worth_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:
     """Return what a flight would bring, None when there is none or its sensitivities run away."""
     if flight is None:
         return None
@@ -170,7 +170,7 @@ def worth_of(subject: FittedModel, now: Identifiability, flight: Flight | None, 
     std = both.std
     p = len(std)
     gained = both.log_determinant - now.information.log_determinant if math.isfinite(both.log_determinant) else 0.0
-    return Plan(
+    return Ranking(
         candidate=candidate,
         flight=flight,
         information=both,
@@ -185,7 +185,7 @@ def _candidate(given: str | Preset) -> Preset:
     return given if isinstance(given, Preset) else lookup(PRESETS, given, "manoeuvre")
 
 
-def _key(plan: Plan, now: Identifiability, hopeless: NDArray[np.bool_], criterion: Criterion) -> float:
+def _key(plan: Ranking, now: Identifiability, hopeless: NDArray[np.bool_], criterion: Criterion) -> float:
     if criterion == "worst":
         return float(np.where(hopeless, 0.0, plan.std / now.scales.size).max())
     rest = plan.information.root[:, ~hopeless]

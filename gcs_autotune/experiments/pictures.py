@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gcs_autotune.experiments.identifiability import Identifiability
-from gcs_autotune.experiments.next_manoeuvre import Plan, Proposal
+from gcs_autotune.experiments.next_manoeuvre import RankedManoeuvre, Ranking
 from gcs_autotune.experiments.profile_likelihood import Profile
 
 __all__ = ["correlation_picture", "profile_picture", "proposal_picture"]
@@ -56,7 +56,7 @@ def profile_picture(profiles: Sequence[Profile]) -> Figure:
     return figure
 
 
-def proposal_picture(proposal: Proposal, plan: Plan | None = None) -> Figure:
+def proposal_picture(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
     """Return bars of the relative standard errors before and after *plan* (the best one), on a logarithmic scale.
 
     An infinite one reaches the right edge.

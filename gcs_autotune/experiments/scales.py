@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify import FittedModel, model_delay
-from gcs_autotune.identify.initial_guess import Motion
+from gcs_autotune.identify import FittedModel, RecordedMotion, model_delay
 from gcs_autotune.models import SPECIAL, balance_of, program_of, states_of
 
 __all__ = ["FELT", "Scales", "scales_of"]
@@ -73,7 +72,7 @@ def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
     return strongest, effects
 
 
-def _moving(subject: FittedModel, i: int) -> Motion:
+def _moving(subject: FittedModel, i: int) -> RecordedMotion:
     form, record = subject.form, subject.records[i]
     t, X = subject.motion(i)
     t, at = np.unique(t, return_index=True)
@@ -81,7 +80,7 @@ def _moving(subject: FittedModel, i: int) -> Motion:
     nu_dot = np.gradient(X[at, k : 2 * k], t, axis=0) if len(t) > 1 else np.zeros((len(t), k))
     row = np.searchsorted(record.t_in, t - model_delay(form, subject.theta), side="right") - 1
     inputs = np.ascontiguousarray(record.inputs[np.maximum(row, 0)])
-    return Motion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
+    return RecordedMotion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
 
 
 def _felt_special(subject: FittedModel, name: str) -> float:

@@ -44,7 +44,7 @@ from gcs_autotune.identify.information import (
     information_on,
     model_delay,
 )
-from gcs_autotune.identify.initial_guess import initial_guess_of
+from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import parts_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
@@ -70,12 +70,11 @@ from gcs_autotune.identify.plan import Agreement, PlanResult, load_plan, run_pla
 from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_recorded, prepare_form, signals_of
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.regression.drive import drives_of
-from gcs_autotune.identify.regression.motion import NU, motion_of
+from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
 from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators
 from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState, find_cycles
 from gcs_autotune.identify.result import (
     AxisFit,
-    Candidate,
     Decision,
     Doubt,
     Fit,
@@ -84,6 +83,7 @@ from gcs_autotune.identify.result import (
     Parameter,
     Status,
     Structure,
+    StructureFit,
     Trace,
     plain_data,
 )
@@ -104,7 +104,6 @@ __all__ = [
     "THRUSTERS",
     "Agreement",
     "AxisFit",
-    "Candidate",
     "CoupledCase",
     "Decision",
     "Doubt",
@@ -113,6 +112,7 @@ __all__ = [
     "Fitted",
     "FittedModel",
     "FrequencyResponse",
+    "GriddedMotion",
     "Hold",
     "Information",
     "IsoEstimate",
@@ -130,6 +130,7 @@ __all__ = [
     "PlanResult",
     "Problem",
     "Reading",
+    "RecordedMotion",
     "Remainder",
     "Residual",
     "ResidualStatistics",
@@ -139,6 +140,7 @@ __all__ = [
     "Status",
     "StepReading",
     "Structure",
+    "StructureFit",
     "Trace",
     "Validation",
     "alternate",

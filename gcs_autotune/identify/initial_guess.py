@@ -28,7 +28,15 @@ from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models import COEFFICIENTS, SPECIAL, WALLS, Form, balance_of, inertia_of, program_of, states_of
 from gcs_autotune.sname import DOFS
 
-__all__ = ["SPECIAL_START", "InitialGuess", "Motion", "Regression", "SpecialStart", "initial_guess_of", "regression_of"]
+__all__ = [
+    "SPECIAL_START",
+    "InitialGuess",
+    "RecordedMotion",
+    "Regression",
+    "SpecialStart",
+    "initial_guess_of",
+    "regression_of",
+]
 
 Array = NDArray[np.float64]
 
@@ -88,7 +96,7 @@ SPECIAL_START: Mapping[str, SpecialStart] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class RecordedMotion:
     """A record's states at some stamps.
 
     t (s,); X (s, n) in the order of ``states_of(form)``, 0 where nothing was measured; nu_dot (s, k); inputs (s, m);
@@ -102,7 +110,7 @@ class Motion:
     known: NDArray[np.bool_]
 
 
-def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> Motion:
+def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> RecordedMotion:
     """Return the smoothed states of *record*, its inputs held and late by *delay* [s]."""
     begin = max(float(s.t[0]) for s in record.signals.values())
     end = min(float(s.t[-1]) for s in record.signals.values())
@@ -130,7 +138,7 @@ def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> Motion:
     inputs = np.ascontiguousarray(record.inputs[row])
     if "lag" in form.parameters:
         X[:, 2 * k :] = inputs
-    return Motion(t, X, nu_dot, inputs, known)
+    return RecordedMotion(t, X, nu_dot, inputs, known)
 
 
 def _through_the_body(fits: dict[str, tuple[Array, Array, Array]], psi: Array, dof: str) -> tuple[Array, Array]:
@@ -230,7 +238,7 @@ def _known_theta(form: Form) -> Array:
     return np.array([values.get(n, 0.0) for n in form.parameters])
 
 
-def regression_of(form: Form, motions: Sequence[Motion], delay: float | None = None) -> Regression:
+def regression_of(form: Form, motions: Sequence[RecordedMotion], delay: float | None = None) -> Regression:
     """Set up the regression on *motions*; parameters with start values, delay, lag and current stay out of it."""
     theta = _known_theta(form)
     if delay is not None and "delay" in form.parameters:
@@ -270,7 +278,7 @@ class InitialGuess:
 
     form: Form
     records: tuple[Segment, ...]
-    motions: tuple[Motion, ...]
+    motions: tuple[RecordedMotion, ...]
     regression: Regression
     initial: tuple[Array, ...]
     rough: Mapping[str, float]

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AxisFit",
-    "Candidate",
     "Decision",
     "Doubt",
     "Fit",
@@ -33,6 +32,7 @@ __all__ = [
     "Parameter",
     "Residuals",
     "Structure",
+    "StructureFit",
     "Trace",
     "plain_data",
 ]
@@ -122,7 +122,7 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class StructureFit:
     """One drag structure fitted by output error: what the decision between structures rests on."""
 
     structure: Structure
@@ -270,7 +270,7 @@ class AxisFit(Fit):
     residual_rms: float
     iso: tuple[IsoEstimate, ...] = ()
     decision: Decision | None = None
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[StructureFit, ...] = ()
     effects: tuple[EffectInstance, ...] = ()
 
     @property

@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
 
-__all__ = ["DOF_OF", "KINDS", "WITHOUT_THROTTLE", "OpenLoop", "Programme", "coasting", "turning"]
+__all__ = ["DOF_OF", "KINDS", "WITHOUT_THROTTLE", "OpenLoopProgramme", "Programme", "coasting", "turning"]
 
 Programme = Callable[[float], Mapping[str, float]]
 """Time since the beginning [s] -> force name -> fraction of full."""
@@ -30,7 +30,7 @@ DOF_OF: Mapping[str, str] = {dof.force: name for name, dof in DOFS.items()}
 """Force -> the degree of freedom that it drives."""
 
 
-class OpenLoop(Manoeuvre):
+class OpenLoopProgramme(Manoeuvre):
     """Flies a programme for ``duration`` [s]. Marks ``level`` where *force* jumps.
 
     ``keep_still``: an ROV's other axes are held meanwhile. ``on_course``: a light hand on the rudder keeps the heading.
@@ -126,24 +126,24 @@ def _random(forces: str, thrust: tuple[float, float], shortest: float, size: flo
     return at
 
 
-def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoop]:
+def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoopProgramme]:
     """Return what makes, for so many seconds, acceleration at each share of thrust in turn, and coasting after it."""
 
-    def make(seconds: float) -> OpenLoop:
+    def make(seconds: float) -> OpenLoopProgramme:
         each = seconds / len(shares)
 
         def at(t: float) -> Mapping[str, float]:
             k = min(int(t / each), len(shares) - 1)
             return {"X": shares[k] if t - k * each < 0.55 * each else 0.0}
 
-        return OpenLoop(kind, at, seconds, force="X")
+        return OpenLoopProgramme(kind, at, seconds, force="X")
 
     return make
 
 
-def turning(kind: str, thrust: float) -> Callable[[float], OpenLoop]:
+def turning(kind: str, thrust: float) -> Callable[[float], OpenLoopProgramme]:
     """Return what makes, for so many seconds, a turn at full steering and constant *thrust*."""
-    return lambda seconds: OpenLoop(kind, _timed(_full, "N", thrust, 1.0, seconds), seconds)
+    return lambda seconds: OpenLoopProgramme(kind, _timed(_full, "N", thrust, 1.0, seconds), seconds)
 
 
 def _s_legs(thrust: float, astern: float, size: float, seconds: float) -> Programme:
@@ -254,7 +254,9 @@ Signal = Callable[[float], float]
 
 def _preset(title: str, forces: str, kind: str, programme: Callable[[float, float], Programme]) -> Preset:
     """Return a preset of *programme*, a function of size and seconds, at full size."""
-    return Preset(title, forces, lambda seconds: OpenLoop(kind, programme(1.0, seconds), seconds, force=forces[-1]))
+    return Preset(
+        title, forces, lambda seconds: OpenLoopProgramme(kind, programme(1.0, seconds), seconds, force=forces[-1])
+    )
 
 
 def _of_any_force(
@@ -267,13 +269,13 @@ def _of_any_force(
     """Return a row; *signal* (options, whether the force may go either way) is what the force chosen follows."""
 
     def row(force: str) -> ManoeuvreKind:
-        def make(given: Mapping[str, float]) -> OpenLoop:
+        def make(given: Mapping[str, float]) -> OpenLoopProgramme:
             seconds, keep_still = given["duration"], bool(given["keep-still"])
             ahead_only = force == "X" and not keep_still
             size = given["steering"] * (1.0 if ahead_only else given["side"])
             thrust = 0.0 if force == "X" else given["throttle"]
             programme = _timed(signal(given, not ahead_only), force, thrust, size, seconds)
-            return OpenLoop(name, programme, seconds, force=force, keep_still=keep_still, on_course=ahead_only)
+            return OpenLoopProgramme(name, programme, seconds, force=force, keep_still=keep_still, on_course=ahead_only)
 
         return ManoeuvreKind(
             name=name,
@@ -301,8 +303,8 @@ def _steered(
 ) -> ManoeuvreKind:
     """Return a row that steers under way; *flown* makes the programme of the options."""
 
-    def make(given: Mapping[str, float]) -> OpenLoop:
-        return OpenLoop(name, flown(given), given["duration"], keep_still=bool(given["keep-still"]))
+    def make(given: Mapping[str, float]) -> OpenLoopProgramme:
+        return OpenLoopProgramme(name, flown(given), given["duration"], keep_still=bool(given["keep-still"]))
 
     return ManoeuvreKind(
         name=name,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.models.single_dof import SingleDof
 
-__all__ = ["COLUMNS", "Motion", "explicit_parameters", "simulate", "simulate_explicit"]
+__all__ = ["COLUMNS", "SimulatedMotion", "explicit_parameters", "simulate", "simulate_explicit"]
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ STEPS_PER_SAMPLE = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class SimulatedMotion:
     """A simulated run at the stamps asked for.
 
     ``eta``, ``nu`` : (n,) position [rad or m] and velocity. ``eta_by``, ``nu_by`` : (n, 7) their derivatives
@@ -190,7 +190,9 @@ def explicit_parameters(model: SingleDof) -> tuple[float, float, float, float, f
     return b, b * model.beta, b * model.beta_quadratic, b * model.delta, model.delay
 
 
-def simulate(model: SingleDof, t_in: Array, tau: Array, t_out: Array, eta_0: float = 0.0, nu_0: float = 0.0) -> Motion:
+def simulate(
+    model: SingleDof, t_in: Array, tau: Array, t_out: Array, eta_0: float = 0.0, nu_0: float = 0.0
+) -> SimulatedMotion:
     """Simulate *model* from ``(eta_0, nu_0)`` at ``t_out[0]``.
 
     Parameters
@@ -201,7 +203,7 @@ def simulate(model: SingleDof, t_in: Array, tau: Array, t_out: Array, eta_0: flo
     return simulate_explicit((*explicit_parameters(model), eta_0, nu_0), t_in, tau, t_out)
 
 
-def simulate_explicit(p: tuple[float, ...] | Array, t_in: Array, tau: Array, t_out: Array) -> Motion:
+def simulate_explicit(p: tuple[float, ...] | Array, t_in: Array, tau: Array, t_out: Array) -> SimulatedMotion:
     """Simulate the explicit form; *p* holds the seven numbers of :data:`COLUMNS`, ``delay >= 0``."""
     n = len(t_out)
     eta, nu, eta_by, nu_by = np.empty(n), np.empty(n), np.empty((n, 7)), np.empty((n, 7))
@@ -221,4 +223,4 @@ def simulate_explicit(p: tuple[float, ...] | Array, t_in: Array, tau: Array, t_o
     if not finite:
         for array in (eta, nu, eta_by, nu_by):
             array.fill(math.nan)
-    return Motion(eta, nu, eta_by, nu_by, finite)
+    return SimulatedMotion(eta, nu, eta_by, nu_by, finite)

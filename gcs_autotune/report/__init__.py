@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
 from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
-from gcs_autotune.report.flight.page import FlownModel, render_flight, render_preview
+from gcs_autotune.report.flight.page import FlightModel, render_flight, render_preview
 from gcs_autotune.report.study.page import render_study
-from gcs_autotune.report.study.study import Outcome, RunRow, Study, study_to_dict
+from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study, study_to_dict
 from gcs_autotune.report.study.tables import method_list, study_summary
 from gcs_autotune.report.summaries import (
     log_summary,
@@ -36,8 +36,8 @@ from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
     "MODEL_FILE",
-    "FlownModel",
-    "Outcome",
+    "FlightModel",
+    "MethodOutcome",
     "RunRow",
     "SilentWatcher",
     "StageBar",

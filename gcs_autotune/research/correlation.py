@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import NU, Segment, drives_of, motion_of, prepare_form
-from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify import NU, GriddedMotion, Segment, drives_of, motion_of, prepare_form
 from gcs_autotune.models import RIGID_BODY, SPECIAL, Form, force_columns, inertia_columns, inertia_of, program_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -70,7 +69,7 @@ def correlations(
     return tuple(table)
 
 
-def _of_record(record: Segment, form: Form, motion: Motion) -> dict[tuple[str, str], tuple[float, float]]:
+def _of_record(record: Segment, form: Form, motion: GriddedMotion) -> dict[tuple[str, str], tuple[float, float]]:
     drives = drives_of(record, form, motion.t, motion.step)
     E = force_columns(form, motion.nu, motion.eta, drives) + inertia_columns(form, motion.nu_dot)
     active = [int(a) for a in program_of(form).active]

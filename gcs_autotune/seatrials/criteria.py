@@ -14,8 +14,8 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Doubt, Reading
 
 __all__ = [
+    "Criterion",
     "Figure",
-    "Limit",
     "Particulars",
     "Sheet",
     "first_overshoot_limit",
@@ -36,7 +36,7 @@ Verdict = Literal["meets", "fails", "open"]
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class Criterion:
     """A criterion: the largest value allowed, in the unit of its figure, and where it stands."""
 
     value: float
@@ -53,7 +53,7 @@ class Figure:
     slug: str
     name: str
     reading: Reading
-    limit: Limit | None = None
+    limit: Criterion | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -82,7 +82,7 @@ class Figure:
 def judged(slug: str, name: str, reading: Reading, limit: float | None = None, source: str = "") -> Figure:
     """Return a figure; *limit* None or NaN when no criterion applies."""
     applies = limit is not None and math.isfinite(limit)
-    return Figure(slug, name, reading, Limit(float(limit), f"MSC.137(76) {source}") if applies and limit else None)
+    return Figure(slug, name, reading, Criterion(float(limit), f"MSC.137(76) {source}") if applies and limit else None)
 
 
 def first_overshoot_limit(length_over_speed: float) -> float:

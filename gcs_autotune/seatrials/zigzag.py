@@ -44,7 +44,7 @@ from gcs_autotune.seatrials.criteria import (
 )
 from gcs_autotune.trial import Trial
 
-__all__ = ["ZigZag", "read_zigzag", "zigzag_sheet"]
+__all__ = ["ZigZagFigures", "read_zigzag", "zigzag_sheet"]
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ UNEVEN = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ZigZag:
+class ZigZagFigures:
     """Figures of one zig-zag; all angles positive, whatever the sign of the rudder.
 
     ``rudder``: mean helm to the positive and to the negative side [unit of the input]. ``heading`` mean change of
@@ -100,7 +100,7 @@ def heading_at(log: ShipLog, t: float, start: float, end: float, degree: int = 2
     return local_fit(s, psi, t, degree, log.floor) if len(s) >= degree + 3 else None
 
 
-def read_zigzag(log: ShipLog) -> ZigZag:
+def read_zigzag(log: ShipLog) -> ZigZagFigures:
     """Return the figures of the zig-zag in a run.
 
     Raises
@@ -139,7 +139,7 @@ def read_zigzag(log: ShipLog) -> ZigZag:
     plus = [e.level for e in executes if e.level > 0.0]
     minus = [-e.level for e in executes if e.level < 0.0]
     spread = float(changes.std(ddof=1)) / math.sqrt(len(changes)) if len(changes) > 1 else at[0].std
-    return ZigZag(
+    return ZigZagFigures(
         run=log.name,
         input=log.steering.name,
         executes=executes,
@@ -337,7 +337,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     return Sheet(log.name, "zig-zag", f"{label}zig-zag{side}", figures, "", z.doubts)
 
 
-def _nominal(z: ZigZag) -> str:
+def _nominal(z: ZigZagFigures) -> str:
     """Return "10/10" or "20/20" when helm and heading are those to a tenth and a sixth, else an empty string."""
     for angle in (10.0, 20.0):
         near = math.radians(angle)
@@ -346,7 +346,7 @@ def _nominal(z: ZigZag) -> str:
     return ""
 
 
-def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZag) -> tuple[Figure, ...]:
+def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures) -> tuple[Figure, ...]:
     every = [rows for record in prepare(run, "yaw") if (rows := rows_of(record)) is not None]
     if not every:
         return ()

@@ -12,7 +12,7 @@ import numpy as np
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify import AxisFit, Validation, fit_axis, save_model, validate
 from gcs_autotune.manoeuvres import DOF_OF, Preview
-from gcs_autotune.report import FlownModel, render_flight, render_preview
+from gcs_autotune.report import FlightModel, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.trial import Trial
@@ -42,7 +42,7 @@ class FlightResult:
     runs: Sequence[FlownRun]
     page: Path | None = None
     sheets: Sequence[Sheet] = ()
-    models: Sequence[FlownModel] = ()
+    models: Sequence[FlightModel] = ()
     remarks: Sequence[str] = ()
 
     @property
@@ -123,12 +123,12 @@ def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[lis
     return found
 
 
-def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: TuneSettings) -> FlownModel:
+def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: TuneSettings) -> FlightModel:
     fit = fit_axis(
         list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
     )
     unseen: Validation | None = validate(fit.model, held) if held else None
-    return FlownModel(fit, tuple(t.name for t in held), unseen)
+    return FlightModel(fit, tuple(t.name for t in held), unseen)
 
 
 def _limited(trial: Trial) -> list[str]:

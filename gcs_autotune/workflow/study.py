@@ -26,7 +26,7 @@ from gcs_autotune.identify import (
     whole_model,
 )
 from gcs_autotune.models import Form
-from gcs_autotune.report import Outcome, RunRow, Study
+from gcs_autotune.report import MethodOutcome, RunRow, Study
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.study_sections import (
     Intervals,
@@ -146,7 +146,7 @@ def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Stud
         title=title,
         when=when,
         runs=tuple(_row(t, "identification") for t in runs),
-        outcomes=(Outcome(fit.method, fit, 0.0),),
+        outcomes=(MethodOutcome(fit.method, fit, 0.0),),
         cannot_tell=cannot_tell(fit, runs),
         trials=tuple(runs),
     )
@@ -207,7 +207,7 @@ def _outcome(
     pieces: _Pieces,
     *,
     lenient: bool,
-) -> Outcome:
+) -> MethodOutcome:
     begun = time.perf_counter()
 
     def identify(trials: Sequence[Trial]) -> Fit:
@@ -235,12 +235,12 @@ def _outcome(
         if not lenient:
             raise
         pieces.skip(checks)
-        return Outcome(method, None, time.perf_counter() - begun, refusal=str(error))
+        return MethodOutcome(method, None, time.perf_counter() - begun, refusal=str(error))
     seconds = time.perf_counter() - begun
     if not settings.check:
-        return Outcome(method, found, seconds)
+        return MethodOutcome(method, found, seconds)
     checked, objections = _check(found, identify, runs, unseen, lambda: pieces.begin(f"{method}: checking"))
-    return Outcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
+    return MethodOutcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
 
 
 def _tells_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
@@ -309,7 +309,7 @@ def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial])
     return whole_model(identify(runs))
 
 
-def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: Outcome) -> str:
+def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:
     """Return which data the check used, and what could not be checked."""
     said = _checked_on(runs, unseen) if answer.unseen is not None else "Nothing could be checked."
     return said + (f" Not checked: {answer.objections}." if answer.objections else "")

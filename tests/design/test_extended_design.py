@@ -15,7 +15,7 @@ from gcs_autotune.design.effect_reduction import _LEFT_OUT, _REDUCED
 from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.laws.kernel import actuate
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import Region, heavier
 from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
@@ -134,7 +134,7 @@ def test_hunting_is_that_of_the_describing_function() -> None:
     law, craft, play = LAWS["rover-heading"], yaw(ALPHA, BETA), 0.05
     settings = {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 0.6, "ATC_STR_RAT_I": 0.6}
     delay = 0.03
-    problem = Problem(
+    problem = DesignProblem(
         law, [], Region(craft, np.zeros((5, 5)), ()), settings, SPEC, 0.2, delay, actuator=Actuator(play=play)
     )
     found = hunting_of(problem, settings, 0.2)
@@ -163,7 +163,7 @@ def cost(gains: Proposal, aware: Proposal, *effects: EffectInstance) -> tuple[fl
     law = LAWS["rover-heading"]
     region = Region(r.model, np.zeros((5, 5)), ())
     delay = 1.5 * law.loop_period(ROVER_DEFAULTS)
-    problem = Problem(law, [], region, ROVER_DEFAULTS, SPEC, law.usual_step, delay, actuator=r.actuator)
+    problem = DesignProblem(law, [], region, ROVER_DEFAULTS, SPEC, law.usual_step, delay, actuator=r.actuator)
     settings = {**ROVER_DEFAULTS, **gains.new}
     steps = [predict_metrics(problem, settings, f * problem.step, 20.0) for f in (1.0, 1.0 / 3.0)]
     return float(np.mean([m.itae for m in steps])), max(m.overshoot for m in steps)
@@ -188,7 +188,7 @@ def test_a_delay_makes_the_loop_slower_and_keeps_its_margins() -> None:
     assert late.margins.phase >= SPEC.phase_margin and late.margins.gain >= SPEC.gain_margin
     settings = {**ROVER_DEFAULTS, **quick.new}
     r = reduce(boat(on("input-delay", delay=0.5)), "yaw", {})
-    problem = Problem(LAWS["rover-heading"], [], Region(r.model, np.zeros((5, 5)), ()), settings, SPEC, 0.5, 0.03)
+    problem = DesignProblem(LAWS["rover-heading"], [], Region(r.model, np.zeros((5, 5)), ()), settings, SPEC, 0.5, 0.03)
     assert problem.margins(settings, quick.wanted, [r.model])[0].phase < late.margins.phase
 
 
@@ -196,7 +196,7 @@ def test_a_lag_and_a_gain_that_differs_by_direction_count_in_the_margins() -> No
     settings = {**ROVER_DEFAULTS, **proposed().new}
     wanted = proposed().wanted
     region = Region(yaw(ALPHA, BETA), np.zeros((5, 5)), ())
-    plain = Problem(LAWS["rover-heading"], [], region, settings, SPEC, 0.5, 0.03)
+    plain = DesignProblem(LAWS["rover-heading"], [], region, settings, SPEC, 0.5, 0.03)
     nominal = plain.margins(settings, wanted, [region.model])[0]
     slow = replace(plain, actuator=Actuator(lag=0.3)).margins(settings, wanted, [region.model])[0]
     strong = replace(plain, actuator=Actuator(ahead=2.0)).margins(settings, wanted, [region.model])[0]

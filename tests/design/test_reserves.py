@@ -13,9 +13,9 @@ import pytest
 from gcs_autotune.design import Margins, Spec, StepMetrics, design
 from gcs_autotune.design import proposal as door
 from gcs_autotune.design.margins import worst
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.result import Prediction
-from gcs_autotune.design.selection import Candidate, is_tolerable, judge, objections
+from gcs_autotune.design.selection import GainCandidate, is_tolerable, judge, objections
 from gcs_autotune.design.verdict import Verdict
 
 from .crafts import SUB_HEADING, present, uncertain, yaw
@@ -39,10 +39,12 @@ def test_the_worst_of_several_loops_has_the_least_of_each_margin_whichever_loop_
     assert not worst([unstable, loops[0]]).stable
 
 
-def problem(delay: float = 0.0, period: float = 0.02, present_overshoot: float = 0.0, free: float = 0.0) -> Problem:
+def problem(
+    delay: float = 0.0, period: float = 0.02, present_overshoot: float = 0.0, free: float = 0.0
+) -> DesignProblem:
     law = SimpleNamespace(loop_period=lambda settings: period, free_overshoot=free)
     return cast(
-        Problem,
+        DesignProblem,
         SimpleNamespace(spec=Spec(), law=law, model=SimpleNamespace(delay=delay), present_overshoot=present_overshoot),
     )
 
@@ -95,7 +97,7 @@ def test_a_step_may_overshoot_as_the_present_one_does_but_a_quarter_at_most(
 def test_what_is_still_safe_to_fly_has_the_least_of_all_margins(
     change: dict[str, Any], overshoot: float, is_safe: bool
 ) -> None:
-    candidate = Candidate(
+    candidate = GainCandidate(
         cast(Any, None), {}, FINE, replace(FINE, **change), promise(overshoot), objections=("misses the wish",)
     )
     assert is_tolerable(candidate) is is_safe
@@ -111,7 +113,7 @@ def test_present_gains_that_no_proposal_betters_are_left_alone_only_when_they_ar
     """The search is left out: it proposes one set of gains, and the verdict is that they promise no better step."""
     proposed = {**present(SUB_HEADING), "ATC_RAT_YAW_P": 0.25}
 
-    def choose(given: Problem) -> Candidate:
+    def choose(given: DesignProblem) -> GainCandidate:
         return judge(given, door.reference_model("bessel", 2.0), proposed, 6.0)
 
     monkeypatch.setattr(door, "choose", choose)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from gcs_autotune.design import Margins, ReferenceModel, Spec, StepMetrics, selection
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.reference_model import settling_time
 from gcs_autotune.design.result import Prediction
-from gcs_autotune.design.selection import Candidate, choose
+from gcs_autotune.design.selection import GainCandidate, choose
 from gcs_autotune.errors import NoGainsMeetSpec
 
 FINE = Margins(gain=5.0, phase=1.2, delay=10.0, stable=True)
@@ -28,7 +28,7 @@ def problem(
     use: float = 0.1,
     velocity: float = 0.1,
     needs: Callable[[float], float] = lambda omega: omega,
-) -> Problem:
+) -> DesignProblem:
     """Return a craft that needs *use* of its actuator and *velocity* per rad/s of the wish; it may do 1 m/s."""
     law = SimpleNamespace(
         name="heading",
@@ -42,7 +42,7 @@ def problem(
         return use * needs(wanted.omega_0), velocity * needs(wanted.omega_0)
 
     return cast(
-        Problem,
+        DesignProblem,
         SimpleNamespace(
             spec=spec or Spec(),
             law=law,
@@ -72,15 +72,15 @@ class Bench:
         monkeypatch.setattr(selection, "match", self.match)
         monkeypatch.setattr(selection, "judge", self.judge)
 
-    def match(self, given: Problem, wanted: ReferenceModel, start: Any) -> dict[str, float]:
+    def match(self, given: DesignProblem, wanted: ReferenceModel, start: Any) -> dict[str, float]:
         self.starts.append(start)
         return {"GAIN": 10.0 + len(self.wishes)}
 
-    def judge(self, given: Problem, wanted: ReferenceModel, settings: Any, span: float) -> Candidate:
+    def judge(self, given: DesignProblem, wanted: ReferenceModel, settings: Any, span: float) -> GainCandidate:
         itae, objection = self.promises[min(len(self.wishes), len(self.promises) - 1)]
         self.wishes.append(wanted)
         self.spans.append(span)
-        return Candidate(wanted, settings, FINE, self.low, promise(itae), (objection,) * bool(objection))
+        return GainCandidate(wanted, settings, FINE, self.low, promise(itae), (objection,) * bool(objection))
 
     def speeds(self) -> list[float]:
         return [w.omega_0 for w in self.wishes]
@@ -103,7 +103,7 @@ FASTER_IS_WORSE = [(10.0, "")]
     ids=["actuator", "velocity", "nothing", "own delay", "delay beyond", "both delays", "a weak actuator"],
 )
 def test_the_first_wish_is_the_fastest_that_actuator_velocity_and_delay_leave_room_for(
-    given: Problem, fastest: float, monkeypatch: pytest.MonkeyPatch
+    given: DesignProblem, fastest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(monkeypatch, FASTER_IS_WORSE)
     choose(given)
@@ -175,7 +175,7 @@ def test_margins_of_the_craft_and_the_worst_of_the_region_are_both_told(monkeypa
     )
     monkeypatch.setattr(selection, "predict", lambda *given: promise(2.0))
     monkeypatch.setattr(selection, "objections", lambda *given: iter(["a", "b"]))
-    candidate = selection.judge(cast(Problem, given), cast(Any, "wish"), {"GAIN": 1.0}, 5.0)
+    candidate = selection.judge(cast(DesignProblem, given), cast(Any, "wish"), {"GAIN": 1.0}, 5.0)
     assert asked == [["craft", "sample"]]
     assert (candidate.margins, candidate.worst_margins) == (found[0], Margins(3.0, 0.9, 0.2, True))
     assert candidate.objections == ("a", "b")

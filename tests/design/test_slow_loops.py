@@ -14,10 +14,10 @@ import pytest
 from gcs_autotune.design import Actuator, Proposal, Spec, design, is_better, step_metrics
 from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
-from gcs_autotune.design.matching import Problem
+from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.reduction import Reduction
 from gcs_autotune.design.reference_model import reference_model
-from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, Candidate, judge
+from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
 from gcs_autotune.design.verdict import Verdict
 
 from .crafts import DEFAULTS, DEG, SUB_HEADING, SUB_HEADING_DEFAULTS, heave, uncertain, yaw
@@ -45,9 +45,9 @@ def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() ->
 
 @pytest.mark.slow
 def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Candidate] = []
+    seen: list[GainCandidate] = []
 
-    def worsen(problem: Problem, chosen: Candidate, span: float) -> Candidate:
+    def worsen(problem: DesignProblem, chosen: GainCandidate, span: float) -> GainCandidate:
         seen.append(chosen)
         metrics = replace(chosen.prediction.metrics, itae=50.0)
         return replace(chosen, prediction=replace(chosen.prediction, metrics=metrics))
@@ -62,7 +62,7 @@ def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest
 def test_nothing_better_is_said_only_after_a_look_all_over_the_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither the wishes nor the descents find anything: the scatter does."""
 
-    def present(problem: Problem) -> Candidate:
+    def present(problem: DesignProblem) -> GainCandidate:
         return judge(problem, reference_model("bessel", 2.0), dict(problem.settings), 30.0)
 
     monkeypatch.setattr(door, "choose", present)

@@ -10,7 +10,7 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.candidates import Candidate
+from gcs_autotune.diagnose.candidates import EffectCandidate
 from gcs_autotune.diagnose.state import mistaken_for
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import UnknownName, UsageError
@@ -132,7 +132,7 @@ def test_every_entry_of_the_book_says_what_it_is_and_what_separates_it(slug):
 
 def test_what_a_promising_cause_is_easily_mistaken_for_is_fitted_too_however_little_it_promised():
     def candidate(slug, place):
-        return Candidate(EffectInstance(slug, place, {}), None, 0.0, np.zeros(0))
+        return EffectCandidate(EffectInstance(slug, place, {}), None, 0.0, np.zeros(0))
 
     passed_over = [candidate(*c) for c in (("rudder-stall", "N"), ("rudder-stall", "delta"), ("dead-zone", "N"))]
     taken = mistaken_for(EffectInstance("saturation", "N", {"limit": 1.0}), passed_over)

@@ -9,7 +9,7 @@ import pytest
 from experiment_plants import BOAT, Steps, circle, recorded, sail
 
 from gcs_autotune.errors import UnknownName, UsageError
-from gcs_autotune.experiments.next_manoeuvre import Proposal, plan_next
+from gcs_autotune.experiments.next_manoeuvre import RankedManoeuvre, plan_next
 from gcs_autotune.experiments.pictures import proposal_picture
 from gcs_autotune.experiments.preview import helm_of
 from gcs_autotune.identify import Fit, fit
@@ -22,14 +22,14 @@ FORM = replace(FORM, start={k: 0.9 * v for k, v in BOAT.items()})
 
 
 @pytest.fixture(scope="module")
-def circled() -> tuple[list[Trial], Fit, Proposal]:
+def circled() -> tuple[list[Trial], Fit, RankedManoeuvre]:
     runs = [recorded(circle(wobble=0.02), 60.0, 1, after=10.0)]
     made = fit(runs, FORM, delay=0.0)
     return runs, made, plan_next(made, runs, seconds=40.0)
 
 
 def test_after_a_circle_something_better_than_another_circle_comes_first(
-    circled: tuple[list[Trial], Fit, Proposal],
+    circled: tuple[list[Trial], Fit, RankedManoeuvre],
 ) -> None:
     _, _, proposal = circled
     assert "circle" not in proposal.best.candidate.title
@@ -40,7 +40,7 @@ def test_after_a_circle_something_better_than_another_circle_comes_first(
 
 
 def test_every_standard_error_falls_and_the_ranking_is_by_the_worst(
-    circled: tuple[list[Trial], Fit, Proposal],
+    circled: tuple[list[Trial], Fit, RankedManoeuvre],
 ) -> None:
     _, _, proposal = circled
     for plan in proposal.plans:
@@ -52,7 +52,7 @@ def test_every_standard_error_falls_and_the_ranking_is_by_the_worst(
     assert f"from {100 * proposal.now.relative.max():.0f} %" in proposal.words[0]
 
 
-def test_inputs_stay_within_those_the_runs_have_used(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+def test_inputs_stay_within_those_the_runs_have_used(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     runs, _, proposal = circled
     X, N = (float(np.abs(runs[0][n].values).max()) for n in "XN")
     assert len(proposal.plans) > 1
@@ -63,7 +63,7 @@ def test_inputs_stay_within_those_the_runs_have_used(circled: tuple[list[Trial],
         assert np.abs(inputs[:, 1]).max() <= N * (1 + 1e-12)
 
 
-def test_a_zigzag_turns_at_its_angle(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+def test_a_zigzag_turns_at_its_angle(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     _, _, proposal = circled
     plan = next(p for p in proposal.plans if p.candidate.title == "zig-zag 20/20 at 60 % throttle")
     flight = plan.flight
@@ -74,7 +74,7 @@ def test_a_zigzag_turns_at_its_angle(circled: tuple[list[Trial], Fit, Proposal])
     assert np.all((at > 19.5) & (at < 26.0))
 
 
-def test_faster_motion_than_ever_seen_is_flagged(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+def test_faster_motion_than_ever_seen_is_flagged(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     _, _, proposal = circled
     straight = next(p for p in proposal.plans if p.candidate.title == "acceleration and coast-down")
     assert any("room" in f for f in straight.flags)
@@ -137,7 +137,9 @@ def test_differential_thrust_steers_and_drives() -> None:
     assert np.all(np.abs(helm.inputs({"thrust": 1.0, "steer": 1.0})) <= 8.0)
 
 
-def test_unknown_manoeuvres_and_senseless_lengths_are_refused(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+def test_unknown_manoeuvres_and_senseless_lengths_are_refused(
+    circled: tuple[list[Trial], Fit, RankedManoeuvre],
+) -> None:
     runs, made, _ = circled
     with pytest.raises(UnknownName, match="zig"):
         plan_next(made, runs, ["zigzag"])
@@ -147,7 +149,7 @@ def test_unknown_manoeuvres_and_senseless_lengths_are_refused(circled: tuple[lis
         plan_next(made, runs, ["heave-bob"])
 
 
-def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, Proposal]) -> None:
+def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     _, _, proposal = circled
     axes = proposal_picture(proposal).axes[0]
     assert len(axes.patches) == 2 * len(proposal.names)

@@ -9,6 +9,7 @@ import pytest
 
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import GUARDS, Dive, DiveSettings, Envelope, Step, StepSettings
+from gcs_autotune.manoeuvres.area import Area, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
 from .pond import at_rest
@@ -20,6 +21,7 @@ SIGNALS = {
     "least depth": "z",
     "speed": "speed",
     "distance from start": "x",
+    "outside the area": "x",
     "roll": "phi",
     "pitch": "theta",
     "battery voltage": "battery_voltage",
@@ -38,6 +40,7 @@ FIELDS = {
     "least depth": {"depth_min": 0.1},
     "speed": {"speed": 4.0},
     "distance from start": {"distance": 300.0},
+    "outside the area": {"area": Area((Zone(((0.0, 0.0),), 50.0),), "a test")},
     "roll": {"roll": 1.0},
     "pitch": {"pitch": 1.0},
     "battery voltage": {"battery_voltage": 10.0},

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Portrait, Ranked, Signature, Value
+from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Portrait, Ranked, Signature, Value
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify.result import Doubt, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form
@@ -105,7 +105,9 @@ def gains(before, after):
         b, a = rms(old.traces), rms(new.traces)
         held = "each run predicted by a model fitted to the others"
         made.append(
-            Gain("held-out simulation RMSE", old.signal, old.unit, b, a, a / b, (0.85 * a / b, 1.2 * a / b), held)
+            ErrorReduction(
+                "held-out simulation RMSE", old.signal, old.unit, b, a, a / b, (0.85 * a / b, 1.2 * a / b), held
+            )
         )
     return tuple(made)
 
@@ -226,7 +228,9 @@ def nothing():
 def bare():
     """As little as there can be: no portrait, no ranking, numbers that are not known."""
     told = nothing()
-    unknown = Gain("held-out simulation RMSE", "r", "rad/s", math.nan, math.nan, math.nan, (math.nan, math.nan))
+    unknown = ErrorReduction(
+        "held-out simulation RMSE", "r", "rad/s", math.nan, math.nan, math.nan, (math.nan, math.nan)
+    )
     return replace(
         told, before=(), after=(), gain=unknown, gains=(unknown,), noise={}, left=Signature(), held_out=(), tried=0
     )

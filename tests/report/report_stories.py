@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
-from gcs_autotune.identify.result import AxisFit, Candidate, Decision, Doubt, IsoEstimate, LimitCycle, Parameter, Trace
+from gcs_autotune.identify.result import (
+    AxisFit,
+    Decision,
+    Doubt,
+    IsoEstimate,
+    LimitCycle,
+    Parameter,
+    StructureFit,
+    Trace,
+)
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Channel, Mark, Trial
@@ -102,7 +111,7 @@ def fit(
     )
     sigma = (20.8, 1.2) if verdict != "undecided" else (4.0, 3.1)
     candidates = tuple(
-        Candidate(s, replace(model), rms, -bic / 2, k, bic)
+        StructureFit(s, replace(model), rms, -bic / 2, k, bic)
         for s, rms, k, bic in (
             ("linear", 0.0131, 4, -5210.4),
             ("nonlinear", 0.0042, 4, -7730.2),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify import fit
-from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, study_summary
 from gcs_autotune.report.study.tables import meaning_of
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial
@@ -32,8 +32,8 @@ def study() -> Study:
     run = trial()
     found = fit(run, "linear")
     outcomes = (
-        Outcome("output-error", found, 0.2, found.validate(run)),
-        Outcome("iso", None, 0.0, None, "no relay here"),
+        MethodOutcome("output-error", found, 0.2, found.validate(run)),
+        MethodOutcome("iso", None, 0.0, None, "no relay here"),
     )
     row = RunRow(run.name, "run.csv", run.duration, 400, ("r", "N"), "identification")
     return Study("Identification of yaw", "2026-11-21T10:00:00", (row,), outcomes, how_unseen="Predicted.")

@@ -17,7 +17,7 @@ from gcs_autotune.identify import AxisFit, fit
 from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.identify.whiteness import remainder_of
-from gcs_autotune.report import Outcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, study_summary
 from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
 from gcs_autotune.report.study.study import verdict_headline
 from gcs_autotune.report.toolkit.axis_fit import (
@@ -93,7 +93,7 @@ def study(found: AxisFit, unseen: float) -> Study:
     checked = found.validate(wave())
     checked = replace(checked, statistics=tuple(replace(s, fit_percent=unseen) for s in checked.statistics))
     row = RunRow("wavy", "wavy.csv", 40.0, 400, ("r", "N"), "identification")
-    outcome = Outcome("output-error", found, 0.2, checked)
+    outcome = MethodOutcome("output-error", found, 0.2, checked)
     return Study("Identification of yaw", "2026-11-21T10:00:00", (row,), (outcome,), how_unseen="Predicted.")
 
 

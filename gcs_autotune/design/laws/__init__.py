@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from gcs_autotune.design.laws.law import SKID, THROTTLE, Law, Motion, Scenario, Settings
+from gcs_autotune.design.laws.law import SKID, THROTTLE, Law, LoopMotion, Scenario, Settings
 from gcs_autotune.design.laws.rover_heading import RoverHeading
 from gcs_autotune.design.laws.rover_speed import RoverSpeed
 from gcs_autotune.design.laws.rover_steering import most_feed_forward
@@ -14,7 +14,7 @@ from gcs_autotune.design.laws.sub_heading import SubHeading
 from gcs_autotune.design.laws.sub_yaw import SubYaw
 from gcs_autotune.models import SingleDof
 
-__all__ = ["CEILINGS", "LAWS", "SKID", "THROTTLE", "Law", "Motion", "Scenario", "Settings"]
+__all__ = ["CEILINGS", "LAWS", "SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings"]
 
 LAWS: Mapping[str, Law] = {
     law.name: law for law in (RoverHeading(), RoverYaw(), RoverSpeed(), SubHeading(), SubYaw(), SubDepth())

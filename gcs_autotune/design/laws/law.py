@@ -15,7 +15,7 @@ from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
-__all__ = ["SKID", "THROTTLE", "Law", "Motion", "Scenario", "Settings", "setting"]
+__all__ = ["SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings", "setting"]
 
 Settings = Mapping[str, float]
 """Parameter name -> value: the autopilot's limits and filters in force, and the gains being tried."""
@@ -45,7 +45,7 @@ class Scenario:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class LoopMotion:
     """What a simulated loop did: arrays (n,) at the autopilot's loop rate, SI units, output in fractions."""
 
     t: NDArray[np.float64]
@@ -116,7 +116,7 @@ class Law(Protocol):
         speed: float | None,
         delay: float,
         actuator: Actuator = PERFECT,
-    ) -> Motion:
+    ) -> LoopMotion:
         """Fly *scenario* on *model* with everything nonlinear in place; *delay* [s] is beyond the model's."""
         ...
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws.kernel import gyro_coefficients, plant_vector
-from gcs_autotune.design.laws.law import Motion, Scenario, Settings, setting
+from gcs_autotune.design.laws.law import LoopMotion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.design.result import ReferenceModel
@@ -71,7 +71,7 @@ class Loop(ABC):
     def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
         """Return what the kernel takes as limits before the filters; *dt* is the loop period [s]."""
 
-    def fly(self, settings: Settings, speed: float | None, duration: float, *vectors: Array) -> Motion:
+    def fly(self, settings: Settings, speed: float | None, duration: float, *vectors: Array) -> LoopMotion:
         """Run the kernel for *duration* [s]; *vectors* are craft, actuator and, for velocities, the start."""
         dt = self.loop_period(settings)
         count = round(duration / dt) + 1
@@ -81,7 +81,7 @@ class Loop(ABC):
         limits = np.array([*self.limits(settings, speed, dt), *cutoffs])
         sensor = [gyro_coefficients(self._get(settings, self.gyro), 1.0 / dt)] if self.gyro else []
         type(self).kernel(gains, limits, *sensor, *vectors, position, output)
-        return Motion(dt * np.arange(count, dtype=np.float64), position, output)
+        return LoopMotion(dt * np.arange(count, dtype=np.float64), position, output)
 
 
 def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, float]:
@@ -126,7 +126,7 @@ class PositionLoop(Loop):
         speed: float | None,
         delay: float,
         actuator: Actuator = PERFECT,
-    ) -> Motion:
+    ) -> LoopMotion:
         """Fly *scenario*."""
         dt = self.loop_period(settings)
         craft = plant_vector(model, scenario, dt, delay, actuator)
@@ -202,7 +202,7 @@ class VelocityLoop(Loop):
         speed: float | None,
         delay: float,
         actuator: Actuator = PERFECT,
-    ) -> Motion:
+    ) -> LoopMotion:
         """Fly *scenario*."""
         dt = self.loop_period(settings)
         velocity = start_of(scenario.step, self.base(scenario.step, speed))

@@ -26,13 +26,13 @@ from gcs_autotune.identify.solution import Solution
 from gcs_autotune.identify.stamp_correction import switches_of
 from gcs_autotune.models import simulate_explicit
 
-__all__ = ["Agreement", "agreement"]
+__all__ = ["StepAgreement", "agreement"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
+class StepAgreement:
     """How the velocities differ from the fitted motion.
 
     ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s] with their standard errors, both fits' taken together;
@@ -62,7 +62,7 @@ class _Compared:
     step: float
 
 
-def agreement(records: Sequence[Segment], solution: Solution) -> Agreement | None:
+def agreement(records: Sequence[Segment], solution: Solution) -> StepAgreement | None:
     """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
@@ -78,7 +78,7 @@ def agreement(records: Sequence[Segment], solution: Solution) -> Agreement | Non
     ends = np.cumsum([len(p.error) for p in parts])[:-1]
     gain, lag, bias = (float(v) for v in found[-3:])
     std = np.sqrt(np.diag(covariance)[-3:])
-    return Agreement(
+    return StepAgreement(
         gain,
         lag,
         bias,

@@ -15,7 +15,7 @@ from gcs_autotune.identify.axis.start import Bounds, start_from_scan
 from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
 from gcs_autotune.identify.first_look import first_levels, first_states, quanta_of
 from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Candidate, Decision, Structure
+from gcs_autotune.identify.result import Decision, Structure, StructureFit
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
@@ -46,7 +46,7 @@ class Selection:
     structure: Structure
     solution: Solution
     solutions: Mapping[Structure, Solution]
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[StructureFit, ...]
     correlation: float
     undecided: bool
     delay_evidence: float
@@ -212,8 +212,8 @@ def _better(one: Solution | None, other: Solution | None) -> Solution | None:
     return one if one.log_likelihood >= other.log_likelihood else other
 
 
-def _candidate(record: Segment, structure: Structure, solution: Solution, bic: float) -> Candidate:
-    return Candidate(
+def _candidate(record: Segment, structure: Structure, solution: Solution, bic: float) -> StructureFit:
+    return StructureFit(
         structure=structure,
         model=model_of(record, solution.theta),
         rms=solution.rms(solution.residuals[0].signal),

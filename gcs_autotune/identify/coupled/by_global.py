@@ -12,7 +12,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.global_search import box_of, search
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.limits import limits_of
-from gcs_autotune.identify.coupled.local import Delayed, Local, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, LocalCost, local_fit
 from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Fit
@@ -69,7 +69,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     if plain is not None and ahead < 0.0:
         polished = plain
     extra = {"search": {**told, "ahead_of_local": ahead}}
-    return fit_of(case, Delayed(Local(polished, records), 0.0), limits, "global", extra)
+    return fit_of(case, Delayed(LocalCost(polished, records), 0.0), limits, "global", extra)
 
 
 def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Solution | None:

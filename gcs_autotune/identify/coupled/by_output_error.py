@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
-from gcs_autotune.identify.coupled.local import Delayed, Local, fit_with_delay, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, LocalCost, fit_with_delay, local_fit
 from gcs_autotune.identify.doubts import delay_fitted, once, reversed_input, solution_doubts
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.likelihood import Limits
@@ -141,7 +141,7 @@ def _doubts(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt, 
     return once([*notes, *solution_doubts(solution), *(d for d in of_its_own if d is not None)])
 
 
-def _pieces(local: Local) -> Doubt | None:
+def _pieces(local: LocalCost) -> Doubt | None:
     if not local.pieces:
         return None
     longest = max(float(np.ptp(r.stamps)) for r in local.records)

@@ -21,7 +21,7 @@ from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.doubts import OF_THE_RUNS, once
 from gcs_autotune.identify.free_run import rms_of
-from gcs_autotune.identify.result import AxisFit, Candidate, Fit, Parameter, Status, Structure
+from gcs_autotune.identify.result import AxisFit, Fit, Parameter, Status, Structure, StructureFit
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, SingleDof
 from gcs_autotune.sname import DOFS, Dof
@@ -184,7 +184,7 @@ def for_axis(method: Callable[[CoupledCase], Fit]) -> Callable[[Case], AxisFit]:
         if case.structure is not None:
             return axis_fit(case, case.structure, method(coupled_case(case, case.structure)))
         found: list[tuple[float, AxisFit]] = []
-        candidates: list[Candidate] = []
+        candidates: list[StructureFit] = []
         for structure in FREE:
             try:
                 fit = axis_fit(case, structure, method(coupled_case(case, structure)))
@@ -195,7 +195,7 @@ def for_axis(method: Callable[[CoupledCase], Fit]) -> Callable[[Case], AxisFit]:
             log_likelihood = -n * math.log(max(fit.residual_rms, 1e-300))
             bic = -2.0 * log_likelihood + spent * math.log(max(n, 2))
             sane = fit.model.alpha * fit.model.beta >= 0.0 and fit.model.alpha * fit.model.beta_quadratic >= 0.0
-            candidates.append(Candidate(structure, fit.model, fit.residual_rms, log_likelihood, spent, bic))
+            candidates.append(StructureFit(structure, fit.model, fit.residual_rms, log_likelihood, spent, bic))
             found.append((bic if sane else bic + 1e6, fit))
         if not found:
             raise NotInformative(f"run '{case.names[0]}': no drag structure could be fitted by this method")

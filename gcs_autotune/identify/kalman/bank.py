@@ -12,7 +12,7 @@ from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, program_of, states_of
 
-__all__ = ["Bank", "Levels", "Passed", "Prior", "Smoothed", "Track"]
+__all__ = ["Bank", "FilterRecord", "Levels", "Passed", "Prior", "Smoothed"]
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class FilterRecord:
     """One record: ``stamps`` (s,), samples ``Y`` (s, m) with NaN where a signal has none, inputs as in the record."""
 
     record: Segment
@@ -186,7 +186,7 @@ class Bank:
         return Smoothed(tuple(trajectories), tuple(variances), by_noise, by_drive)
 
 
-def _track(record: Segment, signals: Sequence[str]) -> Track:
+def _track(record: Segment, signals: Sequence[str]) -> FilterRecord:
     stamps = record.stamps
     holes = np.flatnonzero(np.diff(stamps) > LONGEST)
     between = [
@@ -199,7 +199,7 @@ def _track(record: Segment, signals: Sequence[str]) -> Track:
         if name in record.signals:
             signal = record.signals[name]
             Y[np.searchsorted(stamps, signal.t), j] = signal.values
-    return Track(record, stamps, Y)
+    return FilterRecord(record, stamps, Y)
 
 
 def tuned(levels: Levels, smoothed: Smoothed, floors: Array, *, noise: bool = True, drive: bool = True) -> Levels:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.free_run import first_state
-from gcs_autotune.identify.initial_guess import SPECIAL_START, Motion, regression_of
+from gcs_autotune.identify.initial_guess import SPECIAL_START, RecordedMotion, regression_of
 from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.segment import Segment, Signal
@@ -100,7 +100,7 @@ def _rough_noise(signal: Signal) -> float:
     return max(1.4826 * float(np.median(np.abs(off))), least)
 
 
-def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Motion, Array]:
+def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[RecordedMotion, Array]:
     """Smooth one record with velocities that walk at random; also return the noise variances (m,) of *signals*.
 
     A velocity counts as known where the run tells of it at all: this smoother takes positions only as well.
@@ -141,10 +141,12 @@ def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Motion
     nu_dot = np.gradient(X[:, k : 2 * k], t, axis=0)
     by_name = dict(zip(bank.signals, levels.noise, strict=True))
     order = np.array([by_name.get(s, np.nan) for s in signals])
-    return Motion(t, X, nu_dot, inputs, seen), order
+    return RecordedMotion(t, X, nu_dot, inputs, seen), order
 
 
-def _regression(form: Form, motions: Sequence[Motion], given: Mapping[str, float]) -> tuple[Array, Array, Array]:
+def _regression(
+    form: Form, motions: Sequence[RecordedMotion], given: Mapping[str, float]
+) -> tuple[Array, Array, Array]:
     """Return all parameters, the scales of the free ones, and the accelerations (k,) the equations do not explain."""
     names = form.parameters
     seen = np.any([m.known for m in motions], axis=0)
@@ -192,13 +194,15 @@ def _scale(force: Array, size: Array, value: float) -> float:
     return max(natural, abs(value), 1e-9)
 
 
-def _balance(form: Form, theta: Array, motions: Sequence[Motion]) -> Balance:
+def _balance(form: Form, theta: Array, motions: Sequence[RecordedMotion]) -> Balance:
     """Return the balance of the equations at all stamps."""
     found = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
     return Balance(np.vstack([b.values for b in found]), np.vstack([b.by for b in found]))
 
 
-def _make_inertia_positive(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
+def _make_inertia_positive(
+    form: Form, theta: Array, motions: Sequence[RecordedMotion], given: Mapping[str, float]
+) -> None:
     """Replace inertias that came out negative by what input over acceleration suggests."""
     active = program_of(form).active
     M = inertia_matrix(form, theta)[np.ix_(active, active)]
@@ -206,7 +210,7 @@ def _make_inertia_positive(form: Form, theta: Array, motions: Sequence[Motion], 
         _rough_inertia(form, theta, motions, given)
 
 
-def _cautious(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> Array:
+def _cautious(form: Form, theta: Array, motions: Sequence[RecordedMotion], given: Mapping[str, float]) -> Array:
     names, cautious = form.parameters, theta.copy()
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     for name in form.free:
@@ -216,7 +220,7 @@ def _cautious(form: Form, theta: Array, motions: Sequence[Motion], given: Mappin
     return cautious
 
 
-def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: Mapping[str, float]) -> None:
+def _rough_inertia(form: Form, theta: Array, motions: Sequence[RecordedMotion], given: Mapping[str, float]) -> None:
     """Set the free inertias not *given* to what input over acceleration suggests, none off the diagonal."""
     names, active = form.parameters, program_of(form).active
     acceleration = np.sqrt(np.mean(np.vstack([m.nu_dot for m in motions]) ** 2, axis=0))
@@ -224,7 +228,7 @@ def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: M
     for name in form.free:
         if name not in given and name not in SPECIAL:
             still[names.index(name)] = 0.0
-    zero = [Motion(m.t, 0.0 * m.X, 0.0 * m.nu_dot, m.inputs, m.known) for m in motions]
+    zero = [RecordedMotion(m.t, 0.0 * m.X, 0.0 * m.nu_dot, m.inputs, m.known) for m in motions]
     force = np.sqrt(np.mean(_balance(form, still, zero).values ** 2, axis=0))
     rough = force / np.maximum(acceleration, 1e-12)
     rough[rough <= 0.0] = float(np.max(rough)) if np.any(rough > 0.0) else 1.0
@@ -238,7 +242,7 @@ def _rough_inertia(form: Form, theta: Array, motions: Sequence[Motion], given: M
         theta[names.index(name)] = -max(rough[place] - without[place, place], 0.1 * rough[place]) if diagonal else 0.0
 
 
-def _spread(form: Form, record: Segment, motion: Motion) -> Array:
+def _spread(form: Form, record: Segment, motion: RecordedMotion) -> Array:
     names = states_of(form)
     k = 2 * len(form.dofs)
     spread = np.zeros(len(names))

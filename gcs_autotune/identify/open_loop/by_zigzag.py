@@ -14,7 +14,7 @@ from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
-from gcs_autotune.identify.open_loop.zigzag_integrals import Rows, half_periods, rows_of, solve_rows
+from gcs_autotune.identify.open_loop.zigzag_integrals import IntegralRows, half_periods, rows_of, solve_rows
 from gcs_autotune.identify.result import AxisFit, Doubt, Structure
 
 __all__ = ["Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
@@ -108,7 +108,7 @@ def _named(made: Nomoto) -> dict[str, float]:
     return {**values, **{f"{n}_std": r.std for n, r in names.items()}}
 
 
-def solve_zigzag(every: Sequence[Rows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
+def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
     """Return theta (4,), its covariance (4, 4), the model's error per row and what was fitted.
 
     Raises
@@ -128,7 +128,7 @@ def solve_zigzag(every: Sequence[Rows], structure: Structure) -> tuple[Array, Ar
 
 
 def _doubts(
-    every: Sequence[Rows], structure: Structure, theta: Array, covariance: Array, free: Sequence[bool]
+    every: Sequence[IntegralRows], structure: Structure, theta: Array, covariance: Array, free: Sequence[bool]
 ) -> list[Doubt]:
     found = []
     count = sum(len(rows.impulse) for rows in every)

@@ -27,7 +27,7 @@ from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_exec
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.trial import Channel
 
-__all__ = ["HalfPeriodValues", "Instant", "Rows", "find_instants", "half_periods", "rows_of", "solve_rows"]
+__all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half_periods", "rows_of", "solve_rows"]
 
 Array = NDArray[np.float64]
 
@@ -168,7 +168,7 @@ flatten the corners of r: with 0.6 the nonlinear drag comes out a sixth too smal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class IntegralRows:
     """The integrated equations of one run.
 
     ``table`` (m, 4) holds the differences of r and psi, the integral of |r| r, and minus the time; ``impulse`` (m,)
@@ -190,7 +190,7 @@ class HalfPeriodValues:
     beta: float
 
 
-def rows_of(record: Segment, delay: float = 0.0) -> Rows | None:
+def rows_of(record: Segment, delay: float = 0.0) -> IntegralRows | None:
     """Return the integrated equations of a record; None when it holds no zig-zag with a heading."""
     if record.position is None:
         return None
@@ -221,7 +221,7 @@ def rows_of(record: Segment, delay: float = 0.0) -> Rows | None:
         ]
     )
     impulse = np.diff(_impulse(record.t_in + delay, record.tau, when))
-    return Rows(table, impulse, np.array([i.covariance for i in instants]), instants)
+    return IntegralRows(table, impulse, np.array([i.covariance for i in instants]), instants)
 
 
 def _impulse(t_in: Array, tau: Array, when: Array) -> Array:
@@ -246,7 +246,7 @@ def _rate_power(record: Segment, when: Array) -> Array:
     return result
 
 
-def half_periods(rows: Rows) -> tuple[HalfPeriodValues, ...]:
+def half_periods(rows: IntegralRows) -> tuple[HalfPeriodValues, ...]:
     """Return (4.52) and (4.53) as printed: linear, no bias, one value each per half period."""
     found = []
     whole = np.concatenate([[0.0], np.cumsum(rows.impulse)])
@@ -260,7 +260,7 @@ def half_periods(rows: Rows) -> tuple[HalfPeriodValues, ...]:
     return tuple(sorted(found, key=lambda h: h.t))
 
 
-def solve_rows(every: Sequence[Rows], free: Sequence[bool]) -> tuple[Array, Array, float, float]:
+def solve_rows(every: Sequence[IntegralRows], free: Sequence[bool]) -> tuple[Array, Array, float, float]:
     """Solve the rows of all runs for (alpha, beta, beta_quadratic, Delta).
 
     Returns
@@ -285,7 +285,7 @@ def solve_rows(every: Sequence[Rows], free: Sequence[bool]) -> tuple[Array, Arra
     return theta, full, math.sqrt(extra), misfit
 
 
-def _noise(every: Sequence[Rows], theta: Array) -> Array:
+def _noise(every: Sequence[IntegralRows], theta: Array) -> Array:
     """Return the covariance of the rows' errors (block per run): noise of the readings at shared ends."""
     sizes = [len(rows.impulse) for rows in every]
     noise = np.zeros((sum(sizes), sum(sizes)))

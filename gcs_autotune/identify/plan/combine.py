@@ -32,13 +32,13 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.models import Form
 
-__all__ = ["Agreement", "Estimate", "Joint", "Part", "agreements", "combined", "fit_jointly"]
+__all__ = ["Agreement", "Joint", "Part", "StepEstimate", "agreements", "combined", "fit_jointly"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class StepEstimate:
     """What one step says: values (k,) of ``names`` and their covariance (k, k), positive definite."""
 
     step: str
@@ -66,7 +66,7 @@ class Agreement:
     probability: float
 
 
-def combined(estimates: Sequence[Estimate]) -> tuple[tuple[str, ...], Array, Array]:
+def combined(estimates: Sequence[StepEstimate]) -> tuple[tuple[str, ...], Array, Array]:
     """Return all names, the combined values and their covariance."""
     names = tuple(dict.fromkeys(n for e in estimates for n in e.names))
     information, weighted = np.zeros((len(names),) * 2), np.zeros(len(names))
@@ -79,7 +79,7 @@ def combined(estimates: Sequence[Estimate]) -> tuple[tuple[str, ...], Array, Arr
     return names, covariance @ weighted, covariance
 
 
-def agreements(estimates: Sequence[Estimate]) -> tuple[Agreement, ...]:
+def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
     """Return one row per parameter that several steps estimated."""
     rows = []
     for name in dict.fromkeys(n for e in estimates for n in e.names):

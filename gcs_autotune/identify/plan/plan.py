@@ -38,7 +38,7 @@ from gcs_autotune.models import Form, form_from
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
-__all__ = ["PLANS", "Final", "Plan", "Step", "load_plan", "plan_from"]
+__all__ = ["PLANS", "Final", "Plan", "PlanStep", "load_plan", "plan_from"]
 
 _STEP = {
     "name", "title", "manoeuvre", "runs", "dofs", "isolated", "shared", "held", "local", "known", "start", "inputs",
@@ -69,7 +69,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class PlanStep:
     """One kind of experiment and what it identifies; ``form.free`` = isolated, shared and local ones, in this order.
 
     ``held``: parameters of earlier steps that act here; ``validate``: runs kept for local validation; ``delay`` [s].
@@ -109,7 +109,7 @@ class Plan:
     title: str
     known: Mapping[str, float]
     start: Mapping[str, float]
-    steps: tuple[Step, ...]
+    steps: tuple[PlanStep, ...]
     final: Final | None = None
     data: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
@@ -177,7 +177,7 @@ def _names(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
     return tuple(str(n) for n in data.get(key, ()))
 
 
-def _step(data: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float], origin: str) -> Step:
+def _step(data: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float], origin: str) -> PlanStep:
     where = f"{origin}, step '{data['name']}'"
     _only(data, _STEP, where)
     isolated, shared, held, local = (_names(data, k) for k in ("isolated", "shared", "held", "local"))
@@ -199,7 +199,7 @@ def _step(data: Mapping[str, Any], known: Mapping[str, float], start: Mapping[st
         },
         where,
     )
-    return Step(
+    return PlanStep(
         name=str(data["name"]),
         chosen=_chosen(data, where),
         form=form,
@@ -214,7 +214,7 @@ def _step(data: Mapping[str, Any], known: Mapping[str, float], start: Mapping[st
     )
 
 
-def _final(data: Mapping[str, Any], steps: Sequence[Step], known: Mapping[str, float], origin: str) -> Final:
+def _final(data: Mapping[str, Any], steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
     where = f"{origin}, final"
     _only(data, _FINAL, where)
     found = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.api import fit
 from gcs_autotune.identify.free_run import Validation, validate
-from gcs_autotune.identify.plan.combine import Agreement, Estimate, Joint, Part, agreements, combined, fit_jointly
-from gcs_autotune.identify.plan.plan import Final, Plan, Step
+from gcs_autotune.identify.plan.combine import Agreement, Joint, Part, StepEstimate, agreements, combined, fit_jointly
+from gcs_autotune.identify.plan.plan import Final, Plan, PlanStep
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
 from gcs_autotune.models import CoupledModel, Form, unit_of
@@ -27,7 +27,7 @@ __all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]
 class StepResult:
     """One step done. ``unseen``: the validation ran on runs kept from the fit, not on one of its own."""
 
-    step: Step
+    step: PlanStep
     fit: Fit
     validation: Validation | None
     unseen: bool
@@ -204,8 +204,8 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
         A step's run lacks what its form needs.
     """
     done: list[StepResult] = []
-    used: list[tuple[Step, tuple[Trial, ...]]] = []
-    estimates: list[Estimate] = []
+    used: list[tuple[PlanStep, tuple[Trial, ...]]] = []
+    estimates: list[StepEstimate] = []
     skipped: list[str] = []
     values: dict[str, float] = dict(plan.start)
     for step in plan.steps:
@@ -249,7 +249,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     )
 
 
-def _do(step: Step, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
+def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
     """Fit and validate one step; return the runs fitted too."""
     lost = [n for n in step.held if n not in values and n not in step.form.start]
     if lost:
@@ -278,7 +278,7 @@ def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:
     return replace(trial, channels={n: c for n, c in trial.channels.items() if n in form.inputs or n in signals})
 
 
-def _estimate(step: Step, found: Fit) -> Estimate | None:
+def _estimate(step: PlanStep, found: Fit) -> StepEstimate | None:
     """Return what a fit says of the parameters other steps may use; those at a bound or unseen say nothing."""
     order = list(found.parameters)
     names = tuple(
@@ -290,10 +290,12 @@ def _estimate(step: Step, found: Fit) -> Estimate | None:
         return None
     places = [order.index(n) for n in names]
     values = np.array([found.parameters[n].value for n in names])
-    return Estimate(step.name, names, values, found.covariance[np.ix_(places, places)])
+    return StepEstimate(step.name, names, values, found.covariance[np.ix_(places, places)])
 
 
-def _part(step: Step, runs: Sequence[Trial], found: Fit, values: Mapping[str, float], seen: Collection[str]) -> Part:
+def _part(
+    step: PlanStep, runs: Sequence[Trial], found: Fit, values: Mapping[str, float], seen: Collection[str]
+) -> Part:
     """Return a step for the joint fit: what it held is free if a step that was done identifies it (*seen*)."""
     known = {n: values.get(n, step.form.start.get(n, math.nan)) for n in step.held if n not in seen}
     form = step.form.fixing(known)
@@ -307,7 +309,7 @@ def _parameters(
     done: Sequence[StepResult],
     values: Mapping[str, float],
     joint: Joint | None,
-    estimates: Sequence[Estimate],
+    estimates: Sequence[StepEstimate],
 ) -> tuple[dict[str, Parameter], Array]:
     """Return the identified parameters: of the joint fit, or combined from the steps when that failed."""
     if joint is not None:

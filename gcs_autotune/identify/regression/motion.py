@@ -16,7 +16,7 @@ from gcs_autotune.models.coupled import kernel
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 
-__all__ = ["Motion", "motion_of"]
+__all__ = ["GriddedMotion", "motion_of"]
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ MOST_POINTS = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class GriddedMotion:
     """A stretch of motion on an even grid.
 
     t (n,) with ``step`` [s]; nu, nu_dot, eta (n, 6): velocity through the water, its rate, position and angles, 0
@@ -54,7 +54,7 @@ def motion_of(
     form: Form,
     derivative: str = "smoothing",
     settings: Mapping[str, float] | None = None,
-) -> Motion:
+) -> GriddedMotion:
     """Return the smoothed motion of *record*.
 
     Parameters
@@ -82,7 +82,7 @@ def motion_of(
     _turning(form, record, smooth, t, step, eta, nu, nu_dot)
     _moving(form, record, smooth, t, eta, nu, nu_dot)
     reach = max((s.reach for s in smooth.values()), default=0.0)
-    return Motion(
+    return GriddedMotion(
         record.run,
         t,
         step,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify.free_run import run_freely
-from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.outcome import model_of
 from gcs_autotune.identify.regression.recipe import Recipe
 from gcs_autotune.identify.regression.solver import Estimate, solve
@@ -58,7 +58,7 @@ def noise_bias(
     estimate: Estimate,
     recipe: Recipe,
     records: Sequence[Segment],
-    motions: Sequence[Motion],
+    motions: Sequence[GriddedMotion],
     *,
     robust: bool = False,
 ) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.doubts import POOR
 from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
-from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
 from gcs_autotune.models import CoupledModel, Form
@@ -33,7 +33,7 @@ def model_of(form: Form, theta: Array) -> CoupledModel:
 def fit_of(
     case: CoupledCase,
     estimate: Estimate,
-    motions: Sequence[Motion],
+    motions: Sequence[GriddedMotion],
     method: str,
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
@@ -89,6 +89,6 @@ def _poor(traces: Sequence[Trace], percent: float, noise: Mapping[str, float]) -
     ]
 
 
-def _noise(motions: Sequence[Motion]) -> dict[str, float]:
+def _noise(motions: Sequence[GriddedMotion]) -> dict[str, float]:
     names = dict.fromkeys(n for m in motions for n in m.noise)
     return {n: math.sqrt(float(np.mean([m.noise[n] ** 2 for m in motions if n in m.noise]))) for n in names}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models import CoupledModel, Form, program_of
 from gcs_autotune.models.coupled import kernel
@@ -40,7 +40,7 @@ class Check:
     told: str
 
 
-def velocities_visited(motions: Sequence[Motion]) -> Array:
+def velocities_visited(motions: Sequence[GriddedMotion]) -> Array:
     """Return velocities (m, 6) that bound those of the runs in magnitude."""
     nu = np.concatenate([m.nu for m in motions])
     scale = np.maximum(np.abs(nu).max(axis=0), 1e-12)

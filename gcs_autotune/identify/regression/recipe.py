@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.regression.motion import Motion, motion_of
+from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.rows import EQUATIONS, Rows, rows_of
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
@@ -58,12 +58,12 @@ class Recipe:
     window: float = 0.0
     settings: tuple[Mapping[str, float], ...] = ()
 
-    def motions(self, records: Sequence[Segment]) -> tuple[Motion, ...]:
+    def motions(self, records: Sequence[Segment]) -> tuple[GriddedMotion, ...]:
         """Return the smoothed motion of every record."""
         given = self.settings or (None,) * len(records)
         return tuple(motion_of(r, self.form, self.derivative, s) for r, s in zip(records, given, strict=True))
 
-    def rows(self, records: Sequence[Segment], motions: Sequence[Motion] | None = None) -> list[Rows]:
+    def rows(self, records: Sequence[Segment], motions: Sequence[GriddedMotion] | None = None) -> list[Rows]:
         """Return the rows of every record."""
         found = motions or self.motions(records)
         return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)]
@@ -79,7 +79,7 @@ class Recipe:
         bread = inverse_of(estimate.information)
         return raised(estimate, J, bread, self.errors(draws, estimate.theta), estimate.errors)
 
-    def equations(self, records: Sequence[Segment], motions: Sequence[Motion] | None = None) -> Equations:
+    def equations(self, records: Sequence[Segment], motions: Sequence[GriddedMotion] | None = None) -> Equations:
         """Return the equations of all records."""
         return Equations.of(self.form, self.rows(records, motions))
 
@@ -97,7 +97,7 @@ def form_of(case: CoupledCase) -> Form:
 
 def recipe_of(
     case: CoupledCase, *, robust: bool = False
-) -> tuple[Recipe, tuple[Motion, ...], Estimate, tuple[NoiseDraw, ...]]:
+) -> tuple[Recipe, tuple[GriddedMotion, ...], Estimate, tuple[NoiseDraw, ...]]:
     """Return the recipe for *case*, its motions, the first least-squares estimate and the draws behind its spread.
 
     Raises
@@ -129,7 +129,7 @@ def recipe_of(
     return best[1], motions, best[2], draws
 
 
-def _windows(case: CoupledCase, motions: Sequence[Motion]) -> tuple[float, ...]:
+def _windows(case: CoupledCase, motions: Sequence[GriddedMotion]) -> tuple[float, ...]:
     given = case.options.get("window")
     if given is not None:
         if not float(given) > 0.0:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.regression.drive import drives_of
-from gcs_autotune.identify.regression.motion import Motion
+from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, force_columns, inertia_columns
 
@@ -41,7 +41,7 @@ class Rows:
     E: Array
 
 
-def rows_of(record: Segment, form: Form, motion: Motion, equation: str, window: float) -> Rows:
+def rows_of(record: Segment, form: Form, motion: GriddedMotion, equation: str, window: float) -> Rows:
     """Return the rows of one stretch.
 
     window : length [s] of the bump of ``integral``.

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.regression.motion import Motion, motion_of
+from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.solver import Estimate
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import Segment
@@ -39,11 +39,11 @@ class NoiseDraw:
     """All records once more with their noise doubled, and their motions, smoothed as the measured ones were."""
 
     records: tuple[Segment, ...]
-    motions: tuple[Motion, ...]
+    motions: tuple[GriddedMotion, ...]
 
 
 def draw_noise(
-    form: Form, derivative: str, records: Sequence[Segment], motions: Sequence[Motion]
+    form: Form, derivative: str, records: Sequence[Segment], motions: Sequence[GriddedMotion]
 ) -> tuple[NoiseDraw, ...]:
     """Return ``DRAWS`` draws; the same ones for the same records."""
     rng = np.random.default_rng(1)
@@ -55,7 +55,7 @@ def draw_noise(
     return tuple(draws)
 
 
-def with_noise(record: Segment, motion: Motion, rng: np.random.Generator) -> Segment:
+def with_noise(record: Segment, motion: GriddedMotion, rng: np.random.Generator) -> Segment:
     """Return *record* with as much noise added to every signal as its smoothing found in it."""
     signals = {
         name: replace(s, values=s.values + rng.normal(0.0, motion.noise[name], len(s.values)))

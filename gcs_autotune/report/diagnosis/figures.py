@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose import Gain, Portrait
-from gcs_autotune.effects import Curve, Effect
+from gcs_autotune.diagnose import ErrorReduction, Portrait
+from gcs_autotune.effects import Effect, EffectCurve
 from gcs_autotune.identify import Trace
 from gcs_autotune.report.diagnosis.wording import signal_words
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
@@ -314,7 +314,7 @@ def _spectrum(axes: Axes, portrait: Portrait) -> None:
     axes.set_ylim(min(-30.0, float((level - level.max()).min()) - 3.0), 3.0)
 
 
-def draw_gains(gains: Sequence[Gain]) -> Figure | None:
+def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
     """Error after as a share of the error before, per signal, with its 95 % interval; None when none is known."""
     known = [g for g in gains if np.isfinite(g.ratio)]
     if not known:
@@ -335,7 +335,7 @@ def draw_gains(gains: Sequence[Gain]) -> Figure | None:
     return figure
 
 
-def draw_curve(curve: Curve) -> Figure:
+def draw_curve(curve: EffectCurve) -> Figure:
     """The effect as it was found, in the extended model's colour; the plain model's idea of it dashed."""
     (x, x_label), (y, y_label) = for_people(curve.x, curve.x_label), for_people(curve.y, curve.y_label)
     plain = None if curve.plain is None else for_people(curve.plain, curve.y_label)[0]

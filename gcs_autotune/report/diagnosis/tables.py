@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Numbers, Ranked
+from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked
 from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
 from gcs_autotune.report.diagnosis.wording import (
     cannot_tell,
@@ -58,7 +58,7 @@ def cause_table(cause: Cause) -> Table:
     return Table(("parameter", "value ± standard error", "meaning"), "lrl", rows)
 
 
-def gains_table(gains: Iterable[Gain]) -> Table:
+def gains_table(gains: Iterable[ErrorReduction]) -> Table:
     """Per signal the error on held-out data before and after."""
     rows = tuple(
         (

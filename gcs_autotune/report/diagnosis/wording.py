@@ -9,7 +9,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from gcs_autotune.diagnose import Cause, Diagnosis, Gain, Number, Numbers, Signature, Value
+from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Number, Numbers, Signature, Value
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.toolkit.wording import (
     NOT_TOLD,
@@ -306,7 +306,7 @@ def _unexplained(told: Diagnosis) -> str:
     return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
 
 
-def first_gain(told: Diagnosis) -> Gain | None:
+def first_gain(told: Diagnosis) -> ErrorReduction | None:
     """Return the gain that begins with the simulation as it stands: of numbers set right, else of the causes."""
     numbers = None if told.numbers is None else told.numbers.gain
     return told.gain if numbers is None else numbers
@@ -325,7 +325,7 @@ def base_error(told: Diagnosis) -> tuple[float, str, str]:
     return (float(np.sqrt(np.mean(error**2))) if len(error) else math.nan), portrait.unit, portrait.signal
 
 
-def gain_sentence(gain: Gain) -> str:
+def gain_sentence(gain: ErrorReduction) -> str:
     """Return one signal's gain with its interval."""
     said = (
         f"Error of the simulated {signal_words(gain.signal)} on held-out data: "
@@ -337,7 +337,7 @@ def gain_sentence(gain: Gain) -> str:
     return said + (f" (95 % interval {interval})." if interval else ".")
 
 
-def interval_words(gain: Gain) -> str:
+def interval_words(gain: ErrorReduction) -> str:
     """Return ``12 % to 19 %``; empty when it is not known."""
     low, high = gain.ci95
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""

@@ -27,11 +27,11 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FlownModel", "render_flight", "render_preview"]
+__all__ = ["FlightModel", "render_flight", "render_preview"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlownModel:
+class FlightModel:
     """One degree of freedom identified from a flight; ``unseen``: how it predicts the runs ``held_out``, if any."""
 
     fit: AxisFit
@@ -50,7 +50,7 @@ def render_flight(
     flown: Sequence[tuple[str, Trial]],
     predicted: Trial | None,
     sheets: Sequence[Sheet],
-    models: Sequence[FlownModel],
+    models: Sequence[FlightModel],
     remarks: Sequence[str],
 ) -> str:
     """Return the page of a flight: figures, models, and of each run (name, record) signals and track.
@@ -89,7 +89,7 @@ def _page(
     when: str,
     headline: Headline,
     sheets: Sequence[Sheet],
-    models: Sequence[FlownModel],
+    models: Sequence[FlightModel],
     doubts: Sequence[str],
     pictures: Sequence[Picture],
     runs: Sequence[tuple[str, Trial]] = (),
@@ -149,7 +149,7 @@ def _signals(trial: Trial, name: str = "") -> list[Picture]:
     return _picture(f"signals{name}", f"{name}: w{told}" if name else f"W{told}", figure)
 
 
-def _fits(model: FlownModel, runs: Mapping[str, Trial]) -> list[Picture]:
+def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> list[Picture]:
     found: list[Picture] = []
     unseen = () if model.unseen is None else model.unseen.traces
     told = "The model, free running, against measurement; below, what is left over."

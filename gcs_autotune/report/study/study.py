@@ -14,7 +14,7 @@ from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = [
-    "Outcome",
+    "MethodOutcome",
     "RunRow",
     "Study",
     "answer_sentences",
@@ -38,7 +38,7 @@ class RunRow:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class MethodOutcome:
     """What one method made of the runs: a fit and how it predicts what it has not seen, or why it refused."""
 
     method: str
@@ -63,7 +63,7 @@ class Study:
     title: str
     when: str
     runs: tuple[RunRow, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[MethodOutcome, ...]
     how_unseen: str = ""
     choice: tuple[tuple[str, ...], ...] = ()
     choice_verdict: str = ""
@@ -76,7 +76,7 @@ class Study:
     files: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def answer(self) -> Outcome:
+    def answer(self) -> MethodOutcome:
         """The outcome the page is about."""
         return next(o for o in self.outcomes if o.fit is not None)
 
@@ -107,7 +107,7 @@ def study_to_dict(study: Study) -> dict[str, Any]:
     return data
 
 
-def _outcome(outcome: Outcome) -> dict[str, Any]:
+def _outcome(outcome: MethodOutcome) -> dict[str, Any]:
     if outcome.fit is None:
         return {"refused": outcome.refusal}
     data = outcome.fit.to_dict()
@@ -145,7 +145,7 @@ def _fits(fit: Fit) -> str:
     return f"{said} Left of it (rms): {rows}; of that correlated, so unexplained and no noise: {rest}."
 
 
-def unseen_remarks(answer: Outcome) -> tuple[str, ...]:
+def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
     """Return what is to be said below the table of what was predicted."""
     poor = answer.unseen is not None and any(s.fit_percent < 0.0 for s in answer.unseen.statistics)
     return ("A fit below 0 %: the prediction errs by more than the signal varies.",) if poor else ()

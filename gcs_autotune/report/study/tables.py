@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 
 from gcs_autotune.identify import AxisFit, Fit, Method, Parameter, Validation
 from gcs_autotune.report.study.study import (
-    Outcome,
+    MethodOutcome,
     Study,
     answer_sentences,
     structure_title,
@@ -150,7 +150,7 @@ def method_table(study: Study) -> Table:
     return Table(("method", "fit", "unseen", "time", "remark"), "lrrrl", tuple(_method_row(o) for o in study.outcomes))
 
 
-def _method_row(outcome: Outcome) -> tuple[str, ...]:
+def _method_row(outcome: MethodOutcome) -> tuple[str, ...]:
     if outcome.fit is None:
         return (outcome.method, "", "", "", outcome.refusal)
     unseen = "" if outcome.unseen is None else format_percent(outcome.unseen.fit_percent)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from rich.console import Group, RenderableType
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import AxisFit, Candidate, Decision, IsoEstimate, Parameter, Remainder, label_of
+from gcs_autotune.identify import AxisFit, Decision, IsoEstimate, Parameter, Remainder, StructureFit, label_of
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
@@ -242,7 +242,7 @@ def candidate_table(fit: AxisFit) -> Table:
     return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
 
 
-def _candidate_row(candidate: Candidate, best: float, unit: str, chosen: str) -> tuple[str, ...]:
+def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str) -> tuple[str, ...]:
     return (
         candidate.structure,
         structure_words(candidate.structure),

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.errors import BadFile, NotInformative, UnknownName
 from gcs_autotune.identify.plan import PLANS, load_plan, plan_from, run_plan
-from gcs_autotune.identify.plan.combine import Estimate, agreements, combined
+from gcs_autotune.identify.plan.combine import StepEstimate, agreements, combined
 from gcs_autotune.trial import Channel, Trial
 
 TWO = """
@@ -105,7 +105,7 @@ def test_weighing_by_information_beats_the_plain_mean():
     stds, ours, plain, inside = np.array([0.01, 0.1, 0.5]), [], [], []
     for _ in range(400):
         values = 2.0 + stds * rng.normal(size=3)
-        estimates = [Estimate(f"s{i}", ("a",), values[i : i + 1], np.array([[s**2]])) for i, s in enumerate(stds)]
+        estimates = [StepEstimate(f"s{i}", ("a",), values[i : i + 1], np.array([[s**2]])) for i, s in enumerate(stds)]
         _, best, P = combined(estimates)
         ours.append(best[0])
         plain.append(np.mean(values))
@@ -119,8 +119,8 @@ def test_what_one_step_knows_of_a_pair_helps_the_other_step():
     tied = np.array([[1.0, -0.9999], [-0.9999, 1.0]])
     names, values, P = combined(
         [
-            Estimate("sum", ("a", "b"), np.array([3.5, 1.5]), tied),
-            Estimate("b", ("b",), np.array([2.0]), np.array([[1e-4]])),
+            StepEstimate("sum", ("a", "b"), np.array([3.5, 1.5]), tied),
+            StepEstimate("b", ("b",), np.array([2.0]), np.array([[1e-4]])),
         ]
     )
     assert dict(zip(names, values, strict=True)) == pytest.approx({"a": 3.0, "b": 2.0}, abs=0.01)
@@ -128,8 +128,8 @@ def test_what_one_step_knows_of_a_pair_helps_the_other_step():
 
 
 def test_steps_that_disagree_have_a_small_chance():
-    a, b = (Estimate(s, ("X_u",), np.array([v]), np.array([[0.01]])) for s, v in (("line", -5.0), ("spiral", -6.0)))
+    a, b = (StepEstimate(s, ("X_u",), np.array([v]), np.array([[0.01]])) for s, v in (("line", -5.0), ("spiral", -6.0)))
     (row,) = agreements([a, b])
     assert row.probability < 1e-6 and row.mean == row.combined == pytest.approx(-5.5)
-    (calm,) = agreements([a, Estimate("spiral", ("X_u",), np.array([-5.1]), np.array([[0.01]]))])
+    (calm,) = agreements([a, StepEstimate("spiral", ("X_u",), np.array([-5.1]), np.array([[0.01]]))])
     assert calm.probability > 0.1
