@@ -14,7 +14,7 @@ from gcs_autotune.errors import UsageError
 
 __all__ = ["LIMITS", "Limit", "Slip", "axes_of", "finite", "limit_of"]
 
-_TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "%": 0.01}
+_TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "%": 0.01, "min": 60.0}
 """Unit as typed -> factor to SI; the others are SI."""
 _ROUNDING = 1e-9
 """Share of a limit by which a value may miss it: radians and back."""
@@ -512,6 +512,16 @@ _GUARDED = (
         95.0,
         "it is in percent of a full battery, and more than nearly full none remains; 0: off",
         10.0,
+    ),
+    Limit(
+        "total-time",
+        "of the runs of a trial that plans itself",
+        "min",
+        1.0,
+        240.0,
+        "a run takes half a minute, and no battery lasts longer",
+        30.0,
+        slips=(Slip(1.0 / 60.0, "in seconds"),),
     ),
     Limit(
         "max-time",

@@ -29,7 +29,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, TuneSettings
+    from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, Precision, TuneSettings
 
 __all__ = ["COMMAND"]
 
@@ -60,6 +60,17 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="go on with the plan in DIR: what is flown is not flown again",
     )
+    parser.add_argument(
+        "--until",
+        metavar="'N_r 5%%, Y_v 10%%'",
+        help="after each run identify, and fly what tells most, until these parameters are known so well",
+    )
+    parser.add_argument(
+        "--form",
+        default="",
+        help="with --until: the degree of freedom or coupled form identified (default: the smallest that has them all)",
+    )
+    add_number(parser, "total-time", "MIN", marked=True)
     add_connection(parser, otherwise=f"{DEFAULT_CONNECTION}; none for a --preview with --model")
     add_output(parser)
     group = parser.add_argument_group("manoeuvre")
@@ -87,9 +98,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     if args.list:
         return _list()
-    if args.manoeuvre is None and args.resume is None:
+    if args.until is None and (args.form or args.total_time is not None):
+        raise UsageError(f"--{'form' if args.form else 'total-time'} goes with --until 'N_r 5%, Y_v 10%'")
+    if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("say what to fly; `gcs-autotune fly --list` tells what there is")
     see_model_file(args.model)
+    _precision(args)
     if args.preview and args.model is not None and args.connect is None:
         return _preview(args)
     with connected(args, args.connect or DEFAULT_CONNECTION) as connection:
@@ -110,23 +124,40 @@ def _list() -> int:
     return 0
 
 
+def _precision(args: argparse.Namespace) -> Precision | None:
+    """Return what --until asks for, read before anything is opened."""
+    if args.until is None:
+        return None
+    from gcs_autotune.workflow import precision_of
+
+    row = limit_of("total-time")
+    minutes = row.default if args.total_time is None else args.total_time
+    assert minutes is not None  # the table has a default
+    return precision_of(args.until, args.form, minutes * row.factor)
+
+
 def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tuple[FlightPlan, TuneSettings]:
     """Return what is flown, and what all of it has in common."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.manoeuvres import read_area
-    from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, load_flight_plan
+    from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, first_run, load_flight_plan
 
-    what = str(args.manoeuvre) if args.manoeuvre is not None else str(args.resume / PLAN_FILE)
+    until = _precision(args)
+    if until is not None and args.resume is not None:
+        raise UsageError("--resume goes on with a plan; what an earlier trial told, --until does not take over yet")
+    what = str(args.manoeuvre or "") if args.resume is None else str(args.resume / PLAN_FILE)
     of_plan = what.endswith(".toml")
     typed = {name: value for name in OPTIONS if (value := getattr(args, name.replace("-", "_"))) is not None}
     if of_plan and (typed or args.force):
         raise UsageError(f"--{next(iter(typed), 'force')} goes into the plan, under [defaults] or its [[run]]")
     if args.resume is not None and not of_plan:
         raise UsageError("--resume goes on with a plan, and one manoeuvre is flown again from its beginning")
+    if of_plan and until is not None:
+        raise UsageError("a plan says all its runs: --until goes with one manoeuvre, or none")
     common = TuneSettings(
         axis="heading",
         connection=connection,
-        directory=run_directory(args, connection.uri, now, Path(what).stem),
+        directory=run_directory(args, connection.uri, now, Path(what).stem or "trial"),
         throttle=args.throttle,
         speed=args.speed,
         delay=args.delay,
@@ -142,8 +173,12 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
         return (plan if area is None else replace(plan, area=area)), common
     options = {name: value * limit_of(name).factor for name, value in typed.items()}
     side = 1 if args.first_to == "starboard" else -1
-    one = FlightPlan.of(FlySettings(what, common, options, side, model, args.full_scale, args.force))
-    return replace(one, area=area), common
+    if not what:
+        assert until is not None  # asked by the command
+        settings = replace(first_run(until, common), options=options, side=side)
+    else:
+        settings = FlySettings(what, common, options, side, model, args.full_scale, args.force)
+    return replace(FlightPlan.of(settings), area=area, until=until), common
 
 
 def _preview(args: argparse.Namespace) -> int:
@@ -169,7 +204,7 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
     """Fly over a link that is open, and tell of it."""
     from rich.console import Console
 
-    from gcs_autotune.report import TerminalWatcher, fit_summary, sheets_summary
+    from gcs_autotune.report import TerminalWatcher, model_summary, sheets_summary
     from gcs_autotune.workflow import fly_plan
 
     now = datetime.now()
@@ -188,10 +223,14 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
         if result.sheets:
             console.print(sheets_summary(result.sheets))
         for model in result.models:
-            console.print(fit_summary(model.fit))
+            console.print(model_summary(model.fit))
             if model.unseen is not None:
                 held = ", ".join(model.held_out)
                 console.print(f"Prediction of {held}, held out of the fit: {model.unseen.fit_percent:.1f} %\n")
+        for step in result.steps:
+            console.print(f"{step.run}: {step.precision.told(step.outlook.relative)}", highlight=False, markup=False)
+        if result.steps:
+            console.print(f"{result.steps[-1].ended}\n", highlight=False, markup=False)
         for remark in result.remarks:
             console.print(remark, soft_wrap=False, highlight=False, markup=False)
         sys.stdout.write(f"Recorded in {common.directory}\nReport: {result.page}\n")

@@ -20,7 +20,13 @@ from __future__ import annotations
 from gcs_autotune.experiments.drag_choice import weigh_drags
 from gcs_autotune.experiments.form_choice import FormChoice, choose_form, eliminate
 from gcs_autotune.experiments.identifiability import identifiability
-from gcs_autotune.experiments.next_manoeuvre import RankedManoeuvre, plan_next
+from gcs_autotune.experiments.next_manoeuvre import (
+    RankedManoeuvre,
+    plan_next,
+    rank_by_precision,
+    relative_errors,
+    shortfall,
+)
 from gcs_autotune.experiments.pictures import correlation_picture, profile_picture, proposal_picture
 from gcs_autotune.experiments.profile_likelihood import Profile, profile
 
@@ -36,5 +42,8 @@ __all__ = [
     "profile",
     "profile_picture",
     "proposal_picture",
+    "rank_by_precision",
+    "relative_errors",
+    "shortfall",
     "weigh_drags",
 ]

@@ -10,7 +10,7 @@ design for the craft as far as it is known, and best repeated after each run.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,13 +19,23 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
-from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, fly, helm_of
+from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, fly, helm_of, helm_of_shares
 from gcs_autotune.identify import Fit, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
-__all__ = ["Criterion", "RankedManoeuvre", "Ranking", "plan_next", "worth_of"]
+__all__ = [
+    "Criterion",
+    "RankedManoeuvre",
+    "Ranking",
+    "Worth",
+    "plan_next",
+    "rank_by_precision",
+    "relative_errors",
+    "shortfall",
+    "worth_of",
+]
 
 Array = NDArray[np.float64]
 
@@ -156,6 +166,91 @@ def plan_next(
     ranked = sorted(plans, key=lambda p: _key(p, now, hopeless, criterion))
     names = tuple(n for n, h in zip(now.names, hopeless, strict=True) if h)
     return RankedManoeuvre(now, seconds, tuple(ranked), names)
+
+
+UNTOLD = 1e3
+"""Chosen: relative standard error that counts for a parameter nothing is known of yet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Worth:
+    """What a manoeuvre is expected to do for the precision that is asked for.
+
+    ``relative``: standard error over value expected of each parameter after it. ``rate``: how much nearer it comes
+    per minute, in natural logarithms of the standard errors still too large. ``seconds`` it takes, all told.
+    """
+
+    candidate: Preset
+    flight: Flight
+    relative: Mapping[str, float]
+    rate: float
+    seconds: float
+
+
+def shortfall(relative: Mapping[str, float], wanted: Mapping[str, float]) -> float:
+    """Return how far the relative standard errors are from those wanted: the sum of the logarithms of their ratios."""
+    return sum(math.log(max(min(relative[n], UNTOLD) / share, 1.0)) for n, share in wanted.items())
+
+
+def relative_errors(fit: Fit, names: Iterable[str]) -> Mapping[str, float]:
+    """Return standard error over value of each of *names*; infinite for one that was not fitted."""
+    found = {}
+    for name in names:
+        p = fit.parameters.get(name)
+        told = p is not None and p.status == "fitted" and p.value != 0.0 and math.isfinite(p.std)
+        found[name] = p.std / abs(p.value) if told and p is not None else math.inf
+    return found
+
+
+def rank_by_precision(
+    fit: Fit,
+    trials: Trial | Sequence[Trial],
+    wanted: Mapping[str, float],
+    candidates: Sequence[Preset],
+    *,
+    longest: float,
+    overhead: float,
+    most: Mapping[str, float] | None = None,
+) -> tuple[Worth, ...]:
+    """Rank manoeuvres, each flown by the model to its end, by how quickly they bring the precision *wanted*.
+
+    Parameters
+    ----------
+    fit : a model on *trials*, its inputs in shares of full output.
+    wanted : parameter -> standard error over value to come down to.
+    longest : seconds beyond which no candidate is followed. overhead : seconds that each costs besides.
+    most : force -> share of full beyond which nothing comes out of its actuators, where that is known.
+
+    Expected standard errors are those of the information (Goodwin1977, chapter 6) times what the present ones exceed
+    theirs by (coloured residuals), so that a model that misses something does not promise too much.
+
+    Raises
+    ------
+    NotInformative, UsageError
+        As :func:`gcs_autotune.identify.fitted_model_of`.
+    """
+    subject = fitted_model_of(fit, trials)
+    helm = helm_of_shares(subject.form, most or {})
+    now = look_into(subject)
+    present = relative_errors(fit, wanted)
+    ideal = now.information.std
+    ranked = []
+    for candidate in candidates:
+        if not {ROLES[force] for force in candidate.drives} & set(helm.columns):
+            continue
+        plan = worth_of(subject, now, fly(subject, helm, candidate, longest, to_its_end=True), candidate)
+        if plan is None:
+            continue
+        expected = dict(present)
+        for i, name in enumerate(now.names):
+            if name in wanted and math.isfinite(plan.std[i]) and subject.values[i] != 0.0:
+                told = math.isfinite(ideal[i]) and math.isfinite(present[name])
+                excess = max(present[name] * abs(subject.values[i]) / ideal[i], 1.0) if told else 1.0
+                expected[name] = min(present[name], excess * plan.std[i] / abs(float(subject.values[i])))
+        seconds = plan.flight.reach.seconds + overhead
+        rate = 60.0 * (shortfall(present, wanted) - shortfall(expected, wanted)) / seconds
+        ranked.append(Worth(candidate, plan.flight, expected, rate, seconds))
+    return tuple(sorted(ranked, key=lambda w: -w.rate))
 
 
 def worth_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import FittedModel, Segment, Signal
-from gcs_autotune.manoeuvres import Preset
+from gcs_autotune.manoeuvres import Outcome, Preset
 from gcs_autotune.models import FORCES, Form, Simulator, states_of
 from gcs_autotune.sname import DOFS, SIGNALS
 
@@ -30,6 +30,7 @@ __all__ = [
     "ManoeuvringRoom",
     "fly",
     "helm_of",
+    "helm_of_shares",
     "room_of",
     "room_of_runs",
 ]
@@ -146,9 +147,18 @@ class Helm:
         """Return channel values (m,) for shares in -1..1 per role; together they stay within the limits."""
         total = np.zeros(len(self.channels))
         for role, share in shares.items():
-            total += share * self.columns[role]
+            if role in self.columns:  # thrust ahead moves nothing in a model of the yaw alone
+                total += share * self.columns[role]
         held: Array = np.clip(total, self.low, self.high)
         return held
+
+
+def helm_of_shares(form: Form, most: Mapping[str, float]) -> Helm:
+    """Return the helm of a form whose inputs are forces as shares of full output; *most* of one may be used, or all."""
+    channels = tuple(form.inputs)
+    high = np.array([most.get(c, 1.0) for c in channels])
+    columns = {ROLES[c]: np.eye(len(channels))[i] for i, c in enumerate(channels) if c in ROLES}
+    return Helm(channels, columns, -high, high)
 
 
 def helm_of(form: Form, theta: Array, records: Sequence[Segment]) -> Helm:
@@ -223,16 +233,23 @@ class Flight:
         return replace(subject, records=(self.record,), initial=(self.initial,))
 
 
-def fly(subject: FittedModel, helm: Helm, preset: Preset, seconds: float) -> Flight | None:
-    """Let the model fly *preset*; None when it runs away.
+def fly(subject: FittedModel, helm: Helm, preset: Preset, seconds: float, *, to_its_end: bool = False) -> Flight | None:
+    """Let the model fly *preset* for *seconds*; None when it runs away.
 
-    It starts from rest, or, when no input drives surge, at the median speed of the runs.
+    It starts from rest, or, when no input drives surge, at the median speed of the runs. ``to_its_end``: the flight
+    ends with the manoeuvre, and is None where that takes more than *seconds* or comes to no good end; else the inputs
+    are none from there on.
     """
     x_0 = _start(subject, helm)
     t: Array = np.arange(round(seconds / CONTROL_STEP), dtype=np.float64) * CONTROL_STEP
-    inputs = _commanded(subject, helm, preset, t, x_0, seconds)
-    if inputs is None:
+    commanded = _commanded(subject, helm, preset, t, x_0, seconds)
+    if commanded is None:
         return None
+    inputs, used, outcome = commanded
+    if to_its_end:
+        if outcome is None or outcome.ending == "aborted":
+            return None
+        t, inputs, seconds = t[:used], inputs[:used], used * CONTROL_STEP
     signals = {}
     for name, period in _periods(subject).items():
         own = np.arange(0.0, seconds, period)
@@ -259,14 +276,21 @@ def fly(subject: FittedModel, helm: Helm, preset: Preset, seconds: float) -> Fli
     return Flight(t, inputs, replace(record, signals=signals), x_0, room_of(subject.form, stamps, X))
 
 
-def _commanded(subject: FittedModel, helm: Helm, preset: Preset, t: Array, x_0: Array, seconds: float) -> Array | None:
-    """Return the inputs (j, m) that the manoeuvre commands at *t*; after its end none. Open loops are not simulated."""
+def _commanded(
+    subject: FittedModel, helm: Helm, preset: Preset, t: Array, x_0: Array, seconds: float
+) -> tuple[Array, int, Outcome | None] | None:
+    """Return the inputs (j, m) that the manoeuvre commands at *t*, after its end none, how many steps it took, and how
+    it ended.
+
+    Open loops are not simulated.
+    """
     simulator = Simulator(subject.form)
     states, x = simulator.states, x_0
     inputs = np.zeros((len(t), len(helm.channels)))
     manoeuvre = preset.make(seconds)
     commands = manoeuvre.commands(_observed(0.0, states, x_0))
     command = next(commands)
+    i = 0
     for i in range(len(t)):
         inputs[i] = helm.inputs(_shares(command))
         if i + 1 == len(t) or manoeuvre.outcome is not None:
@@ -277,7 +301,7 @@ def _commanded(subject: FittedModel, helm: Helm, preset: Preset, t: Array, x_0: 
                 return None
             x = found[0][-1]
         command = commands.send(_observed(float(t[i + 1]), states, x))
-    return inputs
+    return inputs, i + 1, manoeuvre.outcome
 
 
 def _shares(command: Command) -> Mapping[str, float]:

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
 from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
-from gcs_autotune.report.flight.page import FlightModel, render_flight, render_preview
+from gcs_autotune.report.flight.page import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.report.study.page import render_study
 from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study, study_to_dict
-from gcs_autotune.report.study.tables import method_list, study_summary
+from gcs_autotune.report.study.tables import method_list, model_summary, study_summary
 from gcs_autotune.report.summaries import (
     log_summary,
     plan_summary,
@@ -43,6 +43,7 @@ __all__ = [
     "StageBar",
     "Study",
     "TerminalWatcher",
+    "TrialTold",
     "TuneStory",
     "diagnosis_summary",
     "effects_list",
@@ -51,6 +52,7 @@ __all__ = [
     "format_factor",
     "log_summary",
     "method_list",
+    "model_summary",
     "plan_summary",
     "proof_command",
     "propeller_summary",

@@ -15,7 +15,9 @@ from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, load_flig
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan, preview_of_model
 from gcs_autotune.workflow.operator import Operator, Unattended
+from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
+from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, load_gains
@@ -29,17 +31,20 @@ __all__ = [
     "FlightResult",
     "FlySettings",
     "Operator",
+    "Precision",
     "StudySettings",
     "SuppliedGains",
     "TuneSettings",
     "Unattended",
     "experiment",
+    "first_run",
     "fly",
     "fly_plan",
     "is_settled",
     "link_of",
     "load_flight_plan",
     "load_gains",
+    "precision_of",
     "preview_of_model",
     "restore_parameters",
     "restore_run",

@@ -33,11 +33,12 @@ from typing import Any
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.limits import limit_of
-from gcs_autotune.manoeuvres import MANOEUVRES, Area, Manoeuvre, ManoeuvreKind, read_area
+from gcs_autotune.manoeuvres import MANOEUVRES, Area, Envelope, Manoeuvre, ManoeuvreKind, Preview, read_area
 from gcs_autotune.registry import lookup
+from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
+__all__ = ["FlightLeg", "FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,7 @@ class PlannedRun:
 class FlightPlan:
     """Runs in the order in which they are flown, what must hold before each, the ``area`` [deg] to stay in.
 
-    ``text`` is the file it came from.
+    ``text`` is the file it came from. ``until``: after these runs it goes on by itself, up to this precision.
     """
 
     title: str
@@ -125,6 +126,7 @@ class FlightPlan:
     min_depth: float | None = None
     text: str = ""
     area: Area | None = None
+    until: Precision | None = None
 
     @classmethod
     def of(cls, settings: FlySettings) -> FlightPlan:
@@ -135,6 +137,16 @@ class FlightPlan:
     def names(self) -> tuple[str, ...]:
         """The names of its runs."""
         return tuple(run.name for run in self.runs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightLeg:
+    """A run with what is known of it before it is flown: a boat's ``throttle``, its limits, its ``preview``."""
+
+    run: PlannedRun
+    throttle: float
+    envelope: Envelope
+    preview: Preview
 
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}

@@ -7,23 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import AxisFit, Validation, fit_axis, save_model, validate
-from gcs_autotune.manoeuvres import DOF_OF, Preview
-from gcs_autotune.report import FlightModel, render_flight, render_preview
+from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate
+from gcs_autotune.manoeuvres import Preview
+from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.self_planned import TrialStep, limited
 from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
-
-_NOTED, _LIMITED = 0.1, 0.9
-"""An order that matters, as a share of full, and the share of it that must come out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,13 +33,17 @@ class FlownRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightResult:
-    """What came of it: ``runs``, ``sheets`` of figures, a model per degree of freedom in ``models``, what to doubt."""
+    """What came of it: ``runs``, ``sheets`` of figures, a model per degree of freedom in ``models``, what to doubt.
+
+    ``steps``: the story of a trial that planned itself; its model is the one of the form asked for.
+    """
 
     runs: Sequence[FlownRun]
     page: Path | None = None
     sheets: Sequence[Sheet] = ()
     models: Sequence[FlightModel] = ()
     remarks: Sequence[str] = ()
+    steps: Sequence[TrialStep] = ()
 
     @property
     def preview(self) -> Preview:
@@ -56,7 +56,7 @@ class FlightResult:
         return self.runs[0].trial
 
     @property
-    def fit(self) -> AxisFit | None:
+    def fit(self) -> Fit | None:
         """The first model."""
         return self.models[0].fit if self.models else None
 
@@ -71,12 +71,18 @@ def draw_previews(runs: Sequence[FlownRun], plan: FlightPlan, directory: Path, w
 
 
 def read_flight(
-    plan: FlightPlan, common: TuneSettings, record: RunDirectory, runs: Sequence[FlownRun], when: str
+    plan: FlightPlan,
+    common: TuneSettings,
+    record: RunDirectory,
+    runs: Sequence[FlownRun],
+    when: str,
+    steps: Sequence[TrialStep] = (),
 ) -> FlightResult:
     """Read figures and models off the records; what they do not tell is a remark, for the records are good.
 
     A model is fitted per degree of freedom to its runs but those held out: the ones the plan says, else the last of
-    several. On these it is validated.
+    several. On these it is validated. A trial that planned itself (*steps*) has its model already; each of its runs
+    was predicted by the model before it.
     """
     remarks: list[str] = []
     sheets: list[Sheet] = []
@@ -88,8 +94,8 @@ def read_flight(
             sheets += ship_figures(trial) if planned.settings.kind.name in SHIP_MANOEUVRES else ()
         except AutotuneError as error:
             remarks.append(f"{of}no figures: {error}")
-    models = []
-    for dof, (used, held) in _by_dof(flown).items():
+    models = [FlightModel(steps[-1].outlook.fit)] if steps else []
+    for dof, (used, held) in ({} if steps else _by_dof(flown)).items():
         try:
             models.append(_identified(dof, used, held, common))
         except NotInformative as error:
@@ -104,8 +110,18 @@ def read_flight(
     tracks = [(planned.name, trial) for planned, trial in flown]
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     title = f"{plan.title}: {common.connection.uri}"
-    page.write_text(render_flight(title, when, tracks, predicted, sheets, models, remarks), encoding="utf-8")
-    return FlightResult(runs, page, sheets, models, remarks)
+    page.write_text(
+        render_flight(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)), encoding="utf-8"
+    )
+    return FlightResult(runs, page, sheets, models, remarks, steps)
+
+
+def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
+    """Return the steps of a trial that planned itself as the page tells them."""
+    return [
+        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.foretold, s.ended)
+        for s in steps
+    ]
 
 
 def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
@@ -133,17 +149,8 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
 
 def _limited(trial: Trial) -> list[str]:
     """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
-    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
-    for k, order in enumerate(orders):
-        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
-        for force, asked in order.detail.items():
-            if force not in DOF_OF or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
-                continue
-            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
-            came = float(np.median(held)) / asked if len(held) else 1.0
-            if came < _LIMITED:
-                return [
-                    f"of {abs(asked):.0%} {force} asked for, {abs(came * asked):.0%} came out: it stands at a limit "
-                    "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
-                ]
-    return []
+    return [
+        f"of {asked:.0%} {force} asked for, {came:.0%} came out: it stands at a limit "
+        "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
+        for force, (asked, came) in limited(trial).items()
+    ][:1]

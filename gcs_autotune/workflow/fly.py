@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 
 from gcs_autotune.axes import excitation_of
@@ -23,27 +24,29 @@ from gcs_autotune.manoeuvres import (
     DiveSettings,
     Envelope,
     ManoeuvreKind,
-    Preview,
     Zone,
     preview,
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
-from gcs_autotune.workflow.background import agreed, beside
+from gcs_autotune.workflow.background import agreed, beside, run_in_background
 from gcs_autotune.workflow.connection import TWITCHING, connect_craft
 from gcs_autotune.workflow.context import armed
 from gcs_autotune.workflow.experiments import dive_for
-from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
+from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.paper_craft import paper_craft
 from gcs_autotune.workflow.preflight import STAGE, see_depth_is_told, see_signs, sign_check_for
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out
 from gcs_autotune.workflow.runner import ManoeuvreRunner
+from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven
 from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.worker import Worker
 
 __all__ = ["PLAN_FILE", "fly", "fly_plan", "preview_of_model"]
 
@@ -116,12 +119,17 @@ def fly_plan(
         What ended it early; the records are on disk.
     """
     record, earlier = RunDirectory(common.directory), Earlier(common, plan.names)
-    with connect_craft(common.connection, operator, watcher, record, common.control_rate, common.axis) as craft:
-        flight = _Flight(plan, common, operator, watcher, record, craft, earlier)
+    warm = plan.until.dofs if plan.until is not None else ()
+    with (
+        jit_warmup(common.connection.uri, warm, []) as worker,
+        connect_craft(common.connection, operator, watcher, record, common.control_rate, common.axis) as craft,
+    ):
+        flight = _Flight(plan, common, operator, watcher, record, craft, earlier, worker)
         flight.foresee(only_preview=only_preview)
         if only_preview:
             runs = [FlownRun(leg.run, leg.preview) for leg in flight.legs]
             return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
+        await_warmup(craft, worker, watcher)
         flight.announce()
         try:
             flight.fly()
@@ -129,17 +137,7 @@ def fly_plan(
             flight.say_how_to_go_on()
             raise
     runs = [FlownRun(leg.run, leg.preview, flight.flown[leg.run.name]) for leg in flight.legs]
-    return read_flight(plan, common, record, runs, when)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Leg:
-    """A run with what is known of it before it is flown."""
-
-    run: PlannedRun
-    throttle: float
-    envelope: Envelope
-    preview: Preview
+    return read_flight(plan, common, record, runs, when, flight.steps)
 
 
 class _Flight:
@@ -154,11 +152,13 @@ class _Flight:
         record: RunDirectory,
         craft: MavlinkCraft,
         earlier: Earlier,
+        worker: Worker,
     ) -> None:
-        self._plan, self._common, self._operator = plan, common, operator
+        self._plan, self._common, self._operator, self._worker = plan, common, operator, worker
         self._watcher, self._record, self._craft, self._earlier = watcher, record, craft, earlier
-        self.legs: list[_Leg] = []
+        self.legs: list[FlightLeg] = []
         self.flown: dict[str, Trial] = {}
+        self.steps: list[TrialStep] = []
         self._held: dict[str, float] = {}
         self._area: Area | None = None
 
@@ -169,25 +169,32 @@ class _Flight:
         self._earlier.see_that_it_is_the_same(craft, present)
         if self._plan.min_depth is not None and firmware.floats:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
-        area = self._area = self._water()
-        now = craft.observe()
+        self._area = self._water()
         for run in self._plan.runs:
-            settings = run.settings
-            _see_it_suits(settings, craft)
-            throttle, speed = _cruise(settings, firmware, present)
-            envelope = replace(_envelope(settings, speed), area=area)
-            paper = paper_craft(settings, firmware, present, throttle, speed)
-            here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
-            way = _LEFT * speed if firmware.needs_way and throttle else 0.0
-            seen = preview(settings.make(throttle), paper, here, floats=firmware.needs_way, way=way)
-            self.legs.append(_Leg(run, throttle, envelope, seen))
+            _see_it_suits(run.settings, craft)
+            leg = self._leg_of(run)
+            seen, assumed = leg.preview, leg.preview.craft.assumed
+            self.legs.append(leg)
             of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
             self._watcher.say(f"{of}: {seen.told()}")
-            if seen.trouble and not paper.assumed and not only_preview:
+            if seen.trouble and not assumed and not only_preview:
                 raise PreconditionFailed(f"not flown, for the {of} ends early: {seen.trouble}; nothing was armed")
             if seen.trouble:
-                by = ", but on assumed numbers" if paper.assumed else ""
+                by = ", but on assumed numbers" if assumed else ""
                 self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
+
+    def _leg_of(self, run: PlannedRun) -> FlightLeg:
+        """Return *run* with its preview from where the craft is now."""
+        craft, firmware, area, settings = self._craft, self._craft.firmware, self._area, run.settings
+        now = craft.observe()
+        throttle, speed = _cruise(settings, firmware, self._held)
+        envelope = replace(_envelope(settings, speed), area=area)
+        paper = paper_craft(settings, firmware, self._held, throttle, speed)
+        here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
+        way = _LEFT * speed if firmware.needs_way and throttle else 0.0
+        return FlightLeg(
+            run, throttle, envelope, preview(settings.make(throttle), paper, here, floats=firmware.needs_way, way=way)
+        )
 
     def _water(self) -> Area | None:
         """Return where the craft may be: in the area given, and in the vehicle's own fence.
@@ -225,13 +232,20 @@ class _Flight:
         return area
 
     @property
-    def _to_fly(self) -> list[_Leg]:
+    def _to_fly(self) -> list[FlightLeg]:
         return [leg for leg in self.legs if not self._earlier.has(leg.run.name)]
 
     @property
     def _dofs(self) -> list[str]:
         """The degrees of freedom whose actuators are checked before."""
-        return list(dict.fromkeys(dof for leg in self._to_fly if (dof := _checked(leg.run.settings.kind))))
+        wanted = (
+            []
+            if self._plan.until is None
+            else [d for d in driven(self._plan.until, self._craft.firmware) if d in _DOF.values()]
+        )
+        return list(
+            dict.fromkeys([*(dof for leg in self._to_fly if (dof := _checked(leg.run.settings.kind))), *wanted])
+        )
 
     def announce(self) -> None:
         """Say what will be done, and ask.
@@ -259,6 +273,7 @@ class _Flight:
             f"move: {''.join(excitation_of(dof).check for dof in dofs)}{self._movements()}",
             *self._needs(),
             how_long(self._itinerary),
+            *self._goes_on(),
             battery(now, s.envelope, self._itinerary.seconds),
             *after_a_silence(s, now),
             "write no parameter",
@@ -275,6 +290,16 @@ class _Flight:
             legs += [Leg(LOOKING_OUT, LOOKING)] * self._plan.calm
             legs.append(Leg(leg.run.name, leg.preview.seconds))
         return legs
+
+    def _goes_on(self) -> list[str]:
+        until = self._plan.until
+        if until is None:
+            return []
+        asked = ", ".join(f"{name} is known to {100.0 * share:.2g} %" for name, share in until.wanted.items())
+        return [
+            f"then fly what tells most about it, each previewed first and inside the same limits, until {asked}, for "
+            f"at most {until.seconds / 60.0:.0f} min of runs"
+        ]
 
     def _movements(self) -> str:
         if len(self.legs) == 1:
@@ -314,7 +339,7 @@ class _Flight:
             return
         ask = partial(agreed, craft, self._operator, watcher)
         runner = ManoeuvreRunner(craft, replace(s.envelope, area=self._area), watcher, keep, s.patience, ask)
-        dofs = list(dict.fromkeys(dof for leg in left if (dof := _checked(leg.run.settings.kind))))
+        dofs = self._dofs
         with armed(craft, watcher, self._record, s.connection):
             home = craft.observe()
             throttle = max(leg.throttle for leg in left)
@@ -324,14 +349,30 @@ class _Flight:
                 dive = dive_for(dof, firmware, home)
                 if dive is not None:
                     runner.fly(dive, "diving")
-            for k, leg in enumerate(left):
+            for k, leg in enumerate(itertools.chain(left, self._chosen(runner))):
                 if k:
                     self._come_back(runner, leg, home)
                 self._make_conditions(runner)
                 manoeuvre = leg.run.make(leg.throttle, keep_still=not firmware.needs_way)
                 self.flown[leg.run.name] = runner.fly(manoeuvre, leg.run.name, leg.envelope).trial
 
-    def _come_back(self, runner: ManoeuvreRunner, leg: _Leg, home: Observation) -> None:
+    def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
+        """Yield the runs that a trial which plans itself goes on with, each chosen on what was flown before it."""
+        until, craft, first = self._plan.until, self._craft, self.legs[0]
+        if until is None:
+            return
+        overhead = BACK if craft.firmware.needs_way else 0.0
+        planner = SelfPlanner(until, first, craft.firmware, overhead, self._watcher.say)
+        self.steps = planner.steps
+        think = partial(run_in_background, craft, self._worker, runner.bear)
+        while True:
+            leg = planner.next_leg([self.flown[leg.run.name] for leg in self.legs], think, self._leg_of)
+            if leg is None:
+                return
+            self.legs.append(leg)
+            yield leg
+
+    def _come_back(self, runner: ManoeuvreRunner, leg: FlightLeg, home: Observation) -> None:
         """Bring a boat back to where it began, or say why not; other craft stay about where they are."""
         if not self._craft.firmware.needs_way:
             return

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from gcs_autotune.clock import Deadline, ManualClock
 from gcs_autotune.design import LAWS, Scenario
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify import fit, fit_axis
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
@@ -62,7 +62,14 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
 
 
 def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
-    """Run identification in *dofs* and the control laws named *laws* once, on a craft on paper."""
+    """Run identification in *dofs* and the control laws named *laws* once, on a craft on paper.
+
+    Several *dofs* without a law are those of a coupled form.
+    """
+    if len(dofs) > 1 and not laws:
+        with suppress(AutotuneError):  # as below
+            fit([_swing(dofs)], dof="horizontal", delay=0.0)
+        return
     for dof in dofs:
         _identify(dof)
         for law in (LAWS[name] for name in laws):
@@ -71,30 +78,30 @@ def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
 
 
 def _identify(dof: str) -> None:
-    trial = _swing(dof)
+    trial = _swing([dof])
     try:
         fitted([trial], fit_axis([trial], dof=dof, structure="affine"), DEAD)
     except AutotuneError:
         return  # a craft on paper need not be worth a fit; what there was to compile is compiled
 
 
-def _swing(dof: str) -> Trial:
-    """Return a record of a relay experiment on paper: 40 s at 10 Hz."""
-    d, step = DOFS[dof], 0.1
+def _swing(dofs: Sequence[str]) -> Trial:
+    """Return a record of a relay experiment on paper in each of *dofs*, with periods of their own: 40 s at 10 Hz."""
     alpha, beta = _MODEL
+    step = 0.1
     t = step * np.arange(400, dtype=np.float64)
-    force = 0.5 * np.sign(np.sin(2.0 * math.pi * t / 8.0) + 1e-9)
-    speed, position = np.zeros(len(t)), np.zeros(len(t))
-    for k in range(1, len(t)):
-        speed[k] = speed[k - 1] + step * (alpha * force[k - 1] - beta * speed[k - 1])
-        position[k] = position[k - 1] + step * speed[k]
-    noise = np.random.default_rng(1).normal(0.0, 1e-3, (2, len(t)))
-    turns = d.velocity in ("p", "q", "r")
-    return Trial(
-        "on-paper",
-        {
-            d.force: Channel(d.force, "1", t, force),
-            d.velocity: Channel(d.velocity, "rad/s" if turns else "m/s", t, speed + noise[0]),
-            d.position: Channel(d.position, "rad" if turns else "m", t, position + noise[1]),
-        },
-    )
+    random = np.random.default_rng(1)
+    channels: dict[str, Channel] = {}
+    for number, dof in enumerate(dofs):
+        d = DOFS[dof]
+        force = 0.5 * np.sign(np.sin(2.0 * math.pi * t / (8.0 - 1.5 * number)) + 1e-9)
+        speed, position = np.zeros(len(t)), np.zeros(len(t))
+        for k in range(1, len(t)):
+            speed[k] = speed[k - 1] + step * (alpha * force[k - 1] - beta * speed[k - 1])
+            position[k] = position[k - 1] + step * speed[k]
+        noise = random.normal(0.0, 1e-3, (2, len(t)))
+        turns = d.velocity in ("p", "q", "r")
+        channels[d.force] = Channel(d.force, "1", t, force)
+        channels[d.velocity] = Channel(d.velocity, "rad/s" if turns else "m/s", t, speed + noise[0])
+        channels[d.position] = Channel(d.position, "rad" if turns else "m", t, position + noise[1])
+    return Trial("on-paper", channels)

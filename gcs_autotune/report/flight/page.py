@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from gcs_autotune.identify import AxisFit, Validation
+from gcs_autotune.identify import Fit, Validation
 from gcs_autotune.report.study.study import structure_title
 from gcs_autotune.report.study.tables import parameter_table, unseen_table
 from gcs_autotune.report.summaries import sheet_table
@@ -27,14 +28,14 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FlightModel", "render_flight", "render_preview"]
+__all__ = ["FlightModel", "TrialTold", "render_flight", "render_preview"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightModel:
-    """One degree of freedom identified from a flight; ``unseen``: how it predicts the runs ``held_out``, if any."""
+    """A model identified from a flight; ``unseen``: how it predicts the runs ``held_out``, if any."""
 
-    fit: AxisFit
+    fit: Fit
     held_out: Sequence[str] = ()
     unseen: Validation | None = None
 
@@ -42,6 +43,20 @@ class FlightModel:
         """Return plain data."""
         told = None if self.unseen is None else self.unseen.fit_percent
         return {"dof": self.fit.dof, "fit": self.fit.to_dict(), "held_out": list(self.held_out), "prediction": told}
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTold:
+    """A run of a trial that planned itself: ``why`` it was flown, its seconds, what was ``known`` after it, how well
+    [%] the model before it ``foretold`` it (NaN: there was none), and why it was the last.
+    """
+
+    run: str
+    why: str
+    seconds: float
+    known: str
+    foretold: float
+    ended: str
 
 
 def render_flight(
@@ -52,10 +67,11 @@ def render_flight(
     sheets: Sequence[Sheet],
     models: Sequence[FlightModel],
     remarks: Sequence[str],
+    story: Sequence[TrialTold] = (),
 ) -> str:
     """Return the page of a flight: figures, models, and of each run (name, record) signals and track.
 
-    predicted : of the one run there is, for the track.
+    predicted : of the one run there is, for the track. story : of a trial that planned itself.
     """
     doubts = [*remarks, *(doubt_sentence(d) for s in sheets for d in s.doubts)]
     doubts += [doubt_sentence(d) for m in models for d in m.fit.doubts]
@@ -65,8 +81,8 @@ def render_flight(
     named = {"flown" if alone else name: run for name, run in flown}
     pictures += _tracks(named if predicted is None else {**named, "predicted": predicted})
     what = flown[0][1].reason if alone else f"{len(flown)} runs, {_together([t for _, t in flown])}"
-    verdict = Headline(f"Flown: {what}.", "good", ())
-    return _page(title, when, verdict, sheets, models, doubts, pictures, () if alone else flown)
+    verdict = Headline(f"Flown: {what}.", "good", (f"{story[-1].known}: {story[-1].ended}.",) if story else ())
+    return _page(title, when, verdict, sheets, models, doubts, pictures, () if alone else flown, story)
 
 
 def _together(runs: Sequence[Trial]) -> str:
@@ -93,6 +109,7 @@ def _page(
     doubts: Sequence[str],
     pictures: Sequence[Picture],
     runs: Sequence[tuple[str, Trial]] = (),
+    story: Sequence[TrialTold] = (),
 ) -> str:
     tiles = [(format_percent(m.fit.fit_percent), f"fit, {m.fit.dof}", "free run") for m in models]
     tiles += [(format_percent(m.unseen.fit_percent), "prediction", ", ".join(m.held_out)) for m in models if m.unseen]
@@ -105,6 +122,7 @@ def _page(
             "tiles": tiles,
             "doubts": tuple(dict.fromkeys(doubts)),
             "runs": _runs(runs) if runs else None,
+            "story": _story(story) if story else None,
             "sheets": [(f"{s.run}: {s.title}" if runs else s.title, sheet_table(s), s.verdict) for s in sheets],
             "models": [
                 (structure_title(m.fit), parameter_table(m.fit), unseen_table(m.unseen) if m.unseen else None)
@@ -118,6 +136,20 @@ def _page(
 def _runs(runs: Sequence[tuple[str, Trial]]) -> Table:
     rows = tuple((name, format_seconds(trial.duration), trial.reason) for name, trial in runs)
     return Table(("run", "length", "how it ended"), "lrl", rows)
+
+
+def _story(steps: Sequence[TrialTold]) -> Table:
+    rows = tuple(
+        (
+            s.run,
+            s.why,
+            format_seconds(s.seconds),
+            "" if math.isnan(s.foretold) else format_percent(s.foretold) if math.isfinite(s.foretold) else "runs away",
+            s.known,
+        )
+        for s in steps
+    )
+    return Table(("run", "why", "length", "predicted before", "known after it"), "llrrl", rows)
 
 
 MOST_SIGNALS = 12

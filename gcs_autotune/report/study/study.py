@@ -18,6 +18,7 @@ __all__ = [
     "RunRow",
     "Study",
     "answer_sentences",
+    "fits_sentence",
     "structure_title",
     "study_to_dict",
     "unseen_remarks",
@@ -127,12 +128,13 @@ def structure_title(fit: Fit) -> str:
 def answer_sentences(study: Study) -> tuple[str, ...]:
     """Return what the fit means, how well it fits, and where it comes from."""
     fit = study.fit
-    said = list(model_sentences(fit)) if isinstance(fit, AxisFit) else [_fits(fit)]
+    said = list(model_sentences(fit)) if isinstance(fit, AxisFit) else [fits_sentence(fit)]
     said.append(f"Method: {fit.method}, from {', '.join(fit.used)}.")
     return tuple(said)
 
 
-def _fits(fit: Fit) -> str:
+def fits_sentence(fit: Fit) -> str:
+    """Return how well a coupled model fits, and what it leaves."""
     said = f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} the motion it was fitted to."
     left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
     if not left:

@@ -12,11 +12,19 @@ from gcs_autotune.report.study.study import (
     MethodOutcome,
     Study,
     answer_sentences,
+    fits_sentence,
     structure_title,
     unseen_remarks,
     verdict_headline,
 )
-from gcs_autotune.report.toolkit.axis_fit import candidate_table, decision_sentence, meanings, model_table, short_name
+from gcs_autotune.report.toolkit.axis_fit import (
+    candidate_table,
+    decision_sentence,
+    fit_summary,
+    meanings,
+    model_table,
+    short_name,
+)
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import STYLES, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
@@ -36,6 +44,7 @@ __all__ = [
     "estimate_tables",
     "method_list",
     "method_table",
+    "model_summary",
     "parameter_table",
     "proposal_table",
     "run_table",
@@ -239,6 +248,16 @@ def study_summary(study: Study) -> Group:
     parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
     verdict = verdict_headline(study)
     parts.append(title(verdict.text, STYLES[verdict.tone]))
+    return Group(*parts)
+
+
+def model_summary(fit: Fit) -> Group:
+    """Return a model of any form by itself: parameters, how well it fits, doubts."""
+    if isinstance(fit, AxisFit):
+        return fit_summary(fit)
+    parts: list[RenderableType] = [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
+    parts.append(paragraph(fits_sentence(fit)))
+    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
     return Group(*parts)
 
 

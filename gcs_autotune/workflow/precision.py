@@ -1,0 +1,90 @@
+"""The precision that a trial which plans itself is to reach: ``N_r 5%, Y_v 10%``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify import derivative_names
+from gcs_autotune.models import FORMS
+from gcs_autotune.registry import lookup
+from gcs_autotune.sname import DOFS
+
+__all__ = ["Precision", "precision_of"]
+
+FORMS_FLOWN = ("horizontal", "6dof")
+"""Coupled forms whose inputs are the forces that a flight records."""
+MOST_PERCENT = 100.0
+_ITEM = re.compile(r"\s*([A-Za-z][A-Za-z_0-9|]*)\s*[= ]\s*([0-9.]+)\s*%\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Precision:
+    """What is asked for: parameter -> standard error over value, of a ``form``, within ``seconds`` of runs."""
+
+    wanted: Mapping[str, float]
+    form: str
+    seconds: float
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """The degrees of freedom of the form."""
+        return (self.form,) if self.form in DOFS else tuple(FORMS[self.form].dofs)
+
+    def reached(self, relative: Mapping[str, float]) -> bool:
+        """Whether the relative standard errors are as small as asked for."""
+        return all(relative[name] <= share for name, share in self.wanted.items())
+
+    def told(self, relative: Mapping[str, float]) -> str:
+        """Return where each stands, in words."""
+        return ", ".join(f"{n} {_shown(relative[n])} (wanted {_shown(share)})" for n, share in self.wanted.items())
+
+
+def precision_of(text: str, form: str, seconds: float) -> Precision:
+    """Read ``N_r 5%, Y_v 10%``; without a *form* it is the smallest that has all of these parameters.
+
+    A derivative of one degree of freedom may be called by its SNAME name or by the fit's (``N_r``, ``beta_r``).
+
+    Raises
+    ------
+    UsageError, UnknownName
+        It cannot be read, or no form, or not the one given, has such a parameter.
+    """
+    asked: dict[str, float] = {}
+    for item in text.split(","):
+        found = _ITEM.fullmatch(item)
+        if found is None:
+            raise UsageError(f"'{item.strip()}' is no parameter with a precision: write --until 'N_r 5%, Y_v 10%'")
+        asked[found[1]] = float(found[2]) / 100.0
+    wrong = [n for n, share in asked.items() if not 0.0 < 100.0 * share <= MOST_PERCENT]
+    if wrong:
+        raise UsageError(f"the precision of {wrong[0]} is above 0 and at most {MOST_PERCENT:g} %")
+    if form:
+        known = {name: name for name in (*DOFS, *FORMS_FLOWN)}
+        return Precision({_name_in(lookup(known, form, "form"), n): s for n, s in asked.items()}, form, seconds)
+    for candidate in (*DOFS, *FORMS_FLOWN):
+        if all(n in _names(candidate) for n in asked):
+            return Precision({_names(candidate)[n]: s for n, s in asked.items()}, candidate, seconds)
+    everything = {n: n for candidate in (*DOFS, *FORMS_FLOWN) for n in _names(candidate)}
+    for name in asked:
+        lookup(everything, name, "parameter")
+    raise UsageError(f"no one form has all of {', '.join(asked)}; ask for those of one: {', '.join(FORMS_FLOWN)}")
+
+
+def _names(form: str) -> Mapping[str, str]:
+    """Return the names by which a form's parameters may be called -> what its fit calls them."""
+    if form not in DOFS:
+        return {n: n for n in FORMS[form].free}
+    nu = DOFS[form].velocity
+    called = (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}")
+    return {**dict(zip(derivative_names(DOFS[form]), called, strict=False)), **{n: n for n in called}}
+
+
+def _name_in(form: str, name: str) -> str:
+    return lookup(_names(form), name, f"parameter of '{form}'")
+
+
+def _shown(share: float) -> str:
+    return "unknown" if not share < 10.0 else f"{100.0 * share:.2g} %"

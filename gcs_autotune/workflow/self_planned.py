@@ -1,0 +1,321 @@
+"""A trial that plans itself: after each run the model is identified, and the next manoeuvre is the one that brings the
+precision asked for nearest per minute of water (Goodwin1977, chapter 6)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.experiments import rank_by_precision, relative_errors, shortfall
+from gcs_autotune.firmware import Firmware
+from gcs_autotune.identify import Fit, fit, validate
+from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, Manoeuvre, ManoeuvreKind, Preset
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
+from gcs_autotune.workflow.precision import Precision
+from gcs_autotune.workflow.settings import TuneSettings
+
+__all__ = ["Choice", "Offer", "Outlook", "SelfPlanner", "TrialStep", "driven", "first_run", "look_ahead", "offers_for"]
+
+GRID: Mapping[str, tuple[float, ...]] = {
+    "steering": (0.3, 0.6, 1.0),
+    "heading": (math.radians(10.0), math.radians(20.0)),
+    "duration": (20.0, 40.0, 80.0),
+}
+"""Option of a manoeuvre -> the sizes that are weighed (SI); the others are as the table of limits says."""
+THROTTLES = (0.0, 0.5)
+"""Chosen: thrust ahead that is weighed for a craft that needs no way to steer by."""
+SHORT = 20.0
+"""Chosen [s]: a first run up and down, or sideways, of a craft nobody knows yet: it stays within a metre or two."""
+LONGEST = 240.0
+"""Chosen [s]: a manoeuvre that takes longer is not weighed; two shorter ones tell more of where to go next."""
+OVERHEAD = 5.0
+"""Chosen [s]: what each run costs besides, a boat's coming back apart."""
+WORTH_IT = 0.05
+"""Chosen: a run that brings all wishes together nearer by less, in logarithms, helps nothing."""
+IN_VAIN = 2
+"""Chosen: after so many runs that helped nothing it ends."""
+
+
+# --- what may be flown --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A manoeuvre of one size that may be flown next."""
+
+    settings: FlySettings
+    throttle: float
+    keep_still: bool
+
+    @property
+    def title(self) -> str:
+        """Its name and size in words."""
+        sizes = []
+        for name, value in self.settings.options.items():
+            if name == "steering":
+                sizes.append(f"{100.0 * value:.0f} %")
+            elif name == "heading":
+                sizes.append(f"{math.degrees(value):.0f} deg")
+            elif name == "duration":
+                sizes.append(f"{value:.0f} s")
+        force = f" of {self.settings.force}" if self.settings.force else ""
+        ahead = f", throttle {100.0 * self.throttle:.0f} %" if self.throttle else ""
+        return f"{self.settings.kind.name}{force} ({', '.join(sizes)}{ahead})"
+
+    def make(self) -> Manoeuvre:
+        """Return it."""
+        return self.settings.make(self.throttle, keep_still=self.keep_still)
+
+    def as_preset(self) -> Preset:
+        """Return it as something that is weighed."""
+        forces = sorted(self.settings.kind.drives | ({"X"} if self.throttle else set()))
+        return Preset(self.title, " ".join(forces), lambda seconds: self.make(), closed=True)
+
+
+def first_run(precision: Precision, common: TuneSettings) -> FlySettings:
+    """Return what is flown first where nobody says: an S for several degrees of freedom, doublets or steps for one."""
+    if len(precision.dofs) > 1:
+        return FlySettings("s-manoeuvre", common)
+    force = DOFS[precision.dofs[0]].force
+    short = {} if force in "XN" else {"duration": SHORT}
+    return FlySettings("steps" if force == "X" else "doublets", common, short, force=force)
+
+
+def offers_for(precision: Precision, first: FlySettings, firmware: Firmware, cruise: float) -> list[Offer]:
+    """Return every manoeuvre of the table that tells about the form, in the sizes of :data:`GRID`.
+
+    *cruise* is a boat's throttle; what was given with the *first* run (a rudder's angle) holds for all that take it.
+    """
+    forces = {DOFS[dof].force for dof in precision.dofs}
+    able = forces & set(firmware.channels)
+    keep_still = not firmware.needs_way
+    throttles = (cruise,) if firmware.needs_way else THROTTLES if "X" in able else (0.0,)
+    found: dict[str, Offer] = {}
+    for kind in _kinds(able):
+        if not (kind.identifies and kind.make is not None and kind.suits(firmware) and kind.drives <= able):
+            continue
+        for options, throttle in itertools.product(_sizes(kind), throttles):
+            common = replace(first.common, throttle=throttle)
+            force = next(iter(kind.drives)) if kind.for_force is not None else ""
+            given = {n: v for n, v in first.options.items() if n in kind.options and n not in GRID}
+            try:
+                settings = FlySettings(kind.name, common, {**given, **options}, 1, None, None, force)
+            except AutotuneError:
+                continue  # a size that this manoeuvre cannot have
+            offer = Offer(settings, throttle, keep_still)
+            found[offer.title] = offer
+    return list(found.values())
+
+
+def _kinds(forces: set[str]) -> Iterator[ManoeuvreKind]:
+    for kind in MANOEUVRES.values():
+        if kind.for_force is None:
+            yield kind
+        else:
+            yield from (kind.of(force) for force in sorted(forces))
+
+
+def _sizes(kind: ManoeuvreKind) -> list[dict[str, float]]:
+    names = [name for name in GRID if name in kind.options]
+    return [dict(zip(names, values, strict=True)) for values in itertools.product(*(GRID[n] for n in names))]
+
+
+_NOTED, _LIMITED = 0.1, 0.9
+"""An order that matters, as a share of full, and the share of it that must come out."""
+
+
+def limited(trial: Trial) -> Mapping[str, tuple[float, float]]:
+    """Return the forces of which clearly less came out than was asked for: force -> (asked, came out), largest orders.
+
+    Both as shares of full: thrusters that drive ahead as well have no more room to steer.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
+    for k, order in enumerate(orders):
+        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
+        for force, asked in order.detail.items():
+            if force not in DOF_OF or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
+                continue
+            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
+            came = float(np.median(held)) / asked if len(held) else 1.0
+            if came < _LIMITED and abs(asked) > found.get(force, (0.0, 0.0))[0]:
+                found[force] = (abs(asked), abs(came * asked))
+    return found
+
+
+# --- what is known, and what comes next ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An offer by its number, the relative standard errors expected after it, its seconds, how far and deep it goes.
+
+    ``gain``: how much nearer all wishes together come, in natural logarithms of the errors still too large.
+    """
+
+    offer: int
+    relative: Mapping[str, float]
+    seconds: float
+    room: float
+    depth: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """What the runs tell by now, and what to fly next, best first.
+
+    ``relative`` standard errors of what is wanted; ``foretold``: how well [%] the model of the runs before predicted
+    the last one, NaN where there was none.
+    """
+
+    fit: Fit
+    relative: Mapping[str, float]
+    foretold: float
+    choices: tuple[Choice, ...] = ()
+
+
+def look_ahead(
+    runs: Sequence[Trial], before: Fit | None, precision: Precision, offers: Sequence[Offer], overhead: float
+) -> Outlook:
+    """Identify the form from all *runs* and rank the *offers*; for a process of its own.
+
+    Raises
+    ------
+    NotInformative
+        The runs tell nothing of this form.
+    """
+    found = fit(list(runs), dof=precision.form)
+    relative = relative_errors(found, precision.wanted)
+    foretold = math.nan
+    if before is not None:
+        try:
+            foretold = validate(before.model, runs[-1]).fit_percent
+        except NotInformative:
+            foretold = -math.inf
+    if precision.reached(relative):
+        return Outlook(found, relative, foretold)
+    most: dict[str, float] = {}
+    for run in runs:
+        for force, (_, came) in limited(run).items():
+            most[force] = max(most.get(force, 0.0), came)
+    presets = [offer.as_preset() for offer in offers]
+    number = {id(preset): i for i, preset in enumerate(presets)}
+    ranked = rank_by_precision(
+        found, list(runs), precision.wanted, presets, longest=LONGEST, overhead=overhead, most=most
+    )
+    choices = tuple(
+        Choice(
+            number[id(w.candidate)], w.relative, w.seconds, w.flight.reach.room, w.flight.reach.deep,
+            w.rate * w.seconds / 60.0,
+        )
+        for w in ranked
+    )  # fmt: skip
+    return Outlook(found, relative, foretold, choices)
+
+
+def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
+    """Return the degrees of freedom of the form whose actuator the craft has."""
+    return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialStep:
+    """One run of a trial that plans itself: why it was flown, what was known after it, why it was the last."""
+
+    run: str
+    why: str
+    seconds: float
+    precision: Precision
+    outlook: Outlook
+    ended: str = ""
+
+
+Think = Callable[..., Outlook]
+"""Does a piece of work (the first argument, with the others) while the link is served."""
+
+
+class SelfPlanner:
+    """Says after each run what is known by now and what comes next; ``steps`` is the story.
+
+    *overhead*: seconds that each run costs besides itself (a boat's coming back).
+    """
+
+    def __init__(
+        self, until: Precision, first: FlightLeg, firmware: Firmware, overhead: float, say: Callable[[str], None]
+    ) -> None:
+        self._until, self._say = until, say
+        self._overhead = OVERHEAD + overhead
+        self._offers = offers_for(until, first.run.settings, firmware, first.throttle)
+        self._before: Fit | None = None
+        self._left = until.seconds - first.preview.seconds
+        self._why = "the first"
+        self._name = first.run.name
+        self.steps: list[TrialStep] = []
+
+    def next_leg(
+        self, runs: Sequence[Trial], think: Think, leg_of: Callable[[PlannedRun], FlightLeg]
+    ) -> FlightLeg | None:
+        """Return what to fly after *runs*; None when what was asked for is reached, or nothing helps or fits any more.
+
+        Raises
+        ------
+        NotInformative
+            The runs tell nothing of what was asked for.
+        """
+        until = self._until
+        seen = think(look_ahead, runs, self._before, until, self._offers, self._overhead)
+        self._before = seen.fit
+        self._say(f"after run {len(runs)}: {until.told(seen.relative)}")
+        leg, why = self._best(seen, len(runs) + 1, leg_of)
+        self._say(f"next: {why}" if leg is not None else why)
+        self.steps.append(
+            TrialStep(self._name, self._why, runs[-1].duration, until, seen, "" if leg is not None else why)
+        )
+        if leg is not None:
+            self._why, self._name = why, leg.run.name
+            self._left -= leg.preview.seconds + self._overhead
+        return leg
+
+    def _best(
+        self, seen: Outlook, number: int, leg_of: Callable[[PlannedRun], FlightLeg]
+    ) -> tuple[FlightLeg | None, str]:
+        """Return the best run that stays inside the limits and the time left, and why it is; or why none is."""
+        until = self._until
+        if until.reached(seen.relative):
+            return None, "what was asked for is reached"
+        away = [shortfall(s.outlook.relative, until.wanted) for s in self.steps] + [
+            shortfall(seen.relative, until.wanted)
+        ]
+        if len(away) > IN_VAIN and min(away[-IN_VAIN:]) > min(away[:-IN_VAIN]) - WORTH_IT:
+            return None, (
+                f"not reached: the last {IN_VAIN} runs brought it no nearer, for the model misses something that they "
+                "show (see what to doubt; gcs-autotune diagnose looks for the cause)"
+            )
+        worth = [c for c in seen.choices if c.gain >= min(WORTH_IT, 0.5 * away[-1])]
+        if not worth:
+            hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
+            what = f" about {' and '.join(hopeless)}" if hopeless else ""
+            return None, f"not reached: no manoeuvre of the table tells more{what} from here"
+        troubles = []
+        for choice in worth:
+            offer = self._offers[choice.offer]
+            if choice.seconds > self._left:
+                troubles.append(f"{offer.title} takes longer than the time left (--total-time)")
+                continue
+            leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
+            far, deep = choice.room > leg.envelope.distance_limit, choice.depth > leg.envelope.depth_excursion
+            trouble = leg.preview.trouble or (f"it takes {choice.room:.0f} m" if far else "")
+            trouble = trouble or (f"it takes {choice.depth:.1f} m of depth" if deep else "")
+            if not trouble:
+                expected = until.told(choice.relative)
+                return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"
+            troubles.append(f"{offer.title}: {trouble}")
+        return None, f"not reached: nothing that would help can be flown: {troubles[0]}"

@@ -1,0 +1,162 @@
+"""A trial that plans itself: after each run the model, then what brings the precision asked for nearest."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import OperatorStopped, UnknownName, UsageError
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.workflow import FlightPlan, Unattended, first_run, fly_plan, precision_of
+from gcs_autotune.workflow.self_planned import LONGEST, offers_for
+
+from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
+from .test_fly import Stops
+
+
+def trial(harbour: SitlHarness, until: str, minutes: float = 10.0, watcher: Any = None, **common: Any) -> Any:
+    settings = harbour.settings(**common)
+    asked = precision_of(until, "", 60.0 * minutes)
+    first = first_run(asked, settings)
+    plan = FlightPlan(first.kind.name, FlightPlan.of(first).runs, until=asked)
+    ear = watcher or Ear(harbour.said)
+    return fly_plan(plan, settings, watcher or Unattended(), ear, WHEN)
+
+
+def assert_as_found(harbour: SitlHarness) -> None:
+    harbour.assert_neutral()
+    assert not harbour.vehicle.autopilot.armed
+    assert harbour.mode == harbour.found
+    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "wanted"),
+    [
+        ("N_r 5%", "yaw", {"beta_r": 0.05}),
+        ("beta_r 5 %, N_rdot=0.5%", "yaw", {"beta_r": 0.05, "alpha_r": 0.005}),
+        ("N_r 5%, Y_v 10%", "horizontal", {"N_r": 0.05, "Y_v": 0.1}),
+        ("Z_ww 3%", "heave", {"beta_ww": 0.03}),
+    ],
+)
+def test_a_wish_is_read_for_the_smallest_form_that_has_all_of_it(
+    text: str, form: str, wanted: dict[str, float]
+) -> None:
+    asked = precision_of(text, "", 600.0)
+    assert (asked.form, dict(asked.wanted)) == (form, pytest.approx(wanted))
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "error", "words"),
+    [
+        ("N_r", "", UsageError, "no parameter with a precision"),
+        ("N_r 0%", "", UsageError, "above 0"),
+        ("N_r 200%", "", UsageError, "at most 100"),
+        ("N_rr_ 5%", "", UnknownName, "Did you mean N_rr"),
+        ("N_r 5%, Z_w 5%", "horizontal", UnknownName, "unknown parameter of 'horizontal' 'Z_w'"),
+        ("N_r 5%", "horizonal", UnknownName, "Did you mean horizontal"),
+    ],
+)
+def test_a_wish_that_no_form_can_grant_is_refused_in_a_sentence(
+    text: str, form: str, error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        precision_of(text, form, 600.0)
+
+
+def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_path: Path) -> None:
+    settings = SitlHarness(tmp_path, QUICK).settings()
+    asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
+    boat = FIRMWARE["ardurover"]
+    offers = offers_for(asked, first_run(asked, settings), boat, 0.5)
+    assert len(offers) > 20
+    assert {o.settings.kind.name for o in offers} >= {"zig-zag", "turning-circle", "s-manoeuvre", "steps"}
+    assert all(o.settings.kind.drives <= set(boat.channels) and o.throttle == 0.5 for o in offers)
+    sizes = {o.settings.options["steering"] for o in offers if o.settings.kind.name == "zig-zag"}
+    assert len(sizes) >= 3
+    assert all(o.make() is not o.make() for o in offers)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
+    harbour = SitlHarness(tmp_path_factory.mktemp("self-planned"))
+    return harbour, trial(harbour, "N_r 0.055%, N_rdot 0.08%")
+
+
+@pytest.mark.slow
+def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlHarness, Any]) -> None:
+    harbour, result = flown
+    relative = [dict(s.outlook.relative) for s in result.steps]
+    assert len(result.steps) >= 2
+    assert result.steps[-1].ended == "what was asked for is reached"
+    for name, share in (("beta_r", 0.00055), ("alpha_r", 0.0008)):
+        p = result.fit.parameters[name]
+        assert p.std / p.value <= share
+    assert all(max(r["beta_r"] / 0.00055, r["alpha_r"] / 0.0008) > 1.0 for r in relative[:-1])
+    assert_as_found(harbour)
+
+
+@pytest.mark.slow
+def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[SitlHarness, Any]) -> None:
+    _, result = flown
+    first, *others = [s.outlook.foretold for s in result.steps]
+    assert math.isnan(first)
+    assert min(others) > 90.0
+
+
+@pytest.mark.slow
+def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: tuple[SitlHarness, Any]) -> None:
+    harbour, result = flown
+    page = (harbour.directory / "report.html").read_text()
+    assert "How it went on" in page
+    assert all(s.run in page for s in result.steps)
+    assert (harbour.directory / "model.json").exists()
+    assert len(list((harbour.directory / "trials").glob("*.csv"))) >= len(result.steps)
+    said = " ".join(harbour.said)
+    assert said.index("until beta_r is known to 0.055 %") < said.index("Go ahead?") < said.index("next: ")
+
+
+@pytest.mark.slow
+def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path)
+    result = trial(harbour, "N_r 0.001%", minutes=2.0)
+    assert "takes longer than the time left" in result.steps[-1].ended
+    assert result.steps[-1].ended.startswith("not reached")
+    assert sum(s.seconds for s in result.steps) < 2.0 * 60.0 + LONGEST
+    assert_as_found(harbour)
+
+
+@pytest.mark.slow
+def test_it_ends_where_the_model_itself_is_what_is_wrong(tmp_path: Path) -> None:
+    """Hard turns slow this boat down and leave its thrusters no room: no one yaw equation holds for all of them."""
+    harbour = SitlHarness(tmp_path, QUICK)
+    result = trial(harbour, "N_r 0.1%, N_rdot 0.05%")
+    assert "the model misses something" in result.steps[-1].ended
+    assert result.fit.doubts
+    assert_as_found(harbour)
+
+
+@pytest.mark.slow
+def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, QUICK)
+    said = harbour.said
+
+    class StopsInSecond(Stops):
+        def update(self, progress: Any) -> None:
+            self.wants = self.wants or any(text.startswith("next: ") for text in said)
+
+    watcher = StopsInSecond(said, "")
+    with pytest.raises(OperatorStopped):
+        trial(harbour, "N_r 0.001%", watcher=watcher)
+    assert_as_found(harbour)
+
+
+@pytest.mark.slow
+def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
+    result = trial(harbour, "Z_wdot 0.25%")
+    assert result.steps[-1].ended == "what was asked for is reached"
+    assert_as_found(harbour)
