@@ -7,8 +7,9 @@ demand and is damped; in the hold modes a plain PD loop steers to the target.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped
 from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.manoeuvres import Manoeuvre
 from gcs_autotune.trial import Channel, Mark, Trial
 
 
@@ -169,3 +171,17 @@ def at_rest(**changes: float) -> Observation:
 
 def turned(degrees: float) -> float:
     return math.radians(degrees)
+
+
+def answered(
+    manoeuvre: Manoeuvre, seen: Callable[[float, Any], Observation], *, tick: float = 0.5, most: float = 400.0
+) -> list[tuple[Observation, Any]]:
+    """Return what is seen and what *manoeuvre* commands to it, until it ends; *seen* tells of a time and a command."""
+    now = seen(0.0, Actuate())
+    commands = manoeuvre.commands(now)
+    rows, k = [(now, next(commands))], 0
+    while manoeuvre.outcome is None and k * tick < most:
+        k += 1
+        now = seen(k * tick, rows[-1][1])
+        rows.append((now, commands.send(now)))
+    return rows

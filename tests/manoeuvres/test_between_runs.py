@@ -9,9 +9,10 @@ import pytest
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Envelope, PaperCraft, preview
+from gcs_autotune.manoeuvres.between_runs import CALM, DAMPING, GAIN, LEAST_WAY, LOOK, MOST, SPARE, WAIT
 from gcs_autotune.models import SingleDof
 
-from .pond import at_rest
+from .pond import answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 
@@ -53,3 +54,48 @@ def test_rolling_water_is_waited_for_and_then_refused(roll: float, ending: str) 
     assert check.outcome is not None
     assert check.outcome.ending == ending
     assert "deg" in check.outcome.reason
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_rudder_turns_the_bow_towards_the_place_by_the_shorter_way_damped_and_limited(side: float) -> None:
+    def steering(**seen: float) -> Actuate:
+        command = next(ComeBack(0.0, 20.0 * side, 0.5).commands(at_rest(**seen)))
+        assert isinstance(command, Actuate)
+        return command
+
+    assert steering(psi=0.9 * side * math.pi / 2.0) == Actuate(
+        X=0.5, N=pytest.approx(side * GAIN * 0.1 * math.pi / 2.0)
+    )
+    assert steering(psi=side * math.pi / 2.0, r=0.2) == Actuate(X=0.5, N=pytest.approx(-DAMPING * 0.2))
+    assert steering(psi=side * math.pi / 2.0, r=math.nan).N == pytest.approx(0.0)
+    assert steering(psi=0.0).N == side * MOST
+    assert steering(psi=side * 1.4 * math.pi).N == -side * MOST
+    assert steering(psi=math.nan).N == 0.0
+
+
+def test_a_boat_is_back_within_a_few_metres_and_given_the_time_that_the_distance_takes() -> None:
+    near = ComeBack(3.0, 4.0, 0.5)
+    next(near.commands(at_rest()))
+    assert near.outcome is not None
+    assert near.outcome.ending == "completed"
+    away = ComeBack(30.0, 40.0, 0.5)
+    rows = answered(away, lambda t, command: at_rest(t=t))
+    assert rows[-1][0].t == math.floor(2.0 * (SPARE + 50.0 / LEAST_WAY)) / 2.0 + 0.5
+    driven = ComeBack(0.0, 0.0, 0.5)
+    rows = answered(driven, lambda t, command: at_rest(t=t, x=60.0 if t >= 5.0 else 6.0))
+    assert rows[-1][0].t == SPARE + 60.0 / LEAST_WAY + 0.5, "farther away it is given more"
+
+
+@pytest.mark.parametrize("axis", ["phi", "theta"])
+@pytest.mark.parametrize(("share", "ending"), [(0.98, "completed"), (1.02, "aborted")])
+def test_water_is_calm_when_roll_and_pitch_are_about_their_means(axis: str, share: float, ending: str) -> None:
+    check = CalmCheck()
+    rows = answered(check, lambda t, command: at_rest(t=t, **{axis: 0.3 + share * CALM * (-1.0) ** round(2.0 * t)}))
+    assert check.outcome is not None
+    assert check.outcome.ending == ending
+    assert rows[-1][0].t == (LOOK if ending == "completed" else WAIT + 0.5)
+    rough = CalmCheck()
+    rows = answered(rough, lambda t, command: at_rest(t=t, **{axis: 0.3 * (t < 20.0) * (-1.0) ** round(2.0 * t)}))
+    assert rough.outcome is not None
+    assert rough.outcome.ending == "completed"
+    assert 20.0 < rows[-1][0].t <= 20.0 + LOOK

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+
+import pytest
 
 from gcs_autotune.craft import Command, DepthTarget
 from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope, Flown, Sequencer
+from gcs_autotune.manoeuvres.dive import RAMP
 from gcs_autotune.watch import SilentWatcher
 
-from .pond import PondCraft
+from .pond import PondCraft, answered, at_rest
 
 
 class Loop(PondCraft):
@@ -65,3 +69,42 @@ def test_one_that_sinks_beyond_is_not_said_to_be_buoyant() -> None:
 
 def test_one_that_swings_up_to_the_surface_is_refused() -> None:
     assert dive(swing=1.6).outcome.ending == "aborted"
+
+
+def told(depth: Callable[[float], float], **changes: float) -> tuple[Dive, list]:
+    manoeuvre = Dive(DiveSettings(4.0, **changes))
+    return manoeuvre, answered(manoeuvre, lambda t, command: at_rest(t=t, z=depth(t)))
+
+
+def test_the_depth_commanded_goes_down_a_ramp_from_where_it_is_and_stops_at_the_one_wanted() -> None:
+    manoeuvre, rows = told(lambda t: 1.0, patience=30.0)
+    assert [c.z for _, c in rows] == pytest.approx([min(4.0, 1.0 + RAMP * row.t) for row, _ in rows])
+    assert rows[-1][1].z == 4.0
+    assert manoeuvre.target == 4.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_being_there_counts_from_when_the_band_was_last_left_on_either_side(side: float) -> None:
+    manoeuvre, rows = told(lambda t: 4.0 + side * (0.25 if t == 1.5 else 0.19))
+    assert rows[-1][0].t == 3.5
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == "completed"
+
+
+@pytest.mark.parametrize(
+    ("depth", "until", "ending"),
+    [
+        (lambda t: 2.0, 60.5, "completed"),
+        (lambda t: 0.9, 60.5, "aborted"),
+        (lambda t: 5.1, 60.5, "aborted"),
+        (lambda t: 2.0 if t > 45.0 else 0.5, 60.5, "completed"),
+        (lambda t: 2.0 if t > 46.0 else 0.5, 60.5, "aborted"),
+    ],
+    ids=["long", "shallow", "deep", "just long", "too short"],
+)
+def test_after_its_patience_it_is_enough_to_have_been_deep_for_long(depth, until: float, ending: str) -> None:
+    manoeuvre, rows = told(depth)
+    assert rows[-1][0].t == until
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == ending
+    assert ("does not settle" in manoeuvre.outcome.reason) is (ending == "completed")

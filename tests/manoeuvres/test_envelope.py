@@ -148,3 +148,19 @@ def test_what_tripped_is_said_in_the_units_of_people():
         Watch(TIGHT, at_rest()).check(at_rest(battery_remaining=0.19))
     with pytest.raises(GuardTripped, match=r"'speed' tripped: 2\.10 m/s, limit 2\.00 m/s"):
         Watch(TIGHT, at_rest()).check(at_rest(speed=2.1))
+
+
+def test_a_depth_and_a_position_that_come_late_are_counted_from_where_they_came():
+    nan = math.nan
+    watch = Watch(TIGHT, at_rest(x=nan, y=nan, z=nan))
+    assert watch.check(at_rest(x=nan, y=nan, z=nan)) == ("", 0.0)
+    assert watch.check(at_rest(x=100.0, y=50.0, z=4.0))[0] == "greatest depth"
+    for sign in (1.0, -1.0):
+        assert watch.check(at_rest(x=100.0, y=50.0, z=4.0 + 1.4 * sign)) == (
+            "depth excursion",
+            pytest.approx(1.4 / 1.5),
+        )
+        with pytest.raises(GuardTripped, match="depth excursion"):
+            watch.check(at_rest(x=100.0, y=50.0, z=4.0 + 1.6 * sign))
+    with pytest.raises(GuardTripped, match="distance from start"):
+        watch.check(at_rest(x=100.0, y=81.0, z=4.0))

@@ -10,6 +10,7 @@ import pytest
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import MANOEUVRES
+from gcs_autotune.manoeuvres.open_loop import OpenLoop
 from tests.manoeuvres.pond import at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
@@ -101,3 +102,18 @@ def test_the_s_manoeuvre_goes_ahead_and_where_it_may_astern_with_the_moment_eith
         legs[still] = list(dict.fromkeys(seen))
     assert legs[0.0] == [(0.6, 0.0), (0.6, 0.5), (0.6, -0.5)]
     assert legs[1.0] == [*legs[0.0], (-0.6, 0.5), (-0.6, -0.5)]
+
+
+def test_where_it_stands_is_told_level_by_level_and_jumps_are_marked_not_curves() -> None:
+    programme = lambda t: {"N": 0.3 if t < 2.0 else (-0.4 if t < 4.0 else -0.4 + 0.09 * (t - 4.0))}  # noqa: E731
+    run = OpenLoop("levels", programme, 8.0)
+    commands, phases = run.commands(at_rest()), {}
+    next(commands)
+    for k in range(1, 17):
+        phases[0.5 * k] = run.phase
+        commands.send(at_rest(t=0.5 * k))
+    assert phases[1.0] == "N +30 %"
+    assert phases[3.0] == phases[8.0] == "N -40 %"
+    assert [(m.t, m.detail["N"]) for m in run.take_marks()] == [(0.0, 0.3), (2.0, -0.4)]
+    assert run.outcome is not None
+    assert run.outcome.reason == "flown for 8 s"

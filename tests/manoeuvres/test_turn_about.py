@@ -9,7 +9,7 @@ from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import Envelope, Sequencer, TurnAbout, TurnAboutSettings
 from gcs_autotune.watch import SilentWatcher
 
-from .pond import PondCraft, at_rest
+from .pond import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 
@@ -51,3 +51,17 @@ def test_progress_and_settings_tell_what_it_does():
     assert turn.progress(at_rest()).manoeuvre == "turn-about"
     assert turn.settings["throttle"] == 0.4
     assert list(turn.take_marks()) == []
+
+
+@pytest.mark.parametrize("rate", [0.25, -0.25])
+def test_it_holds_one_rudder_until_the_bow_has_come_round_to_either_side_by_the_angle(rate):
+    turn = TurnAbout(TurnAboutSettings(0.4, output=0.3, angle=2.0))
+    rows = answered(turn, lambda t, command: at_rest(t=t, psi=1.0 + rate * t))
+    assert rows[-1][0].t == 8.0
+    assert {command for _, command in rows} == {Actuate(X=0.4, N=0.3)}
+    assert turn.outcome.ending == "completed"
+
+
+def test_its_patience_ends_after_the_time_given_not_at_it():
+    turn = TurnAbout(TurnAboutSettings(0.4, patience=20.0))
+    assert answered(turn, lambda t, command: at_rest(t=t))[-1][0].t == 20.5

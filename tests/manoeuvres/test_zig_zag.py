@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.models import SingleDof
 from gcs_autotune.watch import SilentWatcher
 
-from .pond import PondCraft
+from .pond import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 PAPER = PaperCraft(SingleDof("yaw", "1", 1.25, 1.0), 1.0, "a test")
@@ -67,3 +67,49 @@ def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_
     assert "distance from start" in ahead.trouble
     slow = PaperCraft(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
     assert "20 deg are wanted" in preview(zigzag(), slow, FREE).trouble
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_executes_follow_the_heading_from_the_approachs_own_and_the_last_ends_when_it_is_back(side: int) -> None:
+    zig = ZigZag(ZigZagSettings(0.25, executes=3, approach=2.0), Steering(0.5, side))
+    track = {0.0: 0.0, 4.0: 0.25, 4.5: 0.5, 8.0: -0.25, 8.5: -0.5, 12.0: -0.25, 12.5: 0.0}
+
+    def seen(t: float, command: object):
+        last = max(k for k in track if k <= t)
+        return at_rest(t=t, psi=1.0 + side * track[last])
+
+    rows = answered(zig, seen)
+    helms = {row.t: command.N for row, command in rows}
+    assert [t for t in helms if helms[t] != helms.get(t - 0.5)] == [0.0, 2.0, 4.5, 8.5]
+    assert [side * helms[t] for t in (0.0, 2.0, 4.5, 8.5)] == [0.0, 0.5, -0.5, 0.5]
+    assert (rows[-1][0].t, zig.phase) == (12.5, "execute 3")
+    assert zig.target == pytest.approx(1.0 + side * 0.25)
+    assert zig.outcome is not None
+    assert zig.outcome.reason == "3 executes flown"
+    marks = zig.take_marks()
+    assert [m.t for m in marks] == [2.0, 4.5, 8.5]
+    assert [side * m.detail["psi"] for m in marks] == pytest.approx([0.0, 0.5, -0.5])
+
+
+def test_the_time_given_ends_it_to_the_tick_and_patience_counts_from_the_last_execute() -> None:
+    given = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=9.0), Steering(0.5))
+    assert answered(given, lambda t, command: at_rest(t=t))[-1][0].t == 9.0
+    assert given.outcome is not None
+    assert given.outcome.reason == "1 executes flown in the time given"
+    slow = ZigZag(ZigZagSettings(0.25, approach=1.0, patience=20.0), Steering(0.5))
+    assert answered(slow, lambda t, command: at_rest(t=t, psi=0.01 * t))[-1][0].t == 21.5
+    assert slow.outcome is not None
+    assert "after execute 1 the heading came to 11.7 deg in 20 s" in slow.outcome.reason
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_an_rovs_depth_is_held_meanwhile_only_where_that_is_asked_for(still: bool) -> None:
+    zig = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=4.0), Steering(0.5, keep_still=still))
+    rows = answered(zig, lambda t, command: at_rest(t=t, z=2.0 + 0.5 * (t > 0.0)))
+    assert (rows[3][1].Z < -0.1) is still
+    assert (rows[3][1].Z == 0.0) is not still
+
+
+def test_way_needs_throttle_which_stays_on() -> None:
+    zig = zigzag(throttle=0.4, approach=1.0, duration=3.0)
+    assert {c.X for _, c in answered(zig, lambda t, command: at_rest(t=t))} == {0.4}

@@ -1,0 +1,96 @@
+"""A light hand on what is not being tried: a PID with limits, and a rudder that calms down where it swings."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from gcs_autotune.craft import Actuate
+from gcs_autotune.manoeuvres.hold_controller import (
+    CALMING,
+    HELD_MEANWHILE,
+    LEAST_SHARE,
+    MOST_RUDDER,
+    RUDDER_GAIN,
+    HeadingHold,
+    HoldController,
+    HoldGains,
+    hold,
+)
+
+from .pond import at_rest
+
+GAINS = HoldGains("z", "w", "Z", P=0.4, I=0.03, D=0.2, most=0.5)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_value_found_first_is_held_by_error_rate_and_integral(sign: float) -> None:
+    own = HoldController(GAINS)
+    assert own.demand(at_rest(t=1.0, z=2.0, w=0.0)) == 0.0
+    assert own.demand(at_rest(t=3.0, z=2.0 - 0.5 * sign, w=0.1 * sign)) == pytest.approx(
+        sign * (0.4 * 0.5 - 0.2 * 0.1 + 0.03 * 0.5 * 2.0)
+    )
+    assert own.demand(at_rest(t=4.0, z=2.0, w=0.0)) == pytest.approx(sign * 0.03 * 0.5 * 2.0), "the integral stays"
+    assert own.force == "Z"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_output_and_integral_are_limited(sign: float) -> None:
+    own = HoldController(GAINS)
+    own.demand(at_rest(t=0.0, z=0.0, w=0.0))
+    assert own.demand(at_rest(t=1.0, z=-10.0 * sign, w=0.0)) == sign * 0.5
+    assert own.demand(at_rest(t=101.0, z=-1.0 * sign, w=0.0)) == sign * 0.5
+    assert own.demand(at_rest(t=102.0, z=0.0, w=0.0)) == pytest.approx(sign * 0.5), "no more than as much is left"
+    assert own.demand(at_rest(t=103.0, z=1.0 * sign, w=0.0)) == pytest.approx(sign * (0.5 - 0.03 - 0.4))
+
+
+def test_without_a_signal_it_idles_and_without_a_rate_it_does_without() -> None:
+    own = HoldController(GAINS)
+    assert own.demand(at_rest(t=0.0, z=math.nan)) == 0.0
+    assert own.demand(at_rest(t=5.0, z=3.0, w=math.nan)) == 0.0
+    assert own.demand(at_rest(t=6.0, z=2.0, w=math.nan)) == pytest.approx(0.4 + 0.03)
+
+
+def test_held_forces_take_the_place_of_the_commands() -> None:
+    own = HoldController(HELD_MEANWHILE["psi"][0])
+    own.demand(at_rest(z=1.0))
+    command = hold(Actuate(N=0.5, Z=0.9), [own], at_rest(z=1.0))
+    assert command == Actuate(N=0.5, Z=0.0)
+    assert [g.force for g in HELD_MEANWHILE["z"]] == ["N"]
+    assert [g.force for g in HELD_MEANWHILE["x"]] == ["N", "Z"]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_rudder_goes_against_the_error_less_the_faster_the_boat_and_never_far(sign: float) -> None:
+    own = HeadingHold()
+    own.start(at_rest(psi=1.0))
+    for speed, share in ((0.5, 1.0), (1.0, 1.0), (4.0, 0.25), (math.nan, 1.0)):
+        assert own.steer(at_rest(psi=1.0 - 0.3 * sign, speed=speed)) == pytest.approx(sign * RUDDER_GAIN * 0.3 * share)
+    assert own.steer(at_rest(psi=1.0 - 9.0 * sign)) == sign * MOST_RUDDER
+    assert own.steer(at_rest(psi=math.nan)) == 0.0
+
+
+def swings(own: HeadingHold, *peaks: float) -> float:
+    """Swing through each of *peaks* [deg], and return the share of its gain that is left."""
+    for peak in peaks:
+        for part in (0.5, 1.0, 0.5):
+            own.steer(at_rest(psi=-math.radians(part * peak), speed=0.0))
+    return own.steer(at_rest(psi=-math.radians(10.0), speed=0.0)) / (RUDDER_GAIN * math.radians(10.0))
+
+
+@pytest.mark.parametrize(
+    ("peaks", "share"),
+    [
+        ((20, -19, 18), CALMING),
+        ((20, -12, 7), 1.0),
+        ((4, -4, 4, -4), 1.0),
+        ((20, -19, 18, -18, 17), CALMING**3),
+        ((20, -20) * 8, LEAST_SHARE),
+    ],
+    ids=["swinging", "dying away", "small", "goes on", "for ever"],
+)
+def test_it_calms_down_by_every_swing_that_is_not_clearly_smaller_than_the_one_before(peaks, share: float) -> None:
+    own = HeadingHold()
+    own.start(at_rest(psi=0.0))
+    assert swings(own, *peaks) == pytest.approx(share)

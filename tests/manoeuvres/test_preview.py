@@ -1,0 +1,84 @@
+"""A craft on paper: gains its speed, turns late, slides along its forces, leaves the room it is given."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
+from gcs_autotune.manoeuvres.open_loop import OpenLoop
+from gcs_autotune.manoeuvres.preview import SPEED_TIME
+from gcs_autotune.models import SingleDof
+
+FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
+YAW = SingleDof("yaw", "1", 1.25, 1.0, delay=0.5)
+
+
+def held(seconds: float = 20.0, **forces: float) -> OpenLoop:
+    return OpenLoop("held", lambda t: forces, seconds, force=next(iter(forces)))
+
+
+def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_metres_and_none_takes_it_off() -> None:
+    craft = PaperCraft(YAW, 1.5, "a test")
+    seen = preview(held(X=0.4), craft, FREE)
+    u, t = seen.trial["u"].values, seen.trial["u"].t
+    assert u == pytest.approx(1.5 * -np.expm1(-t / SPEED_TIME), abs=0.02)
+    assert SPEED_TIME == 3.0
+    coasting = preview(held(X=0.0), craft, FREE, way=1.5)
+    assert coasting.trial["u"].values == pytest.approx(1.5 * np.exp(-t / SPEED_TIME), abs=0.02)
+    assert seen.room == pytest.approx(float(np.trapezoid(u, t)), abs=0.1)
+    assert seen.told().startswith("20 s, 26 m of free water, 0 deg of turning, by a test")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
+    seen = preview(held(N=0.3 * sign), PaperCraft(YAW, 0.0, "a test"), FREE)
+    r, t = seen.trial["r"].values, seen.trial["r"].t
+    late = np.maximum(t - 0.5, 0.0)
+    assert r == pytest.approx(sign * 0.3 * -np.expm1(-late / 1.25), abs=0.003)
+    assert seen.turned == pytest.approx(abs(float(np.trapezoid(r, t))), abs=0.02)
+    assert seen.deep == 0.0
+    assert "z" not in seen.trial.channels
+
+
+@pytest.mark.parametrize(("force", "signal"), [("Y", "y"), ("Z", "z")])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_it_slides_along_a_force_that_it_is_known_to_answer_to_and_along_no_other(
+    force: str, signal: str, sign: float
+) -> None:
+    along = SingleDof({"Y": "sway", "Z": "heave"}[force], "1", 2.0, 1.0, 0.5, delta=0.1)
+    answers = PaperCraft(YAW, 1.0, "a test", others={force: along})
+    seen = preview(held(**{force: 0.4 * sign}), answers, FREE, floats=False)
+    x = seen.trial[signal].values
+    steady = along.steady_velocity(0.4 * sign)
+    assert np.diff(x)[-1] / 0.1 == pytest.approx(steady, rel=0.01)
+    assert seen.deep == pytest.approx(np.ptp(x) if force == "Z" else 0.0)
+    assert seen.room == pytest.approx(np.ptp(x) if force == "Y" else 0.0)
+    still = preview(held(**{force: 0.4 * sign}), PaperCraft(YAW, 1.0, "a test"), FREE, floats=False)
+    assert np.ptp(still.trial[signal].values) == 0.0
+
+
+def test_going_ahead_on_a_bearing_is_north_and_east_of_it() -> None:
+    def turn_then_go(t: float) -> dict[str, float]:
+        return {"N": 0.5 if t < 4.0 else 0.0, "X": 1.0}
+
+    seen = preview(OpenLoop("bend", turn_then_go, 30.0), PaperCraft(YAW, 1.0, "a test"), FREE)
+    psi = seen.trial["psi"].values[-1]
+    x, y = (np.diff(seen.trial[n].values)[-1] / 0.1 for n in ("x", "y"))
+    assert (x, y) == (pytest.approx(math.cos(psi), abs=0.01), pytest.approx(math.sin(psi), abs=0.01))
+    assert psi > 1.0
+
+
+def test_what_leaves_the_envelope_is_refused_with_the_limit_and_ends_there() -> None:
+    seen = preview(held(X=1.0), PaperCraft(YAW, 1.0, "a test"), Envelope(distance=5.0))
+    assert seen.outcome is None
+    assert "distance from start" in seen.refusal
+    assert "actuators" not in seen.refusal
+    assert seen.trouble == seen.refusal
+    assert seen.room == pytest.approx(5.0, abs=0.2)
+    good = preview(held(X=1.0), PaperCraft(YAW, 1.0, "a test"), Envelope(distance=50.0))
+    assert good.trouble == ""
+    assert good.outcome is not None
+    assert good.seconds == pytest.approx(20.0, abs=0.2)
