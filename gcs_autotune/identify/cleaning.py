@@ -208,7 +208,12 @@ def _levels_off(x: Array, extreme: float, least: float) -> bool:
 
 
 def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Return *channel* without its samples at the end of the sensor's range; what was left out is noted."""
+    """Return *channel* without its samples at the end of the sensor's range; what was left out is noted.
+
+    A heading goes round and has no such end: it may turn back quickly anywhere.
+    """
+    if channel.name == "psi":
+        return channel
     out = clipped(channel)
     if not out.any():
         return channel

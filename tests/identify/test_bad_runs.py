@@ -6,6 +6,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from axis_plants import DEG, Levels, Relay
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import Fit, fit
-from gcs_autotune.identify.cleaning import clipped
+from gcs_autotune.identify.cleaning import clipped, within_range
 from gcs_autotune.identify.odd_run import CraftEstimate, runs_apart
 from gcs_autotune.trial import Channel, Trial, save_trial
 
@@ -199,6 +200,15 @@ def test_a_craft_that_levels_off_at_its_steady_speed_is_not_clipped() -> None:
     slow = (-5, -28, -44, -52, -56, -59, -59, -59, -59, -27, 1, 25, 41, 50, 54, 57, 57, 58, 58, 58, 24)
     w = 0.01 * np.array((*down, *slow) * 3)
     assert not clipped(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
+
+
+def test_a_heading_that_turns_back_quickly_is_not_at_the_end_of_any_range() -> None:
+    t = 0.1 * np.arange(400)
+    turned = Channel("psi", "rad", t, np.round(np.clip(3.0 * np.sin(0.7 * t), -2.5, 2.5), 3))
+    notes: list[Any] = []
+    assert within_range(dataclasses.replace(turned, name="theta"), "run", notes) is not turned
+    assert [n.slug for n in notes] == ["clipped"]
+    assert within_range(turned, "run", notes) is turned
 
 
 def test_rest_and_a_coarse_scale_are_no_clipping(record: Record) -> None:

@@ -157,6 +157,6 @@ def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_
 @pytest.mark.slow
 def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
     harbour = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
-    result = trial(harbour, "Z_wdot 0.25%")
+    result = trial(harbour, "Z_wdot 2%")
     assert result.steps[-1].ended == "what was asked for is reached"
     assert_as_found(harbour)
