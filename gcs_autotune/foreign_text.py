@@ -24,9 +24,8 @@ def visible(text: str, keep: str = "") -> str:
     """Return *text* with every character that acts written as its escape (``\\x1b``), but for those in *keep*."""
     if text.isascii() and text.isprintable():
         return text
-    return "".join(
-        c if c in keep or unicodedata.category(c) not in _ACTIVE else c.encode("unicode_escape").decode() for c in text
-    )
+    active = (c for c in set(text) if c not in keep and unicodedata.category(c) in _ACTIVE)
+    return text.translate({ord(c): c.encode("unicode_escape").decode() for c in active})
 
 
 def quoted(texts: Iterable[str]) -> str:

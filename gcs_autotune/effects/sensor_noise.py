@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr, ndtri_exp
 
@@ -287,6 +286,8 @@ class Contamination:
 
 def stray(error: Array) -> Array:
     """Return errors (n,) against the median of their neighbours: what of them stands alone."""
+    from scipy.ndimage import median_filter  # here: a fifth of a second to import, at every command's start
+
     return np.asarray(error - median_filter(error, size=min(WINDOW, len(error)), mode="nearest"))
 
 

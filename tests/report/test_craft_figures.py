@@ -55,7 +55,7 @@ def test_of_several_loops_each_margin_is_the_least_and_the_narrowest_is_drawn_st
     assert found.narrowest == 1
     assert found.gain == pytest.approx(math.pi / 1.5, rel=1e-3)
     with pens("bode"):
-        top, _ = draw_bode([slow, quick], [slow]).axes
+        top, _ = draw_bode(([slow, quick], [slow]), [loop_margins(loops) for loops in ([slow, quick], [slow])]).axes
     widths = [line.get_linewidth() for line in top.lines[:2]]
     assert widths[1] > widths[0]
 

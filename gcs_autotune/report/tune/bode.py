@@ -67,21 +67,24 @@ def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
     return LoopMargins(stable, gain, gain_at, phase, phase_at, narrowest)
 
 
-def draw_bode(before: Sequence[OpenLoop], after: Sequence[OpenLoop]) -> Figure:
-    """Draw magnitude and phase of the loops with old and new gains; strong: the one with the least phase margin."""
+def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Sequence[LoopMargins]) -> Figure:
+    """Draw magnitude and phase of *loops* with old and new gains; strong: the one with the least phase margin.
+
+    margins : what :func:`loop_margins` says of each.
+    """
     figure, (top, bottom) = new_axes((1.8, 1.5))
-    read = [(loops, colour, label, loop_margins(loops)) for loops, colour, label in _pairs(before, after)]
+    read = tuple(zip(loops, (BEFORE, AFTER), ("present gains", "new gains"), margins, strict=True))
     crossings = [w for *_, m in read for w in (m.gain_at, m.phase_at) if math.isfinite(w)] or [1.0]
     low, high = min(crossings) / 10.0**DECADES, max(crossings) * 10.0**DECADES
-    for loops, colour, label, margins in read:
-        for k, loop in enumerate(loops):
-            strong = k == margins.narrowest
+    for group, colour, label, found in read:
+        for k, loop in enumerate(group):
+            strong = k == found.narrowest
             _draw(top, bottom, loop, (low, high), colour, label if strong else "", strong)
-        if margins.stable and math.isfinite(margins.phase_at):
-            bottom.plot([margins.phase_at] * 2, [-180.0, math.degrees(margins.phase) - 180.0], color=colour, lw=2.4)
-        if margins.stable and math.isfinite(margins.gain_at):
-            at_180 = -20.0 * math.log10(margins.gain) * (1.0 if margins.gain_at > margins.phase_at else -1.0)
-            top.plot([margins.gain_at] * 2, [0.0, at_180], color=colour, lw=2.4)
+        if found.stable and math.isfinite(found.phase_at):
+            bottom.plot([found.phase_at] * 2, [-180.0, math.degrees(found.phase) - 180.0], color=colour, lw=2.4)
+        if found.stable and math.isfinite(found.gain_at):
+            at_180 = -20.0 * math.log10(found.gain) * (1.0 if found.gain_at > found.phase_at else -1.0)
+            top.plot([found.gain_at] * 2, [0.0, at_180], color=colour, lw=2.4)
     top.axhline(0.0, color=FAINT, lw=0.9)
     bottom.axhline(-180.0, color=FAINT, lw=0.9)
     top.set_xscale("log")
@@ -98,18 +101,12 @@ def draw_bode(before: Sequence[OpenLoop], after: Sequence[OpenLoop]) -> Figure:
     return figure
 
 
-def _pairs(before: Sequence[OpenLoop], after: Sequence[OpenLoop]) -> tuple[tuple[Sequence[OpenLoop], str, str], ...]:
-    return (before, BEFORE, "present gains"), (after, AFTER, "new gains")
-
-
 def _draw(
     top: Axes, bottom: Axes, loop: OpenLoop, limits: tuple[float, float], colour: str, label: str, strong: bool
 ) -> None:
-    import control
-
     omega = np.logspace(math.log10(limits[0]), math.log10(limits[1]), 240)
-    response = control.frd(loop.response(omega), omega)
-    magnitude, phase = np.abs(response.complex), np.unwrap(np.angle(response.complex))
+    response = loop.response(omega)
+    magnitude, phase = np.abs(response), np.unwrap(np.angle(response))
     phase -= math.tau * math.ceil((phase[0] - 0.5 * math.pi) / math.tau)
     width, alpha = (1.6, 1.0) if strong else (0.7, 0.5)
     top.plot(omega, 20.0 * np.log10(magnitude), label=label or None, color=colour, lw=width, alpha=alpha)

@@ -42,7 +42,7 @@ from gcs_autotune.report.toolkit.figures import (
 )
 from gcs_autotune.report.toolkit.page import Picture
 from gcs_autotune.report.toolkit.wording import format_number, format_quantity, pretty_unit, to_people
-from gcs_autotune.report.tune.bode import draw_bode, loop_margins
+from gcs_autotune.report.tune.bode import LoopMargins, draw_bode, loop_margins
 from gcs_autotune.report.tune.story import WATCHED, TuneStory, Watched
 from gcs_autotune.trial import Channel, Mark, Trial
 
@@ -204,7 +204,8 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
         caption = "Thrust curve of the model the gains came from: force over output."
         yield "thrust", caption, partial(draw_thrust, proposal.actuator, _levels(story))
     if proposal is not None and all(proposal.loops):
-        yield "bode", _bode_caption(story), partial(draw_bode, *proposal.loops)
+        margins = [loop_margins(loops) for loops in proposal.loops]
+        yield "bode", _bode_caption(margins), partial(draw_bode, proposal.loops, margins)
     runs = {t.name: t for t in (story.step_before, *story.relays, story.step_after) if t is not None}
     yield "track", "Track over ground, north up.", partial(draw_track, runs)
 
@@ -215,12 +216,9 @@ def _levels(story: TuneStory) -> list[float]:
     return [float(v) for levels in held for v in levels if math.isfinite(v)]
 
 
-def _bode_caption(story: TuneStory) -> str:
-    proposal = story.proposal
-    assert proposal is not None
+def _bode_caption(margins: Sequence[LoopMargins]) -> str:
     words = []
-    for loops, label in zip(proposal.loops, ("present", "new"), strict=True):
-        found = loop_margins(loops)
+    for found, label in zip(margins, ("present", "new"), strict=True):
         if not found.stable:
             words.append(f"{label} gains: unstable")
             continue
