@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models import Form, program_of, states_of
+from gcs_autotune.models import Form, program_of, scratch, states_of
 
 __all__ = ["Bank", "FilterRecord", "Levels", "Passed", "Prior", "Smoothed"]
 
@@ -103,7 +103,7 @@ class Bank:
         self.places = np.array([names.index(f) for f in self.free], dtype=np.int64)
         self._columns = np.array([n + self.free.index(x) if x in self.free else -1 for x in names], dtype=np.int64)
         self._codes = np.array([_CODES.index(x) for x in self.signals], dtype=np.int64)
-        self._pace = [1.0] * len(self.tracks)
+        self._max_rates = [1.0] * len(self.tracks)
 
     def with_free(self, free: Sequence[str]) -> Bank:
         """Return a bank of the same records with other parameters in the state."""
@@ -136,7 +136,7 @@ class Bank:
             mean, cov = np.concatenate([prior.states[i], parameters]), np.zeros((n + p, n + p))
             cov[:n, :n], cov[n:, n:] = np.diag(prior.spread[i] ** 2), covariance
             tape = new_tape(len(track.stamps), len(self.signals), n, n + p, full=full)
-            pace = forward(
+            fastest = forward(
                 self.program,
                 np.asarray(theta, dtype=np.float64),
                 self.places,
@@ -153,13 +153,14 @@ class Bank:
                 levels.walk,
                 np.zeros((0, n)) if about is None else np.ascontiguousarray(about[i][:, :n]),
                 sigma,
-                self._pace[i],
+                self._max_rates[i],
                 tape,
+                scratch(n, n + p),
             )
-            if pace < 0.0:
+            if fastest < 0.0:
                 return None
             if not self.free:
-                self._pace[i] = max(self._pace[i], float(2.0 ** np.ceil(np.log2(max(pace, 1e-3)) + 0.2)))
+                self._max_rates[i] = max(self._max_rates[i], float(2.0 ** np.ceil(np.log2(max(fastest, 1e-3)) + 0.2)))
             seen = ~np.isnan(tape.S)
             e, S = tape.e[seen], tape.S[seen]
             if not np.all(np.isfinite(e)) or not np.all(S > 0.0):

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.kalman.transition import carry, inertia
-from gcs_autotune.models import Program
+from gcs_autotune.identify.kalman.transition import MAX_STEPS, inertia
+from gcs_autotune.models import Program, Scratch, carry
 
 __all__ = ["sigma_step"]
 
@@ -60,7 +60,8 @@ def sigma_step(
     row: int,
     t_in: Array,
     inputs: Array,
-    pace: float,
+    max_rate: float,
+    W: Scratch,
 ) -> bool:
     """Carry *mean*, *cov* from *t* to *stop*; *x* (n,) comes in as the mean carried plainly and goes out as the better.
 
@@ -89,8 +90,10 @@ def sigma_step(
             if not inertia(P, other, M, M_inverse):
                 return False
             end = ends[side]
-            done, _ = carry(P, other, M, M_inverse, end, empty, t, stop, row, t_in, inputs, known, False, pace)
-            if done < 0.0:
+            finite, _, _, _ = carry(
+                P, other, M, M_inverse, end, empty, t, stop, row, t_in, inputs, known, max_rate, MAX_STEPS, W
+            )
+            if not finite:
                 return False
         for i in range(n):
             slope[i, j] = (ends[0, i] - ends[1, i]) / (2.0 * reach)

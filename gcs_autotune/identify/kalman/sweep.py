@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.sigma import sigma_step
 from gcs_autotune.identify.kalman.transition import inertia, measure, step
-from gcs_autotune.models import Program
+from gcs_autotune.models import Program, Scratch
 
 __all__ = ["Tape", "backward", "forward", "new_tape"]
 
@@ -125,8 +125,9 @@ def forward(
     walk: Array,
     reference: Array,
     sigma: bool,
-    pace: float,
+    max_rate: float,
     tape: Tape,
+    W: Scratch,
 ) -> float:
     """Filter one record; *mean* (N,) and *cov* (N, N) go in as the prior at ``stamps[0]`` and come out at the end.
 
@@ -136,7 +137,7 @@ def forward(
     walk : (p,) that of the parameters. reference : (s, n) trajectory to linearise about with the parameters in
     *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
 
-    pace : rate [1/s] steps are made for at least; a filter with moving parameters makes them finer where it must.
+    max_rate : rate [1/s] steps are made for at least; a filter with moving parameters makes them finer where it must.
 
     Returns the fastest rate [1/s] met, or -1 - (index of the stamp at which the motion ran away).
     """
@@ -153,7 +154,7 @@ def forward(
     F, late, H, K, g = np.zeros((n, N)), np.zeros((n, n)), np.zeros(N), np.zeros(N), np.zeros(N)
     x, before, moved = np.zeros(n), np.zeros(n), mean.copy()
     delay = theta[P.delay] if P.delay >= 0 else 0.0
-    row, now, fastest = 0, pace, 0.0
+    row, now, fastest = 0, max_rate, 0.0
     while row + 1 < len(t_in) and t_in[row + 1] + delay <= stamps[0]:
         row += 1
     for s in range(len(stamps)):
@@ -162,19 +163,19 @@ def forward(
             for i in range(n):
                 x[i] = reference[s - 1, i] if fixed else mean[i]
             first = row
-            rate = -1.0
+            finite, rate = False, 0.0
             for _ in range(8):
                 before[:] = x
-                rate, row = step(
-                    P, theta, M, M_inverse, x, F, late, stamps[s - 1], stamps[s], first, t_in, inputs, free, now
+                finite, rate, row = step(
+                    P, theta, M, M_inverse, x, F, late, stamps[s - 1], stamps[s], first, t_in, inputs, free, now, W
                 )
-                if rate >= 0.0 and rate <= 2.0 * now:
+                if finite and rate <= 2.0 * now:
                     break
-                now = 4.0 * now if rate < 0.0 else 1.2 * rate
+                now = 1.2 * rate if finite else 4.0 * now
                 x[:] = before
-            if rate < 0.0:
+            if not finite:
                 return -1.0 - s
-            now = max(pace, 1.5 * rate if rate > now else 0.7 * now)
+            now = max(max_rate, 1.5 * rate if rate > now else 0.7 * now)
             fastest = max(fastest, rate)
             if fixed:
                 for i in range(n):
@@ -184,7 +185,7 @@ def forward(
                         x[i] += F[i, n + j] * (mean[n + j] - given[places[j]])
             if not sigma or not sigma_step(
                 P, theta, places, mean, cov, x, F, late, q, walk, stamps[s - 1], stamps[s], first, t_in, inputs,
-                now,
+                now, W,
             ):  # fmt: skip
                 _time_update(cov, F, late, q, walk, h)
             for i in range(n):

@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models import REACH, Program, advance, scratch
+from gcs_autotune.models import Program, Scratch, carry
 
-__all__ = ["carry", "inertia", "measure", "step"]
+__all__ = ["MAX_STEPS", "inertia", "measure", "step"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -21,8 +21,8 @@ SHORT = 0.3
 """Interval times fastest rate below which the root of a transition is taken by its series; it then errs by 3e-4."""
 
 
-MAX_STEPS = 400
-"""Steps between two stamps before a filter's model is given up as hopelessly stiff."""
+MAX_STEPS = 400.0
+"""Runge-Kutta steps between two stamps before a filter's model is given up as hopelessly stiff."""
 
 
 @njit(cache=True)
@@ -89,60 +89,6 @@ def measure(P: Program, theta: Array, x: Array, code: int, free: Index, H: Array
 
 
 @njit(cache=True)
-def carry(
-    P: Program,
-    theta: Array,
-    M: Array,
-    M_inverse: Array,
-    x: Array,
-    S: Array,
-    t: float,
-    stop: float,
-    row: int,
-    t_in: Array,
-    inputs: Array,
-    free: Index,
-    deriv: bool,
-    pace: float,
-) -> tuple[float, int]:
-    """Carry state *x* (n,) and sensitivities *S* (n, q) from *t* to *stop* through the jumps of the inputs.
-
-    pace : fastest rate [1/s] steps are made for. Returns the fastest rate met (negative: it ran away) and the input
-    row in force at *stop*.
-    """
-    n, q = S.shape
-    f, A, B, before = np.zeros(n), np.zeros((n, n)), np.zeros((n, q)), np.zeros(n)
-    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.zeros(n), np.zeros((n, q))
-    W = scratch(n, q)
-    delay = theta[P.delay] if P.delay >= 0 else 0.0
-    column = free[P.delay] if P.delay >= 0 else -1
-    fastest, plain = 0.0, not deriv  # false where it is used; a literal would be compiled for on its own
-    while t < stop:
-        jump = row + 1 < len(t_in) and t_in[row + 1] + delay <= stop
-        until = t_in[row + 1] + delay if jump else stop
-        if until > t:
-            span, held = until - t, inputs[row]
-            if span * pace > MAX_STEPS * REACH:
-                return -1.0, row
-            finite, rate = advance(
-                P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
-            )
-            if not finite:
-                return -1.0, row
-            fastest = max(fastest, rate)
-            t = until
-        if jump:
-            if deriv and column >= 0:
-                old, new = inputs[row], inputs[row + 1]
-                advance(P, theta, M, M_inverse, x, S, old, free, 0.0, plain, pace, before, A, B, kx, ks, y, Y, W)
-                advance(P, theta, M, M_inverse, x, S, new, free, 0.0, plain, pace, f, A, B, kx, ks, y, Y, W)
-                for i in range(n):
-                    S[i, column] += before[i] - f[i]
-            row += 1
-    return fastest, row
-
-
-@njit(cache=True)
 def step(
     P: Program,
     theta: Array,
@@ -157,9 +103,12 @@ def step(
     t_in: Array,
     inputs: Array,
     free: Index,
-    pace: float,
-) -> tuple[float, int]:
+    max_rate: float,
+    W: Scratch,
+) -> tuple[bool, float, int]:
     """Carry *x* over one interval; fill ``F`` (n, N) of the whole and ``late`` (n, n) of its second half.
+
+    Returns whether the motion stayed finite, the fastest rate met and the input row in force at *stop*.
 
     ``late`` is what process noise needs (Simpson's rule). Over an interval short against the fastest rate it is the
     root of the whole's, by its series; over a longer one the interval is crossed in two halves.
@@ -169,9 +118,9 @@ def step(
     F[:, :] = 0.0
     for i in range(n):
         F[i, i] = 1.0
-    rate, row = carry(P, theta, M, M_inverse, x, F, t, stop, row, t_in, inputs, free, True, pace)
-    if rate < 0.0:
-        return rate, row
+    finite, rate, row, _ = carry(P, theta, M, M_inverse, x, F, t, stop, row, t_in, inputs, free, max_rate, MAX_STEPS, W)
+    if not finite:
+        return False, rate, row
     if rate * (stop - t) < SHORT:
         D = F[:, :n].copy()
         for i in range(n):
@@ -181,18 +130,22 @@ def step(
         for i in range(n):
             for j in range(n):
                 late[i, j] = 0.5 * D[i, j] - 0.125 * square[i, j] + 0.0625 * cube[i, j] + (1.0 if i == j else 0.0)
-        return rate, row
+        return True, rate, row
     x[:] = begin
     middle = 0.5 * (t + stop)
     early, second = np.zeros((n, N)), np.zeros((n, N))
     for i in range(n):
         early[i, i] = 1.0
         second[i, i] = 1.0
-    before, row = carry(P, theta, M, M_inverse, x, early, t, middle, first, t_in, inputs, free, True, pace)
-    if before < 0.0:
-        return before, row
-    rate, row = carry(P, theta, M, M_inverse, x, second, middle, stop, row, t_in, inputs, free, True, pace)
+    finite, before, row, _ = carry(
+        P, theta, M, M_inverse, x, early, t, middle, first, t_in, inputs, free, max_rate, MAX_STEPS, W
+    )
+    if not finite:
+        return False, before, row
+    finite, rate, row, _ = carry(
+        P, theta, M, M_inverse, x, second, middle, stop, row, t_in, inputs, free, max_rate, MAX_STEPS, W
+    )
     late[:, :] = second[:, :n]
     F[:, :] = np.dot(late, early)
     F[:, n:] += second[:, n:]
-    return (max(before, rate) if rate >= 0.0 else rate), row
+    return finite, max(before, rate), row

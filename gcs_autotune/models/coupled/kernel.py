@@ -35,7 +35,7 @@ __all__ = [
     "SIN_PSI",
     "SIN_THETA",
     "Program",
-    "advance",
+    "carry",
     "evaluate",
     "scratch",
     "sweep",
@@ -253,11 +253,20 @@ class Scratch(NamedTuple):
     T: Array
     out: Array
     by: Array
+    f: Array
+    before: Array
+    A: Array
+    B: Array
+    kx: Array
+    ks: Array
+    y: Array
+    Y: Array
 
 
-@njit(cache=True)
 def scratch(n: int, q: int) -> Scratch:
-    """Return scratch for *n* states and *q* sensitivities."""
+    """Return scratch for *n* states and *q* sensitivities. Not compiled: to make arrays is much of what there is to
+    compile, and it is called once a simulation.
+    """
     return Scratch(
         np.zeros(12),
         np.zeros(6),
@@ -274,6 +283,14 @@ def scratch(n: int, q: int) -> Scratch:
         np.zeros((3, 3)),
         np.zeros(6),
         np.zeros((6, 3)),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros((n, n)),
+        np.zeros((n, q)),
+        np.zeros((4, n)),
+        np.zeros((4, n, q)),
+        np.zeros(n),
+        np.zeros((n, q)),
     )
 
 
@@ -454,7 +471,7 @@ def _rate(A: Array) -> float:
 
 
 @_outer
-def advance(
+def _advance(
     P: Program,
     theta: Array,
     M: Array,
@@ -465,14 +482,8 @@ def advance(
     free: Index,
     span: float,
     deriv: bool,
-    pace: float,
+    max_rate: float,
     f: Array,
-    A: Array,
-    B: Array,
-    kx: Array,
-    ks: Array,
-    y: Array,
-    Y: Array,
     W: Scratch,
 ) -> tuple[bool, float]:
     """Advance state and sensitivities by *span*; return whether they stayed finite, and the fastest rate met.
@@ -480,7 +491,8 @@ def advance(
     A span of none only fills *f* with the state's rate.
     """
     n, q = S.shape
-    steps = int(np.ceil(span * pace / REACH))
+    A, B, kx, ks, y, Y = W.A, W.B, W.kx, W.ks, W.y, W.Y
+    steps = int(np.ceil(span * max_rate / REACH))
     if steps < 1:
         steps = 1
     h = span / steps
@@ -520,7 +532,94 @@ def advance(
     return True, fastest
 
 
+@_outer
+def carry(
+    P: Program,
+    theta: Array,
+    M: Array,
+    M_inverse: Array,
+    x: Array,
+    S: Array,
+    t: float,
+    stop: float,
+    row: int,
+    t_in: Array,
+    inputs: Array,
+    free: Index,
+    max_rate: float,
+    max_steps: float,
+    W: Scratch,
+) -> tuple[bool, float, int, float]:
+    """Carry state *x* (n,) and sensitivities *S* (n, q) from *t* to *stop* through the jumps of the inputs.
+
+    free : (p,) column of each parameter in *S*, -1 if it is known. max_rate : fastest rate [1/s] steps are made for;
+    max_steps : steps to be spent. Returns whether the motion stayed finite, the fastest rate met, the input row in
+    force at *stop* and the steps spent.
+    """
+    deriv, plain = S.shape[1] > 0, S.shape[1] < 0  # no literals: for each of them all would be compiled anew
+    delay = theta[P.delay] if P.delay >= 0 else 0.0
+    column = free[P.delay] if P.delay >= 0 else -1
+    fastest, spent = 0.0, 0.0
+    while t < stop:
+        jump = row + 1 < len(t_in) and t_in[row + 1] + delay <= stop
+        until = t_in[row + 1] + delay if jump else stop
+        if until > t:
+            spent += (until - t) * max_rate / REACH
+            if spent > max_steps:
+                return False, fastest, row, spent
+            finite, rate = _advance(P, theta, M, M_inverse, x, S, inputs[row], free, until - t, deriv, max_rate, W.f, W)
+            fastest = max(fastest, rate)
+            if not finite:
+                return False, fastest, row, spent
+            t = until
+        if jump:
+            if deriv and column >= 0:
+                # What the rate jumps by. A span of none gives it: `evaluate` inlined here would be compiled again.
+                _advance(P, theta, M, M_inverse, x, S, inputs[row], free, 0.0, plain, max_rate, W.before, W)
+                _advance(P, theta, M, M_inverse, x, S, inputs[row + 1], free, 0.0, plain, max_rate, W.f, W)
+                for i in range(len(x)):
+                    S[i, column] += W.before[i] - W.f[i]
+            row += 1
+    return True, fastest, row, spent
+
+
 @njit(cache=True, nogil=True)
+def _sweep(
+    P: Program,
+    theta: Array,
+    M: Array,
+    M_inverse: Array,
+    x: Array,
+    S: Array,
+    row: int,
+    t_in: Array,
+    inputs: Array,
+    t_out: Array,
+    free: Index,
+    max_rate: float,
+    max_steps: float,
+    X: Array,
+    S_out: Array,
+    W: Scratch,
+) -> tuple[bool, float]:
+    n, q = S.shape
+    t, fastest, left = t_out[0], 0.0, max_steps
+    for s in range(len(t_out)):
+        finite, rate, row, spent = carry(
+            P, theta, M, M_inverse, x, S, t, t_out[s], row, t_in, inputs, free, max_rate, left, W
+        )
+        fastest = max(fastest, rate)
+        if not finite:
+            return False, fastest
+        t = max(t, t_out[s])
+        left -= spent
+        for i in range(n):
+            X[s, i] = x[i]
+            for c in range(q):
+                S_out[s, i, c] = S[i, c]
+    return True, fastest
+
+
 def sweep(
     P: Program,
     theta: Array,
@@ -532,65 +631,41 @@ def sweep(
     t_out: Array,
     free: Index,
     state_column: Index,
-    q: int,
-    deriv: bool,
-    pace: float,
-    most: float,
+    max_rate: float,
+    max_steps: float,
     X: Array,
     S_out: Array,
 ) -> tuple[bool, float]:
-    """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and with *deriv* ``S_out`` (s, n, q).
+    """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and ``S_out`` (s, n, q), where q is not zero.
 
     inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column :
     (n,) column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1
-    without *deriv*. pace : fastest rate [1/s] expected; most : steps to be spent. Returns whether the motion stayed
-    finite, and the fastest rate met.
+    without sensitivities. max_rate : fastest rate [1/s] steps are made for; max_steps : steps to be spent. Returns
+    whether the motion stayed finite, and the fastest rate met.
     """
-    n = len(x_0)
-    x = x_0.copy()
+    n, q = len(x_0), S_out.shape[2]
     S = np.zeros((n, q))
-    for i in range(n):
-        if deriv and state_column[i] >= 0:
-            S[i, state_column[i]] = 1.0
-    f, A, B = np.zeros(n), np.zeros((n, n)), np.zeros((n, q))
-    kx, ks, y, Y = np.zeros((4, n)), np.zeros((4, n, q)), np.zeros(n), np.zeros((n, q))
-    W = scratch(n, q)
-    before, plain = np.zeros(n), not deriv  # only asked for with derivatives: false then, but no literal
+    for i, column in enumerate(state_column):
+        if 0 <= column < q:
+            S[i, column] = 1.0
     delay = theta[P.delay] if P.delay >= 0 else 0.0
-    delay_column = free[P.delay] if P.delay >= 0 else -1
-    t, j, fastest = t_out[0], 0, 0.0
-    spent = 0.0
-    while j + 1 < len(t_in) and t_in[j + 1] + delay <= t:
-        j += 1
-    for s in range(len(t_out)):
-        while t < t_out[s]:
-            jump = j + 1 < len(t_in) and t_in[j + 1] + delay <= t_out[s]
-            stop = t_in[j + 1] + delay if jump else t_out[s]
-            if stop > t:
-                span, held = stop - t, inputs[j]
-                finite, rate = advance(
-                    P, theta, M, M_inverse, x, S, held, free, span, deriv, pace, f, A, B, kx, ks, y, Y, W
-                )
-                spent += span * pace / REACH
-                fastest = max(fastest, rate)
-                if not finite or spent > most:
-                    return False, fastest
-                t = stop
-            if jump:
-                if deriv and delay_column >= 0:
-                    # What the rate jumps by. A span of none gives it: `_evaluate` inlined here would be compiled again.
-                    advance(
-                        P, theta, M, M_inverse, x, S, inputs[j], free, 0.0, plain, pace, before, A, B, kx, ks, y, Y, W
-                    )
-                    advance(
-                        P, theta, M, M_inverse, x, S, inputs[j + 1], free, 0.0, plain, pace, f, A, B, kx, ks, y, Y, W
-                    )
-                    for i in range(n):
-                        S[i, delay_column] += before[i] - f[i]
-                j += 1
-        for i in range(n):
-            X[s, i] = x[i]
-            if deriv:
-                for c in range(q):
-                    S_out[s, i, c] = S[i, c]
-    return True, fastest
+    row = max(int(np.searchsorted(t_in + delay, t_out[0], side="right")) - 1, 0)
+    finite, fastest = _sweep(
+        P,
+        theta,
+        M,
+        M_inverse,
+        x_0.copy(),
+        S,
+        row,
+        t_in,
+        inputs,
+        t_out,
+        free,
+        max_rate,
+        float(max_steps),
+        X,
+        S_out,
+        scratch(n, q),
+    )
+    return bool(finite), float(fastest)

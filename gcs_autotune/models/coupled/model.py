@@ -91,7 +91,7 @@ class Simulator:
             dtype=np.int64,
         )
         self._none = np.full_like(self._free, -1)
-        self._pace = 1.0
+        self._max_rate = 1.0
 
     def matrices(self, theta: Array) -> tuple[Array, Array]:
         """Return M (6, 6) and the inverse (k, k) of its active part; ``LinAlgError`` when it has none."""
@@ -136,19 +136,17 @@ class Simulator:
                 np.ascontiguousarray(t_out, dtype=np.float64),
                 self._free if sensitivities else self._none,
                 self._states,
-                q if sensitivities else 1,
-                sensitivities,
-                self._pace,
+                self._max_rate,
                 STEPS + self.patience * len(t_out),
                 X,
                 S,
             )
-            if fastest <= self._pace:
+            if fastest <= self._max_rate:
                 break
-            self._pace = _pace(fastest if finite else min(fastest, FINER * self._pace))
-        enough = finite and fastest <= self._pace
-        if fastest < SLACK * self._pace or not enough:
-            self._pace = _pace(fastest) if enough else 1.0
+            self._max_rate = _rate_for(fastest if finite else min(fastest, FINER * self._max_rate))
+        enough = finite and fastest <= self._max_rate
+        if fastest < SLACK * self._max_rate or not enough:
+            self._max_rate = _rate_for(fastest) if enough else 1.0
         return (X, S) if enough else None
 
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
@@ -267,6 +265,6 @@ class CoupledModel:
         return replace(self, values={**self.values, **values})
 
 
-def _pace(fastest: float) -> float:
+def _rate_for(fastest: float) -> float:
     """Return the rung of the ladder for a fastest rate [1/s]."""
     return max(1.0, float(PACES[min(int(np.searchsorted(PACES, 1.2 * fastest)), len(PACES) - 1)]))

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman import sweep, transition
 from gcs_autotune.identify.kalman.sigma import sigma_step
 from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
-from gcs_autotune.identify.kalman.transition import carry, inertia, measure, step
+from gcs_autotune.identify.kalman.transition import inertia, measure, step
 from gcs_autotune.models.coupled import kernel
-from gcs_autotune.models.coupled.kernel import INPUT, NU, NU_SIZE, Program
+from gcs_autotune.models.coupled.kernel import INPUT, NU, NU_SIZE, Program, Scratch, carry
 
 Array = NDArray[np.float64]
 
@@ -67,11 +68,27 @@ def moved(x: Array, t: float, stop: float, theta: Array = THETA, pace: float = P
     out = np.zeros((2, N_STATES))
     none = np.zeros((2, N_STATES, 0))
     done, _ = kernel.sweep(
-        BOAT, theta, *masses(theta), x, T_IN, INPUTS, np.array([t, stop]), NONE, NONE[:6], 0, False, pace, 1e4, out,
-        none,
+        BOAT, theta, *masses(theta), x, T_IN, INPUTS, np.array([t, stop]), NONE, NONE[:6], pace, 1e4, out, none,
     )  # fmt: skip
     assert done
     return out[1]
+
+
+@njit
+def carried_at_once(
+    P: Program, theta: Array, M: Array, M_inverse: Array, x: Array, S: Array, t: float, stop: float, row: int,
+    free: NDArray[np.int64], max_rate: float, W: Scratch,
+) -> tuple[bool, float, int, float]:  # fmt: skip
+    """Call what only compiled functions may call."""
+    return carry(P, theta, M, M_inverse, x, S, t, stop, row, T_IN, INPUTS, free, max_rate, transition.MAX_STEPS, W)
+
+
+def carried(theta: Array, *rest: Any) -> tuple[bool, float, int, float]:
+    return carried_at_once(BOAT, theta, *masses(theta), *rest)
+
+
+def scratch(q: int = 6) -> Scratch:
+    return kernel.scratch(6, q)
 
 
 def differences(function: Any, at: Array, h: float = 1e-6) -> Array:
@@ -92,7 +109,8 @@ def row_at(t: float) -> int:
 def test_a_state_is_carried_through_jumps_as_a_simulation_is_with_its_sensitivities(t: float, stop: float) -> None:
     free = ints(6, -1, 7, 8, -1, 9, -1)
     x, S = X.copy(), np.eye(6, 10)
-    rate, row = carry(BOAT, THETA, *masses(THETA), x, S, t, stop, row_at(t), T_IN, INPUTS, free, True, 12.0)
+    finite, rate, row, spent = carried(THETA, x, S, t, stop, row_at(t), free, 12.0, kernel.scratch(6, 10))
+    assert finite and spent == pytest.approx((stop - t) * 12.0 / kernel.REACH)
     assert row == row_at(stop)
     assert x == pytest.approx(moved(X, t, stop, pace=12.0), abs=1e-10)
     assert 0.3 < rate < 5.0
@@ -104,29 +122,31 @@ def test_a_state_is_carried_through_jumps_as_a_simulation_is_with_its_sensitivit
         assert np.abs(S[:, 7]).max() > 0.05
     y = X.copy()
     without = np.zeros((6, 0))
-    carry(BOAT, THETA, *masses(THETA), y, without, t, stop, row_at(t), T_IN, INPUTS, NONE, False, 12.0)
+    carried(THETA, y, without, t, stop, row_at(t), NONE, 12.0, kernel.scratch(6, 0))
     assert y == pytest.approx(x, abs=1e-12)
 
 
 def test_a_model_too_stiff_or_running_away_is_given_up() -> None:
-    def rate(pace: float, x: Array = X) -> float:
+    def is_finite(max_rate: float, x: Array = X) -> bool:
         room = np.zeros((6, 0))
-        return carry(BOAT, THETA, *masses(THETA), x.copy(), room, 0.0, 0.1, 0, T_IN, INPUTS, NONE, False, pace)[0]
+        return carried(THETA, x.copy(), room, 0.0, 0.1, 0, NONE, max_rate, kernel.scratch(6, 0))[0]
 
-    assert rate(0.999 * transition.MAX_STEPS * kernel.REACH / 0.1) >= 0.0
-    assert rate(1.001 * transition.MAX_STEPS * kernel.REACH / 0.1) < 0.0
+    assert is_finite(0.999 * transition.MAX_STEPS * kernel.REACH / 0.1)
+    assert not is_finite(1.001 * transition.MAX_STEPS * kernel.REACH / 0.1)
     assert (transition.MAX_STEPS, kernel.REACH) == (400, 0.4)
-    assert rate(PACE, np.array([2e6, *X[1:]])) < 0.0
+    assert not is_finite(PACE, np.array([2e6, *X[1:]]))
     F, late, x = np.zeros((6, 6)), np.zeros((6, 6)), np.array([2e6, *X[1:]])
-    assert step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, 0.1, 0, T_IN, INPUTS, NONE, PACE)[0] < 0.0
+    assert not step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, 0.1, 0, T_IN, INPUTS, NONE, PACE, scratch())[0]
 
 
 @pytest.mark.parametrize("stop", [0.05, 0.15, 0.6, 1.3])
 def test_a_step_gives_the_transition_of_the_whole_and_of_its_second_half(stop: float) -> None:
     free = ints(-1, 6, -1, -1, 7, -1, -1)
     x, F, late = X.copy(), np.full((6, 8), 9.0), np.full((6, 6), 9.0)
-    rate, row = step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, stop, 0, T_IN, INPUTS, free, 12.0)
-    assert row == row_at(stop) and rate > 0.0
+    finite, rate, row = step(
+        BOAT, THETA, *masses(THETA), x, F, late, 0.0, stop, 0, T_IN, INPUTS, free, 12.0, scratch(8)
+    )
+    assert finite and row == row_at(stop) and rate > 0.0
     assert x == pytest.approx(moved(X, 0.0, stop, pace=12.0), abs=1e-6)
     whole = differences(lambda z: moved(z, 0.0, stop, pace=12.0), X)
     by_theta = differences(lambda theta: moved(X, 0.0, stop, theta, pace=12.0), THETA)
@@ -144,7 +164,9 @@ def test_both_ways_over_an_interval_are_taken() -> None:
     rates = []
     for stop in (0.05, 1.3):
         x, F, late = X.copy(), np.zeros((6, 6)), np.zeros((6, 6))
-        rates.append(step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, stop, 0, T_IN, INPUTS, NONE, 12.0)[0] * stop)
+        rates.append(
+            step(BOAT, THETA, *masses(THETA), x, F, late, 0.0, stop, 0, T_IN, INPUTS, NONE, 12.0, scratch())[1] * stop
+        )
     assert rates[0] < transition.SHORT < rates[1]
 
 
@@ -224,7 +246,7 @@ def test_sigma_points_carry_mean_and_covariance_by_central_differences() -> None
         return moved(z[:6], t, stop, own)
 
     x, F, late = X.copy(), np.zeros((6, 8)), np.zeros((6, 6))
-    step(BOAT, THETA, *masses(THETA), x, F, late, t, stop, row_at(t), T_IN, INPUTS, FREE, PACE)
+    step(BOAT, THETA, *masses(THETA), x, F, late, t, stop, row_at(t), T_IN, INPUTS, FREE, PACE, scratch(8))
     kept = [i for i in range(8) if i != 4]
     L = np.zeros((8, 8))
     L[np.ix_(kept, kept)] = np.linalg.cholesky(cov[np.ix_(kept, kept)])
@@ -241,7 +263,23 @@ def test_sigma_points_carry_mean_and_covariance_by_central_differences() -> None
     better = x + bent.sum(axis=0) / 6.0
     assert np.abs(better - x).max() > 1e-4 < np.abs(bent).max()
     assert sigma_step(
-        BOAT, theta, FREE_PLACES, mean, cov, x, F, late, Q_STATES, WALK, t, stop, row_at(t), T_IN, INPUTS, PACE
+        BOAT,
+        theta,
+        FREE_PLACES,
+        mean,
+        cov,
+        x,
+        F,
+        late,
+        Q_STATES,
+        WALK,
+        t,
+        stop,
+        row_at(t),
+        T_IN,
+        INPUTS,
+        PACE,
+        scratch(8),
     )
     assert x == pytest.approx(better, abs=1e-10)
     assert cov == pytest.approx(expected, abs=1e-10)
@@ -254,7 +292,9 @@ def test_a_sigma_point_that_cannot_be_carried_changes_nothing(far: float, place:
     at = 6 if place == 6 else 3
     cov[at, at] = far**2
     x, before, room = X.copy(), cov.copy(), (np.zeros((6, 8)), np.zeros((6, 6)))
-    assert not sigma_step(BOAT, THETA, places, mean, cov, x, *room, Q_STATES, WALK, 0.0, 0.1, 0, T_IN, INPUTS, PACE)
+    assert not sigma_step(
+        BOAT, THETA, places, mean, cov, x, *room, Q_STATES, WALK, 0.0, 0.1, 0, T_IN, INPUTS, PACE, scratch(8)
+    )
     assert np.array_equal(x, X) and np.array_equal(cov, before)
 
 
@@ -279,7 +319,7 @@ def passed(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, Ta
     tape = new_tape(5, 3, 6, 8, full=True)
     rate = forward(
         BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS,
-        options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, tape,
+        options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, tape, scratch(8),
     )  # fmt: skip
     return rate, tape, mean, cov
 
@@ -297,12 +337,12 @@ def filtered(reference: Array | None = None, *, sigma: bool = False) -> tuple[li
                 theta[FREE_PLACES] = mean[6:]
             start = mean[:6] if reference is None else reference[s - 1]
             x, F, late = start.copy(), np.zeros((6, 8)), np.zeros((6, 6))
-            step(BOAT, theta, *masses(theta), x, F, late, t, stamp, row_at(t), T_IN, INPUTS, FREE, PACE)
+            step(BOAT, theta, *masses(theta), x, F, late, t, stamp, row_at(t), T_IN, INPUTS, FREE, PACE, scratch(8))
             if reference is not None:
                 x += F @ (mean - given - np.concatenate([reference[s - 1], [0.0, 0.0]]))
             if not sigma or not sigma_step(
                 BOAT, theta, FREE_PLACES, mean, cov, x, F, late, Q_STATES, WALK, t, stamp, row_at(t), T_IN, INPUTS,
-                PACE,
+                PACE, scratch(8),
             ):  # fmt: skip
                 sweep._time_update(cov, F, late, Q_STATES, WALK, stamp - t)
             mean[:6] = x
@@ -350,7 +390,7 @@ def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
     end, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
     forward(
         BOAT, THETA, FREE_PLACES, FREE, end, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
-        np.zeros((0, 6)), False, PACE, lean,
+        np.zeros((0, 6)), False, PACE, lean, scratch(8),
     )  # fmt: skip
     assert np.array_equal(lean.e, full.e, equal_nan=True) and np.array_equal(lean.S, full.S, equal_nan=True)
     assert np.array_equal(end, mean)

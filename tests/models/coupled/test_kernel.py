@@ -234,17 +234,18 @@ def inverse(P: Program, theta: Array) -> Array:
 @njit
 def at_once(
     P: Program, theta: Array, M: Array, M_inverse: Array, x: Array, u: Array,
-    free: NDArray[np.int64], deriv: bool, f: Array, A: Array, B: Array,
+    free: NDArray[np.int64], deriv: bool, f: Array, A: Array, B: Array, W: kernel.Scratch,
 ) -> None:  # fmt: skip
     """Call what only compiled functions may call."""
-    kernel.evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, kernel.scratch(len(x), B.shape[1]))
+    kernel.evaluate(P, theta, M, M_inverse, x, u, free, deriv, f, A, B, W)
 
 
 def evaluated(case: Case, free: NDArray[np.int64], q: int, *, deriv: bool) -> tuple[Array, Array, Array]:
     n = len(case.x)
     f, A, B = np.full(n, 7.0), np.full((n, n), 7.0), np.full((n, q), 7.0)
     M = matrix(case.P, case.theta)
-    at_once(case.P, case.theta, M, inverse(case.P, case.theta), case.x, case.u, free, deriv, f, A, B)
+    W = kernel.scratch(n, q)
+    at_once(case.P, case.theta, M, inverse(case.P, case.theta), case.x, case.u, free, deriv, f, A, B, W)
     return f, A, B
 
 
@@ -344,11 +345,11 @@ def swept(case: Case, t_in: Array, inputs: Array, t_out: Array, **options: Any) 
     free = np.arange(p) - 1 if deriv else np.full(p, -1)
     states = np.full(n, -1)
     states[[i for i in range(n) if i != 1]] = p - 1 + np.arange(n - 1)
-    X, S = np.zeros((len(t_out), n)), np.zeros((len(t_out), n, p + n - 2))
+    X, S = np.zeros((len(t_out), n)), np.zeros((len(t_out), n, p + n - 2 if deriv else 0))
     M = matrix(case.P, theta)
     done, fastest = kernel.sweep(
         case.P, theta, M, inverse(case.P, theta), case.x, t_in, inputs, t_out,
-        free, states, p + n - 2, deriv, pace, most, X, S,
+        free, states, pace, most, X, S,
     )  # fmt: skip
     return done, fastest, X, S
 
@@ -425,7 +426,7 @@ def test_one_span_carries_state_and_sensitivities_and_tells_the_fastest_rate_at_
     X, S_out = np.empty((2, 4)), np.empty((2, 4, 3))
     done, fastest = kernel.sweep(
         case.P, case.theta, matrix(case.P, case.theta), inverse(case.P, case.theta), case.x, np.zeros(1), case.u[None],
-        np.array([0.0, span]), free, states, 3, True, pace, 1e9, X, S_out,
+        np.array([0.0, span]), free, states, pace, 1e9, X, S_out,
     )  # fmt: skip
     x, S = X[1], S_out[1]
     assert done
