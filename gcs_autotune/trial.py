@@ -139,6 +139,25 @@ class Trial:
         start = self.meta.get("from_t")
         return self.between(start - HALF_A_STAMP, self.end) if isinstance(start, float) and start > self.start else self
 
+    def with_full_scale(self, full: Mapping[str, float]) -> Trial:
+        """Return the trial with forces recorded as shares of full output in N and N m.
+
+        full : force letter -> force or moment at full output [N or N m].
+
+        Raises
+        ------
+        MissingChannel
+            It has no such channel. UsageError: one is no share of full.
+        """
+        forces = {}
+        for name, size in full.items():
+            share = self[name]
+            if share.unit != "1":
+                raise UsageError(f"{name} of run '{self.name}' is in {share.unit} already, no share of full output")
+            unit = "N" if name in "XYZ" else "N m"
+            forces[name] = replace(share, unit=unit, values=size * share.values)
+        return replace(self, channels={**self.channels, **forces})
+
     def between(self, start: float, end: float) -> Trial:
         """Return the part of the trial with ``start <= t <= end``."""
         return replace(

@@ -27,7 +27,7 @@ class Actuators(ABC):
 
     @abstractmethod
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the shares of full asked of ``N``, ``X`` (``Z``); a pulse [us] of 0 means no signal, hence none."""
+        """Return the shares of full asked of ``N``, ``X`` (``Z``, ``Y``); a pulse [us] of 0 is no signal: none."""
 
     @abstractmethod
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
@@ -75,7 +75,11 @@ class YawSchedule:
 
 @dataclass(frozen=True, slots=True)
 class RudderBoat(Actuators):
-    """A rudder in the race of a propeller. Thrust goes with n|n|; going astern the rudder acts the other way."""
+    """A rudder in the race of a propeller. Thrust goes with n|n|; going astern the rudder acts the other way.
+
+    ``side_force`` [N/rad]: what the rudder pushes the stern sideways with at full thrust, away from the side it is put
+    to (Miskovic2010, (2.37)).
+    """
 
     schedule: YawSchedule
     full_rudder: float
@@ -84,6 +88,7 @@ class RudderBoat(Actuators):
     yaw_bias: float
     rudder_channel: int
     throttle_channel: int
+    side_force: float = 0.0
 
     @property
     def full(self) -> Mapping[str, float]:
@@ -110,6 +115,7 @@ class RudderBoat(Actuators):
         n = self.full_n * throttle
         body.yaw.alpha, body.yaw.beta, share = self.schedule.at(n * n)
         loads.X = self.full_thrust * throttle * abs(throttle)
+        loads.Y = -self.side_force * rudder * throttle * abs(throttle)
         loads.Z = 0.0
         loads.N = (rudder if throttle >= 0.0 else -rudder) * share + self.yaw_bias
 
@@ -179,40 +185,43 @@ class ThrustCurve:
 
 @dataclass(frozen=True, slots=True)
 class ThrusterFrame(Actuators):
-    """Fixed thrusters; the authorities are what all of them do together.
+    """Fixed thrusters; the authorities are what all of them do together, ``full_Y`` 0 on frames that do not sway.
 
     The ``curve`` is that of one thruster, applied to each axis: all that drive an axis share its command.
     """
 
-    motors: Sequence[tuple[float, float, float]]
+    motors: Sequence[tuple[float, float, float, float]]
     full_N: float
     full_X: float
     full_Z: float
     bias_N: float
     bias_Z: float
     curve: ThrustCurve | None = None
+    full_Y: float = 0.0
 
     @property
     def full(self) -> Mapping[str, float]:
         """Degree of freedom -> force at a share of 1."""
-        return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z}
+        sway = {"sway": self.full_Y} if self.full_Y else {}
+        return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z, **sway}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return what all motors together make of full ``N``, ``X`` and ``Z``."""
-        N = X = Z = 0.0
-        for pulse, (yaw, ahead, down) in zip(pwm, self.motors, strict=False):
+        """Return what all motors together make of full ``N``, ``X``, ``Z`` and ``Y``."""
+        N = X = Z = Y = 0.0
+        for pulse, (yaw, ahead, down, side) in zip(pwm, self.motors, strict=False):
             if pulse == _NEUTRAL_PWM:
                 continue
             output = _fraction(pulse, _MOTOR_SPAN)
             N += yaw * output
             X += ahead * output
             Z += down * output
-        return {"N": N, "X": X, "Z": Z}
+            Y += side * output
+        return {"N": N, "X": X, "Z": Z, "Y": Y} if self.full_Y else {"N": N, "X": X, "Z": Z}
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
         """Return the motors' pulses moved along each axis' own pattern (the patterns are orthogonal)."""
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
-        for axis, name in enumerate(("N", "X", "Z")):
+        for axis, name in enumerate(("N", "X", "Z", "Y")[: len(now)]):
             pattern = [motor[axis] for motor in self.motors]
             step = (shares[name] - now[name]) / sum(part * part for part in pattern)
             for i, part in enumerate(pattern):
@@ -222,30 +231,31 @@ class ThrusterFrame(Actuators):
 
     def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
         """Fill *loads*, in proportion unless there is a curve."""
-        N, X, Z = shares["N"], shares["X"], shares["Z"]
+        N, X, Z, Y = shares["N"], shares["X"], shares["Z"], shares.get("Y", 0.0)
         if self.curve is not None:
-            N, X, Z = self.curve(N), self.curve(X), self.curve(Z)
+            N, X, Z, Y = self.curve(N), self.curve(X), self.curve(Z), self.curve(Y)
         loads.N = self.full_N * N + self.bias_N
         loads.X = self.full_X * X
+        loads.Y = self.full_Y * Y
         loads.Z = self.full_Z * Z + self.bias_Z
 
 
-FRAMES: Mapping[str, Sequence[tuple[float, float, float]]] = {
-    "simple-rov-3": ((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.0, 0.0, 1.0)),
+FRAMES: Mapping[str, Sequence[tuple[float, float, float, float]]] = {
+    "simple-rov-3": ((-0.5, 0.5, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)),
     "vectored": (
-        (0.25, -0.25, 0.0),
-        (-0.25, -0.25, 0.0),
-        (-0.25, 0.25, 0.0),
-        (0.25, 0.25, 0.0),
-        (0.0, 0.0, 0.5),
-        (0.0, 0.0, 0.5),
+        (0.25, -0.25, 0.0, 0.25),
+        (-0.25, -0.25, 0.0, -0.25),
+        (-0.25, 0.25, 0.0, 0.25),
+        (0.25, 0.25, 0.0, -0.25),
+        (0.0, 0.0, 0.5, 0.0),
+        (0.0, 0.0, 0.5, 0.0),
     ),
     "vectored-6dof": (
-        (0.25, -0.25, 0.0),
-        (-0.25, -0.25, 0.0),
-        (-0.25, 0.25, 0.0),
-        (0.25, 0.25, 0.0),
-        *(4 * ((0.0, 0.0, 0.25),)),
+        (0.25, -0.25, 0.0, 0.25),
+        (-0.25, -0.25, 0.0, -0.25),
+        (-0.25, 0.25, 0.0, 0.25),
+        (0.25, 0.25, 0.0, -0.25),
+        *(4 * ((0.0, 0.0, 0.25, 0.0),)),
     ),
 }
-"""Where the thrusters really sit: each motor's share of full (N, X, Z down). Sway is not modelled."""
+"""Where the thrusters really sit: each motor's share of full (N, X, Z down, Y)."""

@@ -1,7 +1,10 @@
 """The vehicles there are, and the loader of their data files.
 
 A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
-``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file.
+``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
+takes from a vehicle of the table what the file does not say. With ``[sway]`` (inertia, drag, on vectored frames
+``authority``) it slips sideways; ``[coupling]`` then holds SNAME derivatives between surge, sway and yaw, and
+``coriolis``: whether Coriolis' forces follow from the inertia.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.hull import AxisDynamics, Body, World
+from sitl.hull import AxisDynamics, Body, Coupling, World, coupling_of
 from sitl.sensors import SensorData
 
 __all__ = ["VEHICLES", "BadVehicle", "UnknownVehicle", "VehicleData", "load_vehicle"]
@@ -35,6 +38,11 @@ VEHICLES: Mapping[str, str] = {
     "bluerov2": "bluerov2.toml",
     "bluerov2-loaded": "bluerov2_loaded.toml",
     "blueboat": "blueboat.toml",
+    "videoray-coupled": "videoray_coupled.toml",
+    "bluerov2-sway": "bluerov2_sway.toml",
+    "blueboat-sway": "blueboat_sway.toml",
+    "charlie-sway": "charlie_sway.toml",
+    "cybership2": "cybership2.toml",
 }
 """Name -> data file in ``vehicles/``."""
 
@@ -91,7 +99,14 @@ class VehicleData:
         heave = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["heave"])
         body = Body(_axis(self.tables["surge"]), heave, yaw, world)
         body.z, body.psi = start["depth"], start["heading"]
+        if "sway" in self.tables:
+            body.couple(_axis(self.tables["sway"]), self._coupling())
         return body
+
+    def _coupling(self) -> Coupling:
+        derivatives = _values(self.tables["coupling"])
+        coriolis = bool(derivatives.pop("coriolis"))
+        return coupling_of(derivatives, coriolis=coriolis)
 
     def make_actuators(self) -> Actuators:
         """Return what turns servo pulses into forces."""
@@ -102,12 +117,16 @@ class VehicleData:
         if self.is_boat:
             rows = tuple(zip(yaw["n2"], yaw["alpha"], yaw["beta"], strict=True))
             full_n = _values(self.tables["propeller"])["full_n"]
-            return RudderBoat(YawSchedule(rows), yaw["full_rudder"], full_n, surge["authority"], yaw["bias"], 1, 3)
+            side = yaw.get("side_force", 0.0)
+            return RudderBoat(
+                YawSchedule(rows), yaw["full_rudder"], full_n, surge["authority"], yaw["bias"], 1, 3, side
+            )
         heave = _values(self.tables["heave"])
         motors = FRAMES[self.tables["actuators"]]
         full = (yaw["authority"], surge["authority"], heave["authority"])
         curve = ThrustCurve(**_values(self.tables["thruster"])) if "thruster" in self.tables else None
-        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve)
+        sideways = _values(self.tables.get("sway", {})).get("authority", 0.0)
+        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, sideways)
 
 
 def _values(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -148,8 +167,22 @@ def load_vehicle(name: str) -> VehicleData:
     return data
 
 
+def _tables(path: Path) -> dict[str, Any]:
+    """Return the tables of a file, what it does not say from the vehicle it is ``like``."""
+    own = tomllib.loads(path.read_text(encoding="utf-8"))
+    if "like" not in own:
+        return own
+    name = str(own.pop("like"))
+    if name not in VEHICLES:
+        raise ValueError(str(UnknownVehicle(name)))
+    tables = _tables(_FOLDER / VEHICLES[name])
+    for heading, table in own.items():
+        tables[heading] = {**tables.get(heading, {}), **table} if isinstance(table, dict) else table
+    return tables
+
+
 def _read(name: str, path: Path) -> VehicleData:
-    tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    tables = _tables(path)
     sensors, link = _values(tables["sensors"]), _values(tables["link"])
     return VehicleData(
         name=name,

@@ -1,18 +1,22 @@
 """The hull: its degrees of freedom, what couples them, their Runge-Kutta steps, and where they take it.
 
 Surge, heave and yaw each obey ``alpha*nudot + beta*nu + beta2*|nu|*nu = force`` (SNAME axes, z down, SI and
-radians). A vehicle's own hull is uncoupled on purpose and does not sway; roll and pitch only follow a little.
-Hulls of models brought from outside sway, with surge, sway and yaw coupled (Fossen2011, section 6.5); a bare hull in
-open loop (:mod:`sitl.open_loop`) is this one too, stepped by another rule.
+radians); roll and pitch only follow a little. A hull that sways has surge, sway and yaw coupled besides (Fossen2011,
+section 6.5): vehicles with a sway of their own, and models brought from outside. A bare hull in open loop
+(:mod:`sitl.open_loop`) is this one too, stepped by another rule.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["AxisDynamics", "Body", "Coupling", "Hull", "HullTerm", "Loads", "World"]
+__all__ = ["AxisDynamics", "Body", "Coupling", "Hull", "HullTerm", "Loads", "World", "coupling_of"]
+
+_PLANE = ("X", "Y", "N")
+_FACTOR = re.compile(r"\|[uvr]\||[uvr]")
 
 _CUSHION = 3.0
 """Chosen: natural frequency [rad/s] of the soft spring that stops a body at surface and bottom."""
@@ -92,6 +96,32 @@ class Coupling:
     N_vdot: float = 0.0
     coriolis: bool = False
     terms: tuple[HullTerm, ...] = ()
+
+
+def coupling_of(derivatives: Mapping[str, float], *, coriolis: bool, shared: float = 0.0) -> Coupling:
+    """Return what SNAME *derivatives* of surge, sway and yaw say beyond each one's own drag and inertia.
+
+    ``Y_rdot`` and ``N_vdot`` (equal unless both are there), ``Y_r``, ``N_uv``, ``Y_|v|r`` ...; two equal letters are
+    with modulus. *shared* [kg m]: mass times the distance of its centre ahead of the middle.
+
+    Raises
+    ------
+    ValueError
+        A name is none of these.
+    """
+    left = dict(derivatives)
+    Y_rdot = left.pop("Y_rdot", 0.0)
+    N_vdot = left.pop("N_vdot", Y_rdot)
+    terms = []
+    for name, value in left.items():
+        force, _, rest = name.partition("_")
+        factors = _FACTOR.findall(rest)
+        if force not in _PLANE or "".join(factors) != rest or not factors:
+            raise ValueError(f"the simulator cannot fly {name}")
+        if len(factors) == 2 and factors[0] == factors[1] and "|" not in rest:
+            factors[0] = f"|{factors[0]}|"
+        terms.append(HullTerm(_PLANE.index(force), value, tuple(factors)))
+    return Coupling(Y_rdot - shared, N_vdot - shared, coriolis, tuple(terms))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,22 +7,19 @@ The file's inputs are in its own units; full output of an axis is the largest co
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sitl.effects import EFFECTS, BadEffect, HiddenEffect, make_effect
-from sitl.hull import Coupling, HullTerm
+from sitl.hull import Coupling, coupling_of
 
 __all__ = ["BadModel", "FlownModel", "read_model"]
 
 _FORCES = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 _SPEEDS = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 _RIGID = {"surge": "m", "sway": "m", "heave": "m", "yaw": "I_z"}
-_PLANE = ("X", "Y", "N")
-_FACTOR = re.compile(r"\|[uvr]\||[uvr]")
 _SPECIAL = {"delay", "lag", "V_x", "V_y", "A_psi", "B_psi", "C_psi", "m", "I_x", "I_y", "I_z", "I_xz", "reach"}
 
 
@@ -148,18 +145,10 @@ def _is_plain(name: str, dofs: tuple[str, ...]) -> bool:
 
 def _coupling(left: dict[str, float], values: Mapping[str, float], coriolis: bool) -> Coupling:
     shared = values.get("m", 0.0) * left.pop("x_G", 0.0)
-    Y_rdot = left.pop("Y_rdot", 0.0)
-    N_vdot = left.pop("N_vdot", Y_rdot)
-    terms = []
-    for name, value in left.items():
-        force, _, rest = name.partition("_")
-        factors = _FACTOR.findall(rest)
-        if force not in _PLANE or "".join(factors) != rest or not factors:
-            raise BadModel(f"the simulator cannot fly {name}")
-        if len(factors) == 2 and factors[0] == factors[1] and "|" not in rest:
-            factors[0] = f"|{factors[0]}|"
-        terms.append(HullTerm(_PLANE.index(force), value, tuple(factors)))
-    return Coupling(Y_rdot - shared, N_vdot - shared, coriolis, tuple(terms))
+    try:
+        return coupling_of(left, coriolis=coriolis, shared=shared)
+    except ValueError as error:
+        raise BadModel(str(error)) from error
 
 
 def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[HiddenEffect]:

@@ -22,12 +22,13 @@ _DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 _CHANNEL = {"delta": "N"}
 """A model's channel -> the vehicle's, where the names differ."""
 _SIDEWAYS = "Y"
-"""What no vehicle commands: a model's input of that name stays 0."""
-_CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z"}
+"""What most vehicles do not command: a model's input of that name then stays 0."""
+_CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z", "sway": "Y"}
 _NAMES = {
     "N": ("steering", "rudder", "yaw", "delta"),
     "X": ("throttle", "surge"),
     "Z": ("vertical", "heave"),
+    "Y": ("lateral", "sway"),
 }
 
 
@@ -96,7 +97,7 @@ class _ModelActuators(Actuators):
         self._gains = {
             _CHANNEL.get(channel, channel): dict(gains)
             for channel, gains in model.gains.items()
-            if channel != _SIDEWAYS
+            if channel != _SIDEWAYS or "sway" in own.full
         }
         self._full = dict(own.full)
         for channel, gains in self._gains.items():
@@ -138,8 +139,8 @@ def _fit_model(model: FlownModel, body: Body, actuators: Actuators) -> Actuators
     lacking = [dof for dof in model.axes if dof not in (*actuators.full, "sway")]
     if lacking:
         raise BadModel(f"the model moves in {', '.join(lacking)}, which this vehicle does not")
-    driven = [_CHANNEL.get(channel, channel) for channel in model.gains if channel != _SIDEWAYS]
     known = actuators.read([0] * 16)
+    driven = [_CHANNEL.get(channel, channel) for channel in model.gains if channel != _SIDEWAYS or channel in known]
     strange = [channel for channel in driven if channel not in known]
     if strange or len(set(driven)) < len(driven):
         raise BadModel(f"the model is driven by {', '.join(model.gains)}; this vehicle has {', '.join(known)}")
@@ -159,7 +160,7 @@ def _describe(plant: SimulatedPlant, seed: str) -> Setting:
     signals = ("psi", "r", "phi", "theta", "p", "q", "u", *["v"][: body.sways], "x", "y")
     return Setting(
         motion=body,
-        axes={dof: getattr(body, dof) for dof in (*full, *["sway"][: body.sways])},
+        axes={dof: getattr(body, dof) for dof in dict.fromkeys((*full, *["sway"][: body.sways]))},
         inputs=inputs,
         swing=dict.fromkeys(inputs, 1.0),
         gain=full,

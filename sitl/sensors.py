@@ -17,7 +17,7 @@ __all__ = ["SensorData", "SensorReading", "Sensors"]
 class SensorData:
     """Standard deviations of noise, white from one sensor sample to the next (50 a second, held in between).
 
-    ``heading_quantum`` [rad] is the compass' step (0: none).
+    ``heading_quantum`` [rad] is the compass' step (0: none); ``speed_noise`` is that ahead, and that to the side.
     """
 
     heading_noise: float
@@ -69,6 +69,7 @@ class Sensors:
             stream("speed", data.speed_noise),
             position,
             position,
+            stream("sway", data.speed_noise),
         )
         submerged = (
             stream("depth", data.depth_noise),
@@ -92,10 +93,10 @@ class Sensors:
         reading.theta = body.theta + noise[3]
         reading.p, reading.q = body.p, body.q
         reading.u = body.speed + noise[4]
-        reading.v = body.drift
+        reading.v = body.drift + noise[7]
         reading.x = body.x + noise[5]
         reading.y = body.y + noise[6]
         if not self._floats:
-            reading.z = body.z + noise[7]
-            reading.w = body.w + noise[8]
-            reading.az = body.wdot + noise[9]
+            reading.z = body.z + noise[8]
+            reading.w = body.w + noise[9]
+            reading.az = body.wdot + noise[10]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,7 +30,7 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add ``--pick``, ``--system-id`` and ``--columns``."""
+    """Add ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
     add_number(read, "system-id", "ID", meaning="the vehicle, in a .tlog that heard several")
@@ -39,6 +40,12 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         metavar="OLD=NEW,...",
         default="",
         help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
+    )
+    read.add_argument(
+        "--full-scale",
+        metavar="X=F,N=F",
+        default="",
+        help="force [N] or moment [N m] at full output, of inputs recorded as shares of full",
     )
 
 
@@ -90,12 +97,26 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
     from gcs_autotune.logs import load_runs, parse_columns
 
     columns = parse_columns(args.columns) if args.columns else None
-    given = read_parameters(args)
+    given, full = read_parameters(args), _full_scale(args.full_scale)
     return [
-        trial
+        trial.with_full_scale(full)
         for path in paths
         for trial in load_runs(path, pick=pick, system=args.system_id, columns=columns, parameters=given)
     ]
+
+
+def _full_scale(text: str) -> dict[str, float]:
+    """Read ``X=8,N=0.17``."""
+    found = {}
+    for piece in text.split(",") if text else ():
+        name, _, value = piece.strip().partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            found[name] = math.nan
+        if len(name) != 1 or name not in "XYZKMN" or not 0.0 < found[name] < math.inf:
+            raise UsageError(f"--full-scale {text}: write the force at full output of each input, as X=85,N=23")
+    return found
 
 
 def _stretches(text: str) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``op
 
 from __future__ import annotations
 
-from gcs_autotune.identify.api import fit, fit_axis, form_of
+from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.base_model import THRUSTERS, base_limits, fit_base, given_base, overlooked, plain_form
@@ -198,6 +198,7 @@ __all__ = [
     "rows_of",
     "run_plan",
     "save_model",
+    "scaled_form",
     "ship_log",
     "signals_of",
     "solve_zigzag",

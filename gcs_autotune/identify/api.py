@@ -28,7 +28,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["fit", "fit_axis", "form_of"]
+__all__ = ["fit", "fit_axis", "form_of", "scaled_form"]
 
 
 def fit(
@@ -150,8 +150,9 @@ def _fit_coupled(
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
-    driven = form.driven_by({name for run in runs for name in run.channels})
+    driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
     runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
+    doubts = [*doubts, *unscaled]
     case = CoupledCase(
         form=driven,
         records=tuple(records),
@@ -163,6 +164,27 @@ def _fit_coupled(
     )
     found = with_bounds(chosen.coupled(case), runs)
     return _with_doubts(found, [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)])
+
+
+def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
+    """Return *form* with free gains ``k_X`` ... where inputs are shares of full and an inertia is known, else a doubt.
+
+    Only the sum of mass and added mass stands in the equations: a mass alone tells no force.
+    """
+    units = {run[c].unit for run in runs for c in form.inputs if c in run}
+    if not form.coriolis or form.normalised or form.per_inertia or units != {"1"} or len(form.dofs) < 2:
+        return form, []
+    if form.tells_newtons:
+        return form.scaling_inputs(), []
+    inertia = next(f"{DOFS[d].force}_{DOFS[d].velocity}dot" for d in form.dofs)
+    doubt = Doubt(
+        "forces-in-shares",
+        "the inputs are shares of full output: inertia and drag are per full output of their own equation, and forces "
+        "between the equations mix shares of different forces",
+        f"say what full output is (--full-scale X=85,N=23), or an inertia with its added mass (--known {inertia}=-20), "
+        "which tells it",
+    )
+    return form, [doubt]
 
 
 def fit_axis(

@@ -246,7 +246,7 @@ def _outcome(
 def _tells_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
     """Whether the runs were flown to tell how thrust goes with throttle, and nothing else was asked for."""
     flown = all(t.meta.get("thrust_curve") is True for t in trials)
-    drag = settings.structure is None or settings.structure in FREE
+    drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in FREE)
     plain = not (settings.effects or settings.begin or settings.known or settings.use or settings.options)
     return flown and drag and plain and settings.dof in (None, "surge") and settings.loss == "linear"
 

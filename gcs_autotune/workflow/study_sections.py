@@ -21,7 +21,7 @@ from gcs_autotune.experiments import (
     proposal_picture,
     weigh_drags,
 )
-from gcs_autotune.identify import METHODS, AxisFit, Fit, FrequencyResponse, frequency_picture
+from gcs_autotune.identify import METHODS, AxisFit, Fit, FrequencyResponse, frequency_picture, scaled_form
 from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.trial import Trial
 
@@ -139,6 +139,7 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
     if form is None:
         raise UsageError("--choose drops terms of a coupled model: give --dof horizontal, 6dof or a form's TOML file")
     form = form.knowing(settings.known).driven_by({name for run in runs for name in run.channels})
+    form, _ = scaled_form(form, runs)
     method = settings.method if settings.method in METHODS else "output-error"
     delay = None if settings.delay == "auto" else float(settings.delay)
     return eliminate(runs, form, method, delay=delay, **settings.options)

@@ -389,3 +389,11 @@ def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_
     assert sentence.startswith(("alpha_r lies in 0.04", "alpha_r lies in 0.039"))
     assert "Rise of the deviance" in page.read_text()
     assert run(capsys, "identify", path, "--profile", "alpha_q", *options)[0] == 2
+
+
+@pytest.mark.parametrize("text", ["X", "X=-1", "Q=3", "X=8;N=2"])
+def test_a_full_scale_that_is_none_is_explained(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t[s],psi[rad],N\n0,0,0\n1,0,0\n")
+    assert main(["identify", str(path), "--full-scale", text]) == 2
+    assert "write the force at full output" in capsys.readouterr().err

@@ -55,3 +55,14 @@ def test_a_file_that_describes_no_vehicle_is_explained_in_one_line(mine, change,
 def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):
     assert sitl(["nowhere.toml", "--lockstep"]) == 2
     assert "nowhere.toml cannot be read: No such file" in capsys.readouterr().err
+
+
+def test_a_file_like_another_vehicle_needs_only_what_differs(tmp_path: Path) -> None:
+    short = tmp_path / "heavier.toml"
+    short.write_text(
+        'title = "heavier"\nlike = "blueboat"\n[surge]\nalpha = { value = 80.0, unit = "kg", source = "x" }\n'
+    )
+    assert load_vehicle(str(short)).make_body().surge.alpha == 80.0
+    short.write_text('title = "heavier"\nlike = "bluebot"\n')
+    with pytest.raises(BadVehicle, match="did you mean blueboat"):
+        load_vehicle(str(short))

@@ -6,9 +6,12 @@ import statistics
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from sitl import VEHICLES, UnknownVehicle, load_vehicle, open_vehicle
+from sitl.hull import Loads
 
 PUBLISHED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "published_tables.json"
 DEGREE = math.pi / 180
@@ -33,7 +36,16 @@ def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
             for key, entry in table.items():
                 assert set(entry) == {"value", "unit", "source"}, (heading, key)
                 assert entry["source"].startswith(
-                    ("Chosen: ", "ArduSub: ", "ArduRover: ", "Miskovic20", "Benzon2022", "jankristia")
+                    (
+                        "Chosen: ",
+                        "ArduSub: ",
+                        "ArduRover: ",
+                        "Miskovic20",
+                        "Benzon2022",
+                        "jankristia",
+                        "Skjetne2004",
+                        "ZhaoUSV",
+                    )
                 ), (heading, key)
 
 
@@ -46,7 +58,7 @@ def test_every_vehicle_opens_and_rests(name):
 
 
 def test_an_unknown_vehicle_names_the_nearest():
-    with pytest.raises(UnknownVehicle, match=r"no vehicle called 'chrlie'; did you mean charlie\?"):
+    with pytest.raises(UnknownVehicle, match=r"no vehicle called 'chrlie'; did you mean charlie or charlie-sway\?"):
         load_vehicle("chrlie")
 
 
@@ -88,3 +100,56 @@ def test_automarines_yaw_is_the_mean_of_its_step_responses():
 def test_charlie_does_one_and_a_half_metres_per_second():
     authority, drag = _value("charlie", "surge", "authority"), _value("charlie", "surge", "beta2")
     assert math.sqrt(authority / drag) == pytest.approx(1.5)
+
+
+def test_a_vehicle_like_another_differs_in_what_its_file_says_only():
+    plain, coupled = load_vehicle("videoray"), load_vehicle("videoray-coupled")
+    assert coupled.sensors == plain.sensors
+    assert coupled.up_delay == plain.up_delay
+    assert _value("videoray-coupled", "yaw", "alpha") == 0.0372
+    assert _value("videoray-coupled", "yaw", "authority") == _value("videoray", "yaw", "authority")
+
+
+@pytest.mark.parametrize("name", [n for n in VEHICLES if "sway" in load_vehicle(n).tables])
+def test_a_vehicle_that_sways_drifts_outwards_in_a_turn_ahead(name):
+    body, loads = load_vehicle(name).make_body(), Loads()
+    actuators = load_vehicle(name).make_actuators()
+    for _ in range(1500):
+        actuators.apply({"N": 0.3, "X": 0.5, "Z": 0.0}, body, loads)
+        body.step(loads, 0.02)
+    assert body.r > 0.02
+    assert body.v < -0.005
+
+
+def test_the_rudders_of_a_boat_that_sways_push_her_stern_sideways_first():
+    vehicle = load_vehicle("charlie-sway")
+    body, loads = vehicle.make_body(), Loads()
+    vehicle.make_actuators().apply({"N": 1.0, "X": 1.0}, body, loads)
+    assert loads.N > 0.0 > loads.Y
+
+
+def test_a_lateral_stick_moves_a_vectored_frame_sideways():
+    frame = load_vehicle("bluerov2-sway").make_actuators()
+    pulses = frame.write([1500] * 8, {"N": 0.0, "X": 0.0, "Z": 0.0, "Y": 0.5})
+    assert frame.read(pulses) == pytest.approx({"N": 0.0, "X": 0.0, "Z": 0.0, "Y": 0.5}, abs=0.01)
+    assert "Y" not in load_vehicle("bluerov2").make_actuators().read(pulses)
+
+
+def test_a_coupled_vehicle_flies_the_equations_written_out_by_hand():
+    body = load_vehicle("cybership2").make_body()
+    body.psi, loads = 0.0, Loads(X=2.0, N=0.1)
+
+    def rates(_, s):
+        psi, u, v, r = s[2:]
+        X = 2.0 - (0.72253 + 1.32742 * abs(u)) * u + (33.8 * v + 1.0948 * r) * r
+        Y = -(0.88965 + 36.47287 * abs(v)) * v - (7.25 + 3.45 * abs(r)) * r - 25.8 * u * r
+        N = 0.1 + (0.0313 + 3.95645 * abs(v)) * v - (1.9 + 0.75 * abs(r)) * r
+        N += 25.8 * u * v - (33.8 * v + 1.0948 * r) * u
+        vdot, rdot = np.linalg.solve([[33.8, 1.0948], [1.0948, 2.76]], [Y, N])
+        c, n = math.cos(psi), math.sin(psi)
+        return [u * c - v * n, u * n + v * c, r, X / 25.8, vdot, rdot]
+
+    for _ in range(500):
+        body.step(loads, 0.02)
+    end = solve_ivp(rates, (0.0, 10.0), [0.0] * 6, rtol=1e-9, atol=1e-11).y[:, -1]
+    assert (body.x, body.y, body.psi, body.u, body.v, body.r) == pytest.approx(end, abs=1e-5)

@@ -26,7 +26,7 @@ def test_the_vehicles_are_listed(capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["chrlie"], "no vehicle called 'chrlie'; did you mean charlie?"),
+        (["chrlie"], "no vehicle called 'chrlie'; did you mean charlie or charlie-sway?"),
         ([], "which vehicle? there are charlie"),
         (["charlie", "--speedup", "0"], "give 0.01 to 1000 simulated seconds per second"),
         (["charlie", "--speedup", "nan"], "give 0.01 to 1000 simulated seconds per second"),

@@ -172,7 +172,8 @@ def test_told_columns_can_have_the_wrong_unit_sign_or_label():
     east = (meant.lon * 1e-7 - 8.7640) * math.cos(math.radians(44.4250))
     assert told.lat * 1e-7 - 44.4250 == pytest.approx(east, abs=1e-7)
     fast = knots.last("LOCAL_POSITION_NED")
-    assert math.hypot(fast.vx, fast.vy) == pytest.approx(1.94384 * math.hypot(place.vx, place.vy), rel=1e-5)
+    # the noise of the speed sideways is not multiplied
+    assert math.hypot(fast.vx, fast.vy) == pytest.approx(1.94384 * math.hypot(place.vx, place.vy), rel=1e-3)
 
 
 @pytest.mark.parametrize(

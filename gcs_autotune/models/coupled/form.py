@@ -125,6 +125,24 @@ class Form:
         absent = {c for c in self.optional if c not in channels}
         return replace(self, inputs={c: g for c, g in self.inputs.items() if c not in absent}, optional=())
 
+    def scaling_inputs(self) -> Form:
+        """Return the form with the gain of every input that has a plain 1 free: ``k_X``, force per unit of input."""
+        inputs = {
+            c: tuple((f, f"k_{f}" if g == 1.0 and f == c else g) for f, g in pairs) for c, pairs in self.inputs.items()
+        }
+        gains = [g for pairs in inputs.values() for _, g in pairs if isinstance(g, str) and g not in self.parameters]
+        return replace(self, inputs=inputs, free=(*self.free, *gains))
+
+    @property
+    def tells_newtons(self) -> bool:
+        """Whether one of its inertias is known in full, so that a run driven by shares of full shows their forces."""
+        rigid = {"X": "m", "Y": "m", "Z": "m", "K": "I_x", "M": "I_y", "N": "I_z"}
+        for dof in (DOFS[d] for d in self.dofs):
+            added = f"{dof.force}_{dof.velocity}dot"
+            if added not in self.free and rigid[dof.force] not in self.free and added in self.known:
+                return True
+        return False
+
     def without(self, *names: str) -> Form:
         """Return the form without some parameters (their terms are zero)."""
         return replace(

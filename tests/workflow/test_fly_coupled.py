@@ -1,0 +1,48 @@
+"""Coupled craft over MAVLink: an S-manoeuvre read back gives the model they were simulated by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.experiments import eliminate
+from gcs_autotune.identify import fit
+from gcs_autotune.logs import load_runs
+from gcs_autotune.models import FORMS
+
+from .sitl_harness import SLOW_LOOP, SitlHarness
+from .test_fly import flown
+
+TRUTH = {"X_udot": -8.2372, "Y_vdot": -8.2372, "N_rdot": -0.0372, "X_u": -4.4283, "Y_v": -14.9571, "N_r": -0.0997}
+"""Miskovic2007, final matrix; beside these, Coriolis' forces follow from the inertia, and a small constant moment."""
+
+
+@pytest.mark.slow
+def test_an_s_manoeuvre_on_the_coupled_videoray_gives_her_matrices_back(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
+    flown(harbour, {"steering": 0.4, "duration": 60.0}, "s-manoeuvre", throttle=0.5)
+    (run,) = load_runs(harbour.directory)
+    found = eliminate(run.with_full_scale({"X": 8.0, "N": 0.1709}), FORMS["horizontal"]).chosen.fit
+    assert found is not None
+    assert set(found.model.form.free) == {*TRUTH, "N_0"}
+    for name, true in TRUTH.items():
+        p = found.parameters[name]
+        assert abs(p.value - true) < 3.0 * p.std
+        assert p.value == pytest.approx(true, rel=0.03)
+
+
+@pytest.mark.slow
+def test_shares_of_full_tell_forces_by_a_known_inertia_and_are_doubted_without(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
+    flown(harbour, {"steering": 0.4, "duration": 30.0}, "s-manoeuvre", throttle=0.5)
+    (run,) = load_runs(harbour.directory)
+    form = FORMS["horizontal"].without("Y_rdot", "X_uu", "Y_vv", "Y_r", "N_v", "N_rr", "X_0", "Y_0")
+    blind = fit(run, form)
+    assert "forces-in-shares" in {d.slug for d in blind.doubts}
+    told = fit(run, form.knowing({n: TRUTH[n] for n in ("X_udot", "N_rdot")}))
+    assert "forces-in-shares" not in {d.slug for d in told.doubts}
+    for name, true in {"k_X": 8.0, "k_N": 0.1709, "X_u": TRUTH["X_u"], "N_r": TRUTH["N_r"]}.items():
+        p = told.parameters[name]
+        assert abs(p.value - true) < 4.0 * p.std
+        assert p.value == pytest.approx(true, rel=0.03)
