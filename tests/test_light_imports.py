@@ -52,3 +52,8 @@ def test_help_imports_no_numerics(command: str) -> None:
         "from gcs_autotune.cli import main\ntry:\n    main([*sys.argv[1:], '--help'])\nexcept SystemExit:\n    pass"
     )
     assert imported(asking, *command.split()).isdisjoint(NUMERICS)
+
+
+def test_the_table_of_manoeuvres_is_told_without_what_flies_or_fits() -> None:
+    modules = imported("from gcs_autotune.cli import main\nassert main(['fly', '--list']) == 0")
+    assert modules.isdisjoint(("scipy", "numba", "gcs_autotune.identify", "gcs_autotune.link", "gcs_autotune.workflow"))

@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,8 +18,10 @@ from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
-from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
+
+if TYPE_CHECKING:
+    from gcs_autotune.models import SingleDof
 
 __all__ = ["SPEED_TIME", "PaperCraft", "Preview", "preview"]
 

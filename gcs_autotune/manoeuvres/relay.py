@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import LimitCycleMonitor
 from gcs_autotune.manoeuvres import relay_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Progress
+
+if TYPE_CHECKING:
+    from gcs_autotune.identify import LimitCycleMonitor
 
 __all__ = ["Relay", "RelaySettings"]
 
@@ -295,6 +297,8 @@ class Relay(Manoeuvre):
         self._monitor = self._new_monitor()
 
     def _new_monitor(self) -> LimitCycleMonitor:
+        from gcs_autotune.identify import LimitCycleMonitor  # a second to import, which the table need not take
+
         s = self._settings
         return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance)
 
