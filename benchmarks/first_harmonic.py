@@ -10,15 +10,13 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "research"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
 
 from test_heading_loop import CASES, flown
 from test_linear_processes import PROCESSES, Process
 
-from gcs_autotune.identify import find_cycles
-from gcs_autotune.identify.frequency import harmonic_response
-from gcs_autotune.models import TransferFunction
-from gcs_autotune.research import (
+from gcs_autotune.identify import (
+    find_cycles,
     heading_loop,
     identify_process,
     loop_cycles,
@@ -26,6 +24,8 @@ from gcs_autotune.research import (
     loop_trial,
     process_from_response,
 )
+from gcs_autotune.identify.frequency import harmonic_response
+from gcs_autotune.models import TransferFunction
 
 
 def by_harmonics(process: Process, noise: float) -> float:

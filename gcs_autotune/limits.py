@@ -402,6 +402,23 @@ _MANOEUVRED = (
         720.0,
         slips=(_RADIANS,),
     ),
+    *(
+        Limit(
+            f"{which}{name}",
+            f"{meaning}{of}",
+            "deg",
+            1.0,
+            90.0,
+            "below a degree it is the compass' noise, and beyond 90 no autopilot is asked at once",
+            usual,
+            slips=(_RADIANS,),
+        )
+        for which, of, C, x_a in (("", "", 10.0, 3.0), ("second-", " of the second relay", 6.0, 3.0))
+        for name, meaning, usual in (
+            ("set-point", "change of heading commanded to either side", C),
+            ("hysteresis", "heading at which the relay switches", x_a),
+        )
+    ),
     Limit(
         "levels",
         "levels to either side",

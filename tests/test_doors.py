@@ -12,8 +12,6 @@ PAST_THE_DOOR = {
     ("gcs_autotune/identify/regression/drive.py", "gcs_autotune.models.coupled"),
     ("gcs_autotune/identify/regression/motion.py", "gcs_autotune.models.coupled"),
     ("gcs_autotune/identify/regression/physical.py", "gcs_autotune.models.coupled"),
-    # Reproduces a published experiment with the pieces of one method.
-    ("gcs_autotune/research/linear_processes.py", "gcs_autotune.identify.relay.iso"),
 }
 """(file, module): the imports of another room's inside that are meant."""
 

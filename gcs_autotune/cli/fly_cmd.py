@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import textwrap
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -31,12 +32,13 @@ from gcs_autotune.limits import limit_of
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, Precision, TuneSettings
 
-__all__ = ["COMMAND"]
+__all__ = ["COMMAND", "add_flight", "run_flight"]
 
 DEFAULT_CONNECTION = "sitl:charlie"
 OPTIONS = (
     "heading", "rudder", "full-rudder", "steering", "executes", "turn", "levels", "astern", "duration", "f-start",
-    "f-stop", "fade-in", "fade-out", "shortest", "push",
+    "f-stop", "fade-in", "fade-out", "shortest", "push", "set-point", "hysteresis", "second-set-point",
+    "second-hysteresis",
 )  # fmt: skip
 """What one manoeuvre or another takes."""
 
@@ -73,17 +75,22 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "total-time", "MIN", marked=True)
     add_connection(parser, otherwise=f"{DEFAULT_CONNECTION}; none for a --preview with --model")
     add_output(parser)
-    group = parser.add_argument_group("manoeuvre")
-    for name in OPTIONS:
-        add_number(group, name, marked=True)
+    group = add_flight(parser, OPTIONS)
     group.add_argument("--first-to", choices=("starboard", "port"), default="starboard", help="the side it begins to")
     group.add_argument(
         "--force", choices=tuple("XYZKMN"), default="", help="the force driven, of those that take any (default N)"
     )
-    for name, metavar in (("throttle", "X"), ("speed", "X"), ("control-rate", "HZ"), ("delay", "S"), ("patience", "S")):
-        add_number(group, name, metavar)
     group.add_argument("--model", type=Path, metavar="FILE", help="model file to preview with, as identify writes them")
     add_number(group, "full-scale", "F")
+
+
+def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argparse._ArgumentGroup:
+    """Add the *options* of a manoeuvre and what every flight takes, and return their group."""
+    group = parser.add_argument_group("manoeuvre")
+    for name in options:
+        add_number(group, name, marked=True)
+    for name, metavar in (("throttle", "X"), ("speed", "X"), ("control-rate", "HZ"), ("delay", "S"), ("patience", "S")):
+        add_number(group, name, metavar)
     parser.add_argument(
         "--area",
         metavar="POLYGON|GEOJSON",
@@ -93,6 +100,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
     parser.add_argument("--json", action="store_true", help="print figures and model as JSON on standard output")
     add_envelope(parser)
+    return group
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -106,6 +114,11 @@ def _run(args: argparse.Namespace) -> int:
     _precision(args)
     if args.preview and args.model is not None and args.connect is None:
         return _preview(args)
+    return run_flight(args)
+
+
+def run_flight(args: argparse.Namespace) -> int:
+    """Open the link, fly, and tell of it."""
     with connected(args, args.connect or DEFAULT_CONNECTION) as connection:
         return _fly(args, connection)
 

@@ -34,7 +34,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
 from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
-from gcs_autotune.identify.frequency import FrequencyResponse
+from gcs_autotune.identify.frequency import FrequencyResponse, harmonic_response
 from gcs_autotune.identify.frequency.pictures import frequency_picture
 from gcs_autotune.identify.information import (
     BLIND,
@@ -73,6 +73,16 @@ from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
 from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators
 from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState, find_cycles
+from gcs_autotune.identify.relay.linear_process import (
+    experiments_needed,
+    heading_loop,
+    identify_process,
+    loop_cycles,
+    loop_process,
+    loop_trial,
+    process_from_response,
+    simplify,
+)
 from gcs_autotune.identify.result import (
     AxisFit,
     Decision,
@@ -154,6 +164,7 @@ __all__ = [
     "descend",
     "draw_trace",
     "drives_of",
+    "experiments_needed",
     "find_cycles",
     "find_executes",
     "find_holds",
@@ -169,6 +180,9 @@ __all__ = [
     "from_integrators",
     "gaussian_noise",
     "given_base",
+    "harmonic_response",
+    "heading_loop",
+    "identify_process",
     "information_on",
     "initial_guess_of",
     "inverse_of",
@@ -178,6 +192,9 @@ __all__ = [
     "load_model",
     "load_plan",
     "local_fit",
+    "loop_cycles",
+    "loop_process",
+    "loop_trial",
     "mean_reading",
     "model_delay",
     "model_document",
@@ -191,6 +208,7 @@ __all__ = [
     "prepare",
     "prepare_as_recorded",
     "prepare_form",
+    "process_from_response",
     "quantum",
     "rate_of",
     "read_steps",
@@ -201,6 +219,7 @@ __all__ = [
     "scaled_form",
     "ship_log",
     "signals_of",
+    "simplify",
     "solve_zigzag",
     "square_of",
     "validate",

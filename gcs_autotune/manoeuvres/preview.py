@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.craft import Actuate, Command, HeadingTarget, Observation
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
@@ -28,6 +28,8 @@ __all__ = ["SPEED_TIME", "PaperCraft", "Preview", "preview"]
 TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
 LONGEST = 3600.0
+LOOP_RATE = 0.5
+"""Chosen [rad/s]: turn rate wanted per heading error, where the autopilot steers."""
 SPEED_TIME = 3.0
 """Chosen [s]: time constant with which a craft of a few metres gains its speed."""
 
@@ -112,7 +114,7 @@ def preview(
     outcome, refusal = None, ""
     command = next(commands)
     while t < LONGEST:
-        asked = command if isinstance(command, Actuate) else Actuate()
+        asked = _steered(command, craft, psi, r)
         rows.append((t, psi, r, x, y, z, along["X"], asked.N, asked.X, asked.Y, asked.Z))
         outcome = manoeuvre.outcome
         if outcome is not None:
@@ -147,6 +149,19 @@ def preview(
     spans = np.ptp(table, axis=1)
     deep = 0.0 if floats else float(spans[5])
     return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep)
+
+
+def _steered(command: Command, craft: PaperCraft, psi: float, r: float) -> Actuate:
+    """Return what a command comes to; a heading is held as by a well tuned autopilot, at the speed asked for."""
+    if isinstance(command, Actuate):
+        return command
+    if not isinstance(command, HeadingTarget):
+        return Actuate()
+    yaw, wanted = craft.yaw, LOOP_RATE * (command.psi - psi)
+    N = 2.0 * LOOP_RATE * yaw.alpha * (wanted - r) + (yaw.beta + yaw.beta_quadratic * abs(wanted)) * wanted
+    ahead = craft.others.get("X")
+    drag = 0.0 if ahead is None else (ahead.beta + ahead.beta_quadratic * command.speed) * command.speed
+    return Actuate(X=drag if ahead is not None else float(command.speed > 0.0), N=max(-1.0, min(1.0, N)))
 
 
 def _along(craft: PaperCraft, force: str, nu: float, tau: float) -> float:

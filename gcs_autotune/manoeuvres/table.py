@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from gcs_autotune.manoeuvres import open_loop, spiral, stopping, turning, zig_zag
+from gcs_autotune.manoeuvres import open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 
@@ -108,6 +108,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         *spiral.KINDS,
         stopping.KIND,
         *open_loop.KINDS,
+        set_point_relay.KIND,
         _RELAY,
         _THROTTLE_STEPS,
         _STEP,

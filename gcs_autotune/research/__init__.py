@@ -1,7 +1,6 @@
 """Published methods reproduced: held by tests and by ``benchmarks.published``, needed by no command.
 
 ================  ==========================================================================================
-linear_processes  any linear process, and the closed heading loop, from several limit cycles
 correlation       which terms a model needs, by correlation (Miskovic2007, III)
 parameter_tables  a table of identified parameters, a row per experiment: do they describe one craft?
 laser             distance to a surface from two laser dots (Miskovic2010, 3.4)
@@ -13,16 +12,6 @@ from __future__ import annotations
 
 from gcs_autotune.research.correlation import Correlation, correlations, structure_by_correlation
 from gcs_autotune.research.laser import LaserCurve, angle_to_surface, calibrate, distance_to_surface
-from gcs_autotune.research.linear_processes import (
-    experiments_needed,
-    heading_loop,
-    identify_process,
-    loop_cycles,
-    loop_process,
-    loop_trial,
-    process_from_response,
-    simplify,
-)
 from gcs_autotune.research.parameter_tables import ParameterTable, TableFinding, diagnose_table
 from gcs_autotune.research.twin_thrusters import TwinCommand, TwinThrusters
 
@@ -38,13 +27,5 @@ __all__ = [
     "correlations",
     "diagnose_table",
     "distance_to_surface",
-    "experiments_needed",
-    "heading_loop",
-    "identify_process",
-    "loop_cycles",
-    "loop_process",
-    "loop_trial",
-    "process_from_response",
-    "simplify",
     "structure_by_correlation",
 ]

@@ -6,6 +6,7 @@ criteria        the sheet, and the criteria of MSC.137(76)
 zigzag          overshoot angles, times, initial turning, K and T
 turning_circle  advance, transfer, tactical diameter, the steady turn, the current
 spiral          directional stability: direct and reverse spirals, pull-outs
+closed_loop     natural frequency and damping of the heading loop from relays on its set-point
 stopping        track reach, head reach and time of a craft whose thrust is taken off or reversed
 ==============  ===============================================================================
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify import Reading, ShipLog, ship_log
 from gcs_autotune.registry import lookup
+from gcs_autotune.seatrials.closed_loop import closed_loop_sheet
 from gcs_autotune.seatrials.criteria import (
     ADVANCE,
     TACTICAL_DIAMETER,
@@ -174,6 +175,7 @@ MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
     "reverse-spiral": _reverse_spiral_sheet,
     "pull-out": _pull_out_sheet,
     "stopping": stopping_sheet,
+    "set-point-relay": closed_loop_sheet,
 }
 """Name -> reader."""
 

@@ -84,7 +84,7 @@ class FlySettings:
         """The row of the table."""
         return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
 
-    def make(self, throttle: float, *, keep_still: bool = False) -> Manoeuvre:
+    def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
         """Return the manoeuvre; what was not given is as the table of limits says."""
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
@@ -94,7 +94,14 @@ class FlySettings:
         if "rudder" in given:
             given["steering"] = given["rudder"] / given["full-rudder"]
         return kind.make(
-            {**usual, **given, "throttle": throttle, "side": float(self.side), "keep-still": float(keep_still)}
+            {
+                **usual,
+                **given,
+                "throttle": throttle,
+                "speed": speed,
+                "side": float(self.side),
+                "keep-still": float(keep_still),
+            }
         )
 
 
@@ -106,9 +113,9 @@ class PlannedRun:
     settings: FlySettings
     held_out: bool = False
 
-    def make(self, throttle: float, *, keep_still: bool = False) -> Manoeuvre:
+    def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
         """Return its manoeuvre, which records under its name."""
-        manoeuvre = self.settings.make(throttle, keep_still=keep_still)
+        manoeuvre = self.settings.make(throttle, speed=speed, keep_still=keep_still)
         manoeuvre.name = self.name
         return manoeuvre
 
@@ -141,10 +148,11 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightLeg:
-    """A run with what is known of it before it is flown: a boat's ``throttle``, its limits, its ``preview``."""
+    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, limits, ``preview``."""
 
     run: PlannedRun
     throttle: float
+    speed: float
     envelope: Envelope
     preview: Preview
 

@@ -84,7 +84,11 @@ def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> Fligh
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
             raise UsageError(f"model '{settings.model.name}' is about {have}; {run.name} moves {wanted}")
-        runs.append(FlownRun(run, preview(settings.make(throttle), paper, _envelope(settings, s.speed or 0.0))))
+        runs.append(
+            FlownRun(
+                run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, _envelope(settings, s.speed or 0.0))
+            )
+        )
     return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
 
 
@@ -192,9 +196,9 @@ class _Flight:
         paper = paper_craft(settings, firmware, self._held, throttle, speed)
         here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
         way = _LEFT * speed if firmware.needs_way and throttle else 0.0
-        return FlightLeg(
-            run, throttle, envelope, preview(settings.make(throttle), paper, here, floats=firmware.needs_way, way=way)
-        )
+        manoeuvre = settings.make(throttle, speed=speed)
+        seen = preview(manoeuvre, paper, here, floats=firmware.needs_way, way=way)
+        return FlightLeg(run, throttle, speed, envelope, seen)
 
     def _water(self) -> Area | None:
         """Return where the craft may be: in the area given, and in the vehicle's own fence.
@@ -353,7 +357,7 @@ class _Flight:
                 if k:
                     self._come_back(runner, leg, home)
                 self._make_conditions(runner)
-                manoeuvre = leg.run.make(leg.throttle, keep_still=not firmware.needs_way)
+                manoeuvre = leg.run.make(leg.throttle, speed=leg.speed, keep_still=not firmware.needs_way)
                 self.flown[leg.run.name] = runner.fly(manoeuvre, leg.run.name, leg.envelope).trial
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Relay
 
-from gcs_autotune.identify import find_cycles
+from gcs_autotune.identify import find_cycles, identify_process
 from gcs_autotune.identify.relay.iso import MARGINS, decide, estimate
 from gcs_autotune.identify.result import IsoEstimate, LimitCycle
-from gcs_autotune.research import identify_process
 from gcs_autotune.trial import Trial
 
 Record = Callable[..., Trial]

@@ -13,7 +13,7 @@ from gcs_autotune.logs import load_runs
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.workflow import FlySettings
 
-from .sitl_harness import SitlHarness
+from .sitl_harness import Ear, SitlHarness
 from .test_fly import calm, flown
 
 TURN = 2.0 * math.pi
@@ -68,3 +68,26 @@ def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> Non
     assert result.preview.room > 1.0
     with pytest.raises(UsageError, match="drives N; it takes no --force X"):
         FlySettings("zig-zag", harbour.settings(), force="X")
+
+
+@pytest.mark.slow
+def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_drive_no_actuator(
+    tmp_path: Path,
+) -> None:
+    harbour = SitlHarness(tmp_path / "noisy", "blueboat")
+    modes: set[str] = set()
+
+    class Modes(Ear):
+        def update(self, progress: Any) -> None:
+            modes.add(harbour.mode)
+
+    result = flown(harbour, {}, "set-point-relay", watcher=Modes(harbour.said))
+    assert modes == {"GUIDED"}
+    true = flown(calm(SitlHarness(tmp_path / "calm", "blueboat")), {}, "set-point-relay").sheets[0]
+    (sheet,) = result.sheets
+    assert sheet.doubts == ()
+    for slug in ("natural-frequency", "damping"):
+        assert sheet[slug].reading.value == pytest.approx(true[slug].reading.value, rel=0.05)
+    assert read(load_runs(harbour.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
+    harbour.assert_neutral()
+    assert harbour.mode == harbour.found

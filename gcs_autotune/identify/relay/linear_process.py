@@ -21,8 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import FrequencyResponse, LimitCycle, find_cycles, from_delay, from_integrators
-from gcs_autotune.identify.relay.iso import relay
+from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.relay.iso import from_delay, from_integrators, relay
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
+from gcs_autotune.identify.result import LimitCycle
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.trial import Trial
 
