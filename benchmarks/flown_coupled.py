@@ -73,9 +73,10 @@ def main() -> None:
     within = 0
     for seed in range(args.first, args.first + args.seeds):
         run = flown(seed, args.duration)
-        found = eliminate(run, FORMS["horizontal"]).chosen.fit
+        chosen = eliminate(run, FORMS["horizontal"]).chosen
+        found = chosen.fit
         assert found is not None
-        kept.update(n for n in found.model.form.free if n not in TRUTH)
+        kept.update(n for n in chosen.form.free if n not in TRUTH)
         for name, true in TRUTH.items():
             p = found.parameters[name]
             errors[name].append(((p.value - true) / p.std, p.value / true - 1.0))

@@ -13,6 +13,7 @@ from gcs_autotune.sname import DOFS, Dof
 
 __all__ = [
     "AXES",
+    "EXCITATIONS",
     "OTHER_NAMES",
     "SIGNAL_FORCES",
     "AxisKind",
@@ -32,7 +33,7 @@ class Excitation:
 
     Attributes
     ----------
-    signal : what a relay watches; ``x`` is speed ahead, integrated.
+    signal : what a relay watches; ``x`` is speed ahead, integrated, ``y`` speed to the side.
     least_hysteresis : of a relay on it [rad or m].
     title : what oscillates, to people.
     check : what is said of the check of its actuator beforehand.
@@ -60,6 +61,7 @@ EXCITATIONS: Mapping[str, Excitation] = {
         Excitation("yaw", "psi", math.radians(10.0), "heading", _PULSES, check_reach=0.6, check_time=4.0),
         Excitation("heave", "z", 0.15, "depth", _PULSES),
         Excitation("surge", "x", 0.3, "speed", "a pulse ahead to see that it answers rightly, then "),
+        Excitation("sway", "y", 0.3, "speed to the side", ""),
     )
 }
 """Degree of freedom -> how it is identified."""

@@ -152,7 +152,6 @@ def _fit_coupled(
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
     runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
-    doubts = [*doubts, *unscaled]
     case = CoupledCase(
         form=driven,
         records=tuple(records),
@@ -163,7 +162,9 @@ def _fit_coupled(
         options=options,
     )
     found = with_bounds(chosen.coupled(case), runs)
-    return _with_doubts(found, [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)])
+    return _with_doubts(
+        found, [*doubts, *unscaled, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
+    )
 
 
 def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:

@@ -33,7 +33,12 @@ class HoldGains:
 _DEPTH = HoldGains("z", "w", "Z")
 _HEADING = HoldGains("psi", "r", "N")
 
-HELD_MEANWHILE: Mapping[str, tuple[HoldGains, ...]] = {"psi": (_DEPTH,), "z": (_HEADING,), "x": (_HEADING, _DEPTH)}
+HELD_MEANWHILE: Mapping[str, tuple[HoldGains, ...]] = {
+    "psi": (_DEPTH,),
+    "z": (_HEADING,),
+    "x": (_HEADING, _DEPTH),
+    "y": (_HEADING, _DEPTH),
+}
 """Signal that is being swung -> what is kept meanwhile."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
 """Signal that is going to be swung -> how it is held until then: with neutral outputs a buoyant craft would be at the

@@ -50,7 +50,7 @@ class ManoeuvreKind:
     options : names in :data:`gcs_autotune.limits.LIMITS`.
     room : the free water it takes, in words; the preview says it in metres.
     identifies : whether its record is for identification. turns : whether the bow goes right round.
-    needs_way : for craft that steer under way only.
+    needs_way : for craft that steer under way only. stays : for craft that stay where they are, and push either way.
     presets : what `identify --plan-next` weighs.
     command : what flies it when ``gcs-autotune fly`` does not.
     for_force : the same row for another force, of those that can be driven by the clock; see :meth:`of`.
@@ -66,6 +66,7 @@ class ManoeuvreKind:
     identifies: bool = True
     turns: bool = False
     needs_way: bool = False
+    stays: bool = False
     presets: tuple[Preset, ...] = ()
     command: str = "fly"
     for_force: Callable[[str], ManoeuvreKind] | None = None
@@ -86,4 +87,5 @@ class ManoeuvreKind:
 
     def suits(self, firmware: Firmware) -> bool:
         """Whether a craft with this *firmware* has what it drives."""
-        return self.drives <= set(firmware.channels) and (not self.needs_way or firmware.needs_way)
+        way = firmware.needs_way
+        return self.drives <= set(firmware.channels) and (way or not self.needs_way) and not (way and self.stays)

@@ -1,7 +1,7 @@
 """The self-oscillation experiment: relay with hysteresis on heading, depth or (integrated) speed.
 
 Miskovic2010, 6.6: the relay's input is the position of one degree of freedom (heading, depth, or the integral of
-surge speed, 6.6.2), its output the actuator. It starts small and grows until the oscillation is proper
+surge or sway speed, 6.6.2), its output the actuator. It starts small and grows until the oscillation is proper
 (condition (7.12)); it ends when five consecutive periods agree within 10 % (6.7).
 """
 
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Relay", "RelaySettings"]
 
+INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
+"""Signal -> the speed it is the integral of."""
+
 ENOUGH_TO_TELL = 2
 """Chosen: proper periods after which it is clear how quick an oscillation is."""
 
@@ -48,7 +51,7 @@ class RelaySettings:
 
     Attributes
     ----------
-    signal, force : what is watched (``psi``, ``z`` or ``x`` for integrated surge speed) and what is driven.
+    signal, force : what is watched (``psi``, ``z``; ``x`` and ``y`` for integrated surge and sway speed) and driven.
     output : relay output C; None lets it start at ``first_output`` and grow by ``growth`` up to ``most_output``.
     hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
     throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
@@ -169,11 +172,11 @@ class Relay(Manoeuvre):
     def progress(self, observation: Observation) -> Progress:
         """Return amplitude, periods and scatter so far."""
         s, state = self._settings, self._monitor.state
-        along = s.signal == "x"
+        along = s.signal in INTEGRATED
         return replace(
             super().progress(observation),
             manoeuvre="approach" if math.isnan(self._began) else "relay",
-            value=observation.u if along else observation.value(s.signal),
+            value=observation.value(INTEGRATED.get(s.signal, s.signal)),
             target=s.reference_speed if along else self._reference,
             amplitude=state.cycle.X_m if state.cycle is not None else math.nan,
             periods=state.periods,
@@ -189,12 +192,13 @@ class Relay(Manoeuvre):
         self._last_tick = t
 
     def _watched(self, observation: Observation) -> float:
-        if self._settings.signal != "x":
+        if self._settings.signal not in INTEGRATED:
             return observation.value(self._settings.signal)
         dt = observation.t - self._last_t
         self._last_t = observation.t
-        if math.isfinite(observation.u):
-            self._integral += (observation.u - self._settings.reference_speed) * dt
+        speed = observation.value(INTEGRATED[self._settings.signal])
+        if math.isfinite(speed):
+            self._integral += (speed - self._settings.reference_speed) * dt
         return self._integral
 
     def _begin(self, t: float, x: float) -> None:

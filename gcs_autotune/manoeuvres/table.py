@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from gcs_autotune.axes import EXCITATIONS
+from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
@@ -23,20 +25,41 @@ def _relay(title: str, signal: str, force: str, hysteresis: float) -> Preset:
     return Preset(title, force, make, closed=True)
 
 
-_RELAY = ManoeuvreKind(
-    name="relay",
-    help="self-oscillation: a relay with hysteresis on heading, depth or speed",
-    excites=frozenset({"yaw", "heave", "surge"}),
-    drives=frozenset({"N"}),
-    presets=(
-        _relay("yaw relay", "psi", "N", math.radians(10.0)),
-        _relay("heave bob", "z", "Z", 0.2),
-        _relay("roll relay", "phi", "K", math.radians(3.0)),
-        _relay("pitch relay", "theta", "M", math.radians(3.0)),
-    ),
-    room="a boat goes on at its cruise meanwhile, and turns about between two",
-    command="experiment AXIS, and tune AXIS",
-)
+def _relay_of(force: str) -> ManoeuvreKind:
+    """Return the row for a relay of one *force*, which finds its own size."""
+    d = next((e for e in EXCITATIONS.values() if e.names.force == force), None)
+    if d is None:
+        raise UsageError(f"a relay swings N, X, Y or Z, not {force}")
+
+    def make(options: Mapping[str, float]) -> Relay:
+        settings = RelaySettings(
+            d.signal,
+            force,
+            throttle=0.0 if force == "X" else options["throttle"],
+            keep_still=bool(options["keep-still"]),
+            least_hysteresis=d.least_hysteresis,
+        )
+        return Relay(settings)
+
+    return ManoeuvreKind(
+        name="relay",
+        help="self-oscillation: a relay with hysteresis on heading, depth, or speed ahead or to the side",
+        excites=frozenset({d.dof}),
+        drives=frozenset({force}),
+        make=make,
+        presets=(
+            _relay("yaw relay", "psi", "N", math.radians(10.0)),
+            _relay("heave bob", "z", "Z", 0.2),
+            _relay("roll relay", "phi", "K", math.radians(3.0)),
+            _relay("pitch relay", "theta", "M", math.radians(3.0)),
+        ),
+        room="about where the craft is; a boat goes on at its cruise meanwhile",
+        stays=force != "N",
+        for_force=_relay_of,
+    )
+
+
+_RELAY = _relay_of("N")
 _STEP = ManoeuvreKind(
     name="step",
     help="step and step back under the autopilot's own loop: the proof of gains",

@@ -408,11 +408,15 @@ COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
 def _see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     kind, firmware = settings.kind, craft.firmware
     if not kind.suits(firmware):
-        wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or "way on"
+        other = "thrust either way" if kind.stays else "way on"
+        wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
         fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
         raise WrongVehicle(
             f"this vehicle ({firmware.name}) cannot fly {kind.name}, which takes {wanted}; it can: {fits}"
         )
+    idle = [force for force in sorted(kind.drives) if not craft.servos.driving(force)]
+    if idle:
+        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} takes")
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
         raise UsageError(
             "this vehicle steers by its thrusters and has no rudder: give --steering, a share of full output"

@@ -57,7 +57,7 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ("[[run]]\nmanoeuvre = 'zig-zag'\nheading = 'ten'\n", "heading is a number, or a list of numbers, not 'ten'"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "say with --full-rudder"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = 'left'\n", "unknown side 'left'"),
-        ("[[run]]\nmanoeuvre = 'relay'\n", "relay is flown by experiment AXIS"),
+        ("[[run]]\nmanoeuvre = 'step'\n", "step is flown by tune AXIS"),
         ("[[run]]\nheading = 3\n", "names no manoeuvre"),
         ("[conditions]\nclam = true\n" + ZIG_ZAG, "[conditions]: unknown key 'clam'. Did you mean calm?"),
         ("[conditions]\ncalm = 1\n" + ZIG_ZAG, "calm is true or false"),

@@ -176,8 +176,8 @@ def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) ->
     with pytest.raises(OperatorStopped, match="nothing was armed"):
         flown(harbour, simulated=False, operator=Answers(False))
     assert not harbour.vehicle.autopilot.armed
-    with pytest.raises(UsageError, match="experiment AXIS"):
-        FlySettings("relay", harbour.settings())
+    with pytest.raises(UsageError, match="tune AXIS"):
+        FlySettings("step", harbour.settings())
     with pytest.raises(UsageError, match="takes no --duration"):
         FlySettings("zig-zag", harbour.settings(), {"duration": 5.0})
     with pytest.raises(UsageError, match="--full-rudder"):
