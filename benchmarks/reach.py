@@ -9,6 +9,9 @@ A search takes minutes and depends on nothing but the simulator: what it found i
 flown again on each seed. ``--search N`` looks again. Craft without a search have the figures of an earlier release
 beside them (``EARLIER``), and must do no worse.
 
+With ``--save FILE`` every tune is a line in FILE as soon as it has ended, and one that is there is not flown again: a
+run that was stopped goes on, and ``--seeds 0 --save FILE`` prints the table of what there is.
+
 Goals: kept with at most 1.3 times the best in 95 % of tunes (of those left alone: the present gains within 1.3), and
 predicted within 25 % of flown in 90 %.
 """
@@ -16,11 +19,12 @@ predicted within 25 % of flown in 90 %.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +80,9 @@ EARLIER: Mapping[tuple[str, str], float] = {
 """(vehicle, axis) -> median ITAE [s^2] flown with the gains kept at commit b6076fe, seeds 1 and 2."""
 WITHIN, NEAR = 1.3, 0.25
 PRICE = 20.0
-_NEUTRAL, _STICK = 1500, 45
+_NEUTRAL, _STICK = 1500, 95
+_HELD: Mapping[str, float] = {"psi": 10.0, "z": 10.0, "r": 3.0}
+"""Signal -> seconds a tune holds it before its step."""
 USED = 0.5
 """Outputs up to which margins are held, as the design does."""
 
@@ -96,27 +102,44 @@ class Aboard(Connection):
 
 @dataclass(frozen=True)
 class Tuned:
-    """How one tune ended: ITAE predicted and flown, NaN where there is none; ``offered``: what the vehicle has now."""
+    """How one tune ended: ITAE before, predicted and flown, NaN where there is none; ``beside``: of the best gains."""
 
+    vehicle: str
+    axis: str
+    seed: int
     ending: str
     before: float
     predicted: float
     flown: float
+    beside: float
+    seconds: float
 
 
 def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
-    """Tune and return how it went."""
+    """Tune, fly the best gains beside it, and return how it went."""
+    began = time.monotonic()
     server = open_vehicle(vehicle, seed=seed)
+    ending, before, predicted, after = "aborted", math.nan, math.nan, math.nan
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings(axis, Aboard(server=server), Path(folder) / "run")
         try:
             story: TuneStory = tune(settings, Unattended(), SilentWatcher(), "2026-11-20T12:00:00")
         except AutotuneError as error:
             print(f"   {vehicle} {axis} {seed}: {error}")
-            return Tuned("aborted", math.nan, math.nan, math.nan)
-    predicted = math.nan if story.proposal is None else story.proposal.after.metrics.itae
-    before, after = (math.nan if m is None else m.itae for m in (story.metrics_before, story.metrics_after))
-    return Tuned(story.ending, before, predicted, after)
+        else:
+            ending = story.ending
+            predicted = math.nan if story.proposal is None else story.proposal.after.metrics.itae
+            before, after = (math.nan if m is None else m.itae for m in (story.metrics_before, story.metrics_after))
+    gains = BEST.get((vehicle, axis))
+    beside = EARLIER.get((vehicle, axis), math.nan)
+    if gains is not None:
+        beside = Bench(vehicle, _axis_of(vehicle, axis), seed).fly(gains).itae
+    return Tuned(vehicle, axis, seed, ending, before, predicted, after, beside, time.monotonic() - began)
+
+
+def _axis_of(vehicle: str, axis: str) -> Axis:
+    firmware = "ardusub" if open_vehicle(vehicle).vehicle.data.firmware == "sub" else "ardurover"
+    return FIRMWARE[firmware].axes[axis]
 
 
 class Bench:
@@ -127,7 +150,7 @@ class Bench:
         self.law: Law = LAWS[axis.law]
         kind = AXES[axis.name]
         self.signal = kind.stepped
-        self.size, self.duration = kind.step, 6.0 if self.signal == "r" else kind.step_duration
+        self.size, self.duration = kind.step, 3.5 if self.signal == "r" else kind.step_duration
         sensors = open_vehicle(name).vehicle.data.sensors
         self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)
 
@@ -142,7 +165,7 @@ class Bench:
         sub.arm(force=True)
         low = {"psi": sub.estimate.yaw, "z": sub.estimate.z, "r": -_stick_rate(vehicle)}[self.signal]
         high = -low if self.signal == "r" else low + self.size
-        _hold(vehicle, self.signal, low, 4.0)
+        _hold(vehicle, self.signal, low, _HELD[self.signal])
         parts = []
         for start, end in ((low, high), (high, low)):
             t, x, u = _hold(vehicle, self.signal, end, self.duration)
@@ -265,50 +288,68 @@ def _share(tuned: Sequence[Tuned], good: Callable[[Tuned], bool]) -> str:
     return f"{sum(good(t) for t in tuned)}/{len(tuned)}"
 
 
+def _saved(file: Path | None) -> list[Tuned]:
+    """Return the tunes that are in *file*."""
+    if file is None or not file.is_file():
+        return []
+    return [Tuned(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def _show_table(tuned: Sequence[Tuned], cases: Iterator[tuple[str, str]]) -> None:
+    print(f"{'case':<24}{'beside':>7}{'kept':>7}{'<=1.3':>7}{'ITAE before -> flown (median)':>32}{'predicted':>11}")
+    for case in cases:
+        own = [t for t in tuned if (t.vehicle, t.axis) == case]
+        if not own:
+            continue
+        near = [t for t in own if math.isfinite(t.flown)]
+        print(
+            f"{' '.join(case):<24}{np.median([t.beside for t in own]):>7.3f}"
+            f"{_share(own, lambda t: t.ending == 'kept'):>7}"
+            f"{_share(own, lambda t: _has(t) <= WITHIN * t.beside):>7}"
+            f"{np.nanmedian([t.before for t in own]):>21.3f} -> {np.nanmedian([_has(t) for t in own]):.3f}"
+            f"{_share(near, lambda t: abs(t.predicted - t.flown) <= NEAR * t.flown):>11}   "
+            f"{sum(t.seconds for t in own):.0f} s"
+        )
+
+
+def _has(tuned: Tuned) -> float:
+    """Return the ITAE with what the vehicle has now."""
+    return tuned.flown if tuned.ending == "kept" else tuned.before
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", nargs="*", help="vehicle or vehicle/axis; default: all")
     parser.add_argument("--seeds", type=int, default=20, help="of each case; default 20")
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument(
-        "--search", type=int, default=0, metavar="N", help="search again, N steps of each ROV; default: BEST"
-    )
+    parser.add_argument("--save", type=Path, metavar="FILE", help="one line per tune; what is there is not flown again")
+    parser.add_argument("--search", type=int, default=0, metavar="N", help="only search, N steps of each ROV, for BEST")
     args = parser.parse_args(argv)
-    print(f"{'case':<24}{'beside':>7}{'kept':>7}{'<=1.3':>7}{'ITAE before -> flown (median)':>32}{'predicted':>11}")
-    for vehicle, name in _cases(args.cases):
-        began = time.monotonic()
-        axis = FIRMWARE["ardusub" if open_vehicle(vehicle).vehicle.data.firmware == "sub" else "ardurover"].axes[name]
-        gains = BEST.get((vehicle, name))
-        if args.search and axis.law.startswith("sub"):
-            best, gains = search(Bench(vehicle, axis, args.first_seed), args.search)
-            print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
-        tuned, bests = [], []
-        for seed in range(args.first_seed, args.first_seed + args.seeds):
+    if args.search:
+        for vehicle, name in _cases(args.cases):
+            axis = _axis_of(vehicle, name)
+            if axis.law.startswith("sub"):
+                best, gains = search(Bench(vehicle, axis, args.first_seed), args.search)
+                print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
+        return
+    tuned = _saved(args.save)
+    flown = {(t.vehicle, t.axis, t.seed) for t in tuned}
+    for seed in range(args.first_seed, args.first_seed + args.seeds):
+        for vehicle, name in _cases(args.cases):
+            if (vehicle, name, seed) in flown:
+                continue
             one = tune_once(vehicle, name, seed)
             tuned.append(one)
-            if gains is None:
-                bests.append(EARLIER.get((vehicle, name), math.nan))
-            else:
-                bests.append(Bench(vehicle, axis, seed).fly(gains).itae)
+            if args.save is not None:
+                with args.save.open("a", encoding="utf-8") as file:
+                    print(json.dumps(asdict(one)), file=file, flush=True)
             print(
                 f"   {vehicle} {name} seed {seed}: {one.ending}, {one.before:.3f} -> {one.flown:.3f}, predicted "
-                f"{one.predicted:.3f}; {'earlier' if gains is None else 'best'} {bests[-1]:.3f}",
+                f"{one.predicted:.3f}; {'best' if (vehicle, name) in BEST else 'earlier'} {one.beside:.3f}",
                 flush=True,
             )
-        flown = [t.flown if t.ending == "kept" else t.before for t in tuned]
-        near = [t for t in tuned if math.isfinite(t.flown)]
-        print(
-            f"{vehicle + ' ' + name:<24}{np.median(bests):>7.3f}{_share(tuned, lambda t: t.ending == 'kept'):>7}"
-            f"{_within(flown, bests):>7}{np.nanmedian([t.before for t in tuned]):>21.3f} -> {np.nanmedian(flown):.3f}"
-            f"{_share(near, lambda t: abs(t.predicted - t.flown) <= NEAR * t.flown):>11}   "
-            f"{time.monotonic() - began:.0f} s",
-            flush=True,
-        )
-
-
-def _within(flown: Sequence[float], bests: Sequence[float]) -> str:
-    return f"{sum(value <= WITHIN * best for value, best in zip(flown, bests, strict=True))}/{len(flown)}"
+    _show_table(tuned, _cases(args.cases))
 
 
 def _shown(gains: Mapping[str, float]) -> str:

@@ -18,8 +18,6 @@ __all__ = ["predict", "predict_metrics"]
 
 Array = NDArray[np.float64]
 
-LEAD = 3.0
-"""The craft is held this long [s] before the flown step: as long as the step experiment waits for steadiness."""
 RATE = 50.0
 """Most samples per second kept [Hz]."""
 
@@ -63,8 +61,9 @@ def _there_and_back(
             _Flown(size, *_fly(problem, model, settings, Scenario(size, duration), 0.0)) for size in (step, -step)
         )
         return there, back
-    turn = LEAD + duration
-    t, position, output = _fly(problem, model, settings, Scenario(step, turn + duration, lead=LEAD, back_at=turn), LEAD)
+    lead = problem.spec.hold
+    turn = lead + duration
+    t, position, output = _fly(problem, model, settings, Scenario(step, turn + duration, lead=lead, back_at=turn), lead)
     first = int(np.searchsorted(t, duration - 1e-9))
     return (
         _Flown(step, t[: first + 1], position[: first + 1], output[: first + 1]),

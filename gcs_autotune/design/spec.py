@@ -27,6 +27,8 @@ class Spec:
     full_scale : model input at full actuator output; None for models identified in fractions (unit ``1``).
     step_duration : how long each flown step is recorded [s]; predictions then start and last as the flown ones do.
         None: steps of a loop that has long settled, as long as they take.
+    hold : how long [s] the craft is held before that step, by a loop whose integral is empty at first; 0: one that
+        has long settled.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
     jitter_std : the part of that noise which changes from sample to sample and so moves the actuator [rad or m]; None:
         all of it.
@@ -48,6 +50,7 @@ class Spec:
     speed: float | None = None
     full_scale: float | None = None
     step_duration: float | None = None
+    hold: float = 3.0
     noise_std: float = 0.0
     jitter_std: float | None = None
     noise_bandwidth: float = 5.0
@@ -79,7 +82,7 @@ class Spec:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be a positive number, not {value}")
-        for name in ("noise_std", "jitter_std", "quantum", "link_delay", "loop_delay"):
+        for name in ("hold", "noise_std", "jitter_std", "quantum", "link_delay", "loop_delay"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0.0):
                 raise UsageError(f"{name.replace('_', ' ')} must be zero or more, not {value}")

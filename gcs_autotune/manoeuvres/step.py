@@ -26,8 +26,9 @@ class StepSettings:
     ``base`` is the value to step from; None takes the present one, which a craft at rest can hold. ``speed`` [m/s] is
     the way on meanwhile, of no meaning for ``u``.
     ``settle`` is the longest wait for steadiness, which means: within ``steady_band`` of the held value for
-    ``steady_time``. ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the
-    loop counts as running away and the manoeuvre stops by itself.
+    ``steady_time``; ``hold`` is the shortest, steady or not: what an integral has come to decides how the step begins.
+    ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as running
+    away and the manoeuvre stops by itself.
     """
 
     signal: str
@@ -38,6 +39,7 @@ class StepSettings:
     settle: float = 20.0
     steady_time: float = 3.0
     steady_band: float = 0.07
+    hold: float = 0.0
     diverged: float = 2.5
 
 
@@ -68,6 +70,7 @@ class Step(Manoeuvre):
             "settle": s.settle,
             "steady_time": s.steady_time,
             "steady_band": s.steady_band,
+            "hold": s.hold,
             **({} if s.base is None else {"base": s.base}),
         }
 
@@ -103,7 +106,7 @@ class Step(Manoeuvre):
         if not abs(error) <= s.steady_band * abs(s.size):
             self._steady_since = observation.t
         steady = observation.t - self._steady_since >= s.steady_time
-        if steady or elapsed >= s.settle:
+        if elapsed >= s.hold and (steady or elapsed >= s.settle):
             self._next(observation.t)
 
     def _next(self, t: float) -> None:

@@ -83,6 +83,7 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria) -> Spec:
         step=abs(flown.size),
         speed=speed if context.axis.needs_speed and speed > 0.0 else None,
         step_duration=flown.duration,
+        hold=flown.hold,
         noise_std=criteria.noise,
         jitter_std=criteria.jitter,
         quantum=criteria.grain,

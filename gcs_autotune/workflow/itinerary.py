@@ -22,7 +22,7 @@ TURNING = "turning about"
 CHECK, DIVE, TURN, RELAY, LEVEL = 25.0, 20.0, 32.0, 110.0, 12.0
 """Seconds of a sign check, a dive, a turn about, a self-oscillation and a throttle level. Chosen: as simulated craft
 of half a metre to 2.4 m take."""
-HOLD, RATE_STEP, SPEED_STEP = 8.0, 8.0, 22.0
+HOLD, RATE_STEP, SPEED_STEP = 10.0, 8.0, 22.0
 """Seconds of holding still before a step; of a step in turn rate or speed each way, which goes by the craft."""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import CURVE, AxisFit, square_of
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
+from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
 from gcs_autotune.workflow.settings import TuneSettings
@@ -50,13 +51,19 @@ SAME_SPEED = 0.02
 """A present cruise speed within this share of the measured one is left alone."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
 """A speed step is given so many time constants of the craft, within these bounds [s]."""
-TURN_RATE = math.radians(30.0)
-"""The turn-rate step, from half of it to port to half of it to starboard; less where the craft cannot."""
+HOLD = 10.0
+"""Chosen: a craft that can stay where it is is held so long [s] before its step, for its integral to come to rest."""
+TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
+"""The turn-rate step, with way on and without, from half of it to port to half of it to starboard; less where the craft
+cannot. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead band. There it is a matter
+of chance how a step ends (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
 SHARE_OF_TURN = 0.6
 """Of the turn rate at full output that the step may reach, either way."""
-LEAST_RATE_DURATION, MOST_RATE_DURATION = 6.0, 20.0
-SWEEP = math.radians(75.0)
-"""What the bow may turn through during one step, so that the craft stays where there is room."""
+LEAST_RATE_DURATION, LEAST_AT_REST, MOST_RATE_DURATION = 6.0, 3.5, 20.0
+SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
+"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole."""
+SHORTER = 0.85
+"""A craft at rest is held turning for this share of its step, for that is how far it gets from where it started."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +110,16 @@ class Proof:
         """Return the manoeuvre."""
         return Step(self.settings, name)
 
+    def after(self, before: Trial) -> Proof:
+        """Return the proof whose next step is held for as long as *before* was.
+
+        What the integral has come to when the step begins is part of what is measured: 3 s of hold instead of 12 s
+        double the error over time of a BlueROV2's heading step.
+        """
+        targets = [mark.t for mark in before.marks if mark.kind == "target"]
+        held = targets[1] - targets[0] if len(targets) > 1 else 0.0
+        return replace(self, settings=replace(self.settings, hold=max(held, self.settings.hold)))
+
 
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
     """Return the heading or depth step, at *speed* [m/s]."""
@@ -112,6 +129,7 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
         size=settings.step if settings.step is not None else d.step,
         duration=settings.step_duration or d.step_duration,
         speed=speed,
+        hold=0.0 if axis.needs_speed else HOLD,
     )
     return Proof(step, None, {})
 
@@ -176,11 +194,14 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
     PreconditionFailed
         The craft hardly turns.
     """
-    m = known.model
+    m, at_rest = known.model, not speed > 0.0
     most = SHARE_OF_TURN * abs(m.steady_velocity(1.0 - abs(m.delta)))
-    time = m.alpha / max(m.beta + 2.0 * m.beta_quadratic * min(0.5 * TURN_RATE, most), 1e-3)
-    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_RATE_DURATION), MOST_RATE_DURATION)
-    size = abs(settings.step) if settings.step is not None else min(TURN_RATE, 2.0 * most, 2.0 * SWEEP / duration)
+    wish, sweep, least = (
+        (TURN_RATE_AT_REST, SWEEP_AT_REST, LEAST_AT_REST) if at_rest else (TURN_RATE, SWEEP, LEAST_RATE_DURATION)
+    )
+    time = m.alpha / max(m.beta + 2.0 * m.beta_quadratic * min(0.5 * wish, most), 1e-3)
+    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, least), MOST_RATE_DURATION)
+    size = abs(settings.step) if settings.step is not None else min(wish, 2.0 * most, 2.0 * sweep / duration)
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
             f"a turn-rate step of {math.degrees(size):.1f} deg/s cannot be told from the noise: give a larger --step"
@@ -191,9 +212,10 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
         duration,
         speed=speed,
         base=-0.5 * size,
-        settle=LEAST_RATE_DURATION,
+        settle=SHORTER * duration if at_rest else LEAST_RATE_DURATION,
         steady_time=1.5,
         steady_band=RATE_BAND,
+        hold=SHORTER * duration if at_rest else 0.0,
     )
     return Proof(step, None, {})
 

@@ -159,7 +159,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     before = context.fly(proof.step("step-before"), "step with present gains").trial
     if axis.dof == "yaw" and axis.needs_speed and found is None:
         context = replace(context, throttle=steering_throttle(before, context.present, context.throttle))
-    grain = resolution(before)
+    proof, grain = proof.after(before), resolution(before)
     log.metrics_before = measure(before, resolution=grain)
     if given is None:
         moving = context.law.controls_velocity
@@ -180,7 +180,8 @@ def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -
     proof = replace(asked, settings=step_of(gains, asked.settings))
     before = context.fly(proof.step("step-before"), "step with present gains").trial
     grain = resolution(before)
-    criteria = StepCriteria(proof, _noise_in_proof(before, gains, context.law.controls_velocity, grain), grain)
+    noise = _noise_in_proof(before, gains, context.law.controls_velocity, grain)
+    criteria = StepCriteria(proof.after(before), noise, grain)
     metrics = context.log.metrics_before = measure(before, criteria.noise, criteria.grain)
     accept_or_revert_supplied(context, metrics, criteria, journal)
 

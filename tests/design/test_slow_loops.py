@@ -15,6 +15,8 @@ from gcs_autotune.design import Actuator, Proposal, Spec, design, is_better, ste
 from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import DesignProblem
+from gcs_autotune.design.plant import sample_region
+from gcs_autotune.design.prediction import predict_metrics
 from gcs_autotune.design.reduction import Reduction
 from gcs_autotune.design.reference_model import reference_model
 from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
@@ -125,3 +127,16 @@ def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> 
         assert actuator.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.4 / 0.8)
         assert actuator.slopes()[-1] == pytest.approx(float(np.diff(actuator.static(u))[0]) / 1e-6, rel=1e-3)
     assert math.isclose(replace(bent, dead_zone=0.6).slopes()[-1], 0.6)
+
+
+def test_a_prediction_holds_the_craft_as_long_as_the_flight_did() -> None:
+    """What the integral has worked off by then is no part of the step's error any more."""
+
+    def step(hold: float) -> float:
+        spec = replace(STEP, hold=hold)
+        law, region = LAWS["sub-heading"], sample_region(HULL, SPREAD)
+        problem = DesignProblem(law, (), region, SUB_HEADING_DEFAULTS, spec, 30.0 * DEG, 0.004, actuator=THRUSTERS)
+        return predict_metrics(problem, {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.03}, spec.step, 30.0).itae
+
+    short, long, settled = step(3.0), step(12.0), step(60.0)
+    assert short > 1.3 * long > 1.3 * settled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from gcs_autotune.link.transports.address import HostPort, parse_host_port
 from gcs_autotune.link.transports.sitl_process import SitlProcess
 from gcs_autotune.link.transports.tcp import TcpIn, TcpOut
 from gcs_autotune.link.transports.udp import UdpIn
+from sitl import VEHICLES
 
 
 def test_udpout_to_nobody_is_silence() -> None:
@@ -157,6 +159,16 @@ def test_an_unknown_simulated_vehicle_shows_the_simulators_own_message() -> None
         SitlProcess([sys.executable, "-S", ECHO_CHILD, "--unknown"], "sitl:charly")
     assert caught.value.nearest == ("charlie", "charles")
     assert caught.value.name == "charly"
+
+
+def test_an_unknown_simulated_vehicle_is_refused_before_the_simulator_starts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("the simulator was started"))
+    with pytest.raises(UnknownName, match=r"unknown simulated vehicle 'charly'\. Did you mean charlie\?") as caught:
+        open_link("sitl:charly")
+    for name in VEHICLES:
+        assert re.search(rf"Known: .*\b{name}\b", str(caught.value))
 
 
 def test_a_simulator_that_does_not_start_is_said_so() -> None:

@@ -41,6 +41,22 @@ def test_an_unsteady_craft_is_waited_for_only_so_long():
     assert targets[45] == pytest.approx(0.5)
 
 
+def test_a_steady_craft_is_held_as_long_as_asked():
+    step = Step(StepSettings("z", 1.0, 5.0, hold=12.0))
+    fly(step, [2.0] * 400)
+    first, second, third = (m.t for m in step.take_marks())
+    assert second - first == pytest.approx(12.0, abs=0.11)
+    assert third - second == pytest.approx(5.0, abs=0.11)
+    assert step.asked["hold"] == 12.0
+
+
+def test_an_unsteady_craft_is_not_stepped_before_its_hold_is_over_either():
+    step = Step(StepSettings("psi", 0.5, 5.0, settle=4.0, hold=8.0))
+    targets = fly(step, [math.sin(i) for i in range(90)])
+    assert targets[75] == 0.0
+    assert targets[85] == pytest.approx(0.5)
+
+
 def test_speed_goes_into_the_heading_target():
     step = Step(StepSettings("psi", 0.5, 5.0, speed=1.2))
     assert next(step.commands(at_rest())) == HeadingTarget(0.0, 1.2)

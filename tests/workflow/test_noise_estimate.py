@@ -20,7 +20,20 @@ def held(values: np.ndarray, t: np.ndarray = T) -> Trial:
 def test_noise_is_read_off_the_hold_and_not_off_the_step():
     noise = np.random.default_rng(1).normal(0.0, 0.003, len(T))
     step = np.where(T > 10.0, 0.5 * (1.0 - np.exp(-(T - 10.0))), 0.0)
-    assert noise_while_held(held(noise + step)) == pytest.approx(0.003, rel=0.4)
+    assert noise_while_held(held(noise + step)) == pytest.approx(0.003, rel=0.2)
+
+
+def test_noise_is_known_to_a_tenth_though_the_craft_steps_and_is_kicked() -> None:
+    t = np.arange(0.0, 72.0, 0.1)
+    steps = np.where(t > 12.0, 0.5, 0.0) * (1.0 - np.exp(-(t - 12.0))) - np.where(t > 42.0, 0.5, 0.0)
+    kicks = sum(0.02 * np.exp(-(((t - at) / 0.5) ** 2)) for at in (20.0, 31.0, 55.0, 63.0))
+    marks = tuple(Mark(at, "target") for at in (0.0, 12.0, 42.0))
+    found = []
+    for seed in range(8):
+        noise = np.random.default_rng(seed).normal(0.0, 0.003, len(t))
+        psi = Channel("psi", "rad", t, noise + steps + kicks)
+        found.append(noise_while_held(Trial("step", {"psi": psi}, marks, meta={"signal": "psi"})))
+    assert found == pytest.approx([0.003] * 8, rel=0.15)
 
 
 def test_a_slow_drift_while_holding_is_no_noise():

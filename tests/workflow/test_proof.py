@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from gcs_autotune.design import Actuator
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify.surge import fit_surge
+from gcs_autotune.manoeuvres import StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
-from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.trial import Channel, Mark, Trial
+from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
-from gcs_autotune.workflow.proof import known_of
+from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_of_turn_rate
 
 
 def stepped(seed: int) -> Trial:
@@ -32,3 +38,26 @@ def test_a_speed_step_has_to_stand_out_from_noise_that_the_receiver_has_filtered
     known = known_of(Identified(fit_surge(runs), runs), FIRMWARE["ardurover"].axes["speed"])
     assert known.noise_std == pytest.approx(0.05, rel=0.3)
     assert noise_in(runs[0], "u") < 0.02
+
+
+def test_the_second_step_is_held_as_long_as_the_first_was() -> None:
+    proof = Proof(StepSettings("psi", 0.5, 30.0, hold=10.0), None, {})
+    marks = [Mark(t, "target") for t in (2.0, 15.5, 45.5)]
+    flown = Trial("step-before", {}, marks, meta={"signal": "psi"})
+    assert proof.after(flown).settings.hold == pytest.approx(13.5)
+    assert proof.after(Trial("stopped while held", {}, marks[:1])).settings.hold == 10.0
+
+
+@pytest.mark.parametrize("slowness", [0.5, 1.0, 5.0])
+def test_a_turn_rate_step_at_rest_is_large_and_stays_well_within_the_heading_guard(slowness: float) -> None:
+    """A BlueROV2 and craft that answer more slowly; the bow is farthest off at the end of the hold."""
+    known = Known(SingleDof("yaw", "1", 0.026 * slowness, 0.0, 0.065), Actuator(), 0.004)
+    settings = TuneSettings("yaw", Connection("sitl:bluerov2"), Path("run"))
+    s = proof_of_turn_rate(settings, 0.0, known).settings
+    assert s.base == -0.5 * s.size and s.hold == s.settle
+    assert s.size == pytest.approx(math.radians(60.0)) or slowness > 1.0
+    rate = 0.5 * s.size
+    farthest = max(rate * s.hold, abs(rate * (s.hold - s.duration)))
+    assert farthest < 0.8 * settings.envelope.heading_excursion
+    under_way = proof_of_turn_rate(settings, 1.0, known).settings
+    assert under_way.size <= math.radians(30.0) and under_way.hold == 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import select
@@ -11,9 +12,11 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, CannotOpenLink, LinkLost, UnknownName, UsageError
 from gcs_autotune.link.transports.transport import SteppedTransport
+from gcs_autotune.registry import lookup
 
 __all__ = ["SitlArguments", "SitlProcess", "open_sitl"]
 
@@ -21,6 +24,7 @@ _HEAD = struct.Struct("<dI")
 _PATIENCE = 30.0
 """Chosen: wall seconds a step may take before the child is held to be stuck (a first import is slow)."""
 _GRACE = 2.0
+_VEHICLE_FILE = ".toml"
 _USAGE = 2
 """The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, a file it cannot fly."""
 
@@ -171,8 +175,30 @@ def open_sitl(rehearsal: SitlArguments) -> SitlProcess:
     Raises
     ------
     UnknownName, UsageError
-        There is no such vehicle, effect or parameter, or the model cannot be flown; the message is the simulator's own.
+        There is no such vehicle, effect or parameter, or the model cannot be flown; but for the vehicle the message is
+        the simulator's own.
     CannotOpenLink
         It could not be started.
     """
+    _see_vehicle(rehearsal.name)
     return SitlProcess([sys.executable, "-m", "sitl", *rehearsal.arguments], rehearsal.uri)
+
+
+def _see_vehicle(name: str) -> None:
+    """See that the simulator has a data file for the vehicle *name*, without starting or importing it.
+
+    It knows best and says so itself, but a process that only says no takes twice as long as all before it. What is no
+    plain name (the path of a file), or a simulator whose files cannot be seen, is left to it.
+
+    Raises
+    ------
+    UnknownName
+        There is none.
+    """
+    if name.endswith(_VEHICLE_FILE):
+        return
+    spec = importlib.util.find_spec("sitl")
+    folders = [] if spec is None else spec.submodule_search_locations or []
+    files = [file for folder in folders for file in Path(folder, "vehicles").glob(f"*{_VEHICLE_FILE}")]
+    if files:
+        lookup({file.stem.replace("_", "-"): file for file in sorted(files)}, name, "simulated vehicle")
