@@ -169,6 +169,7 @@ class Bench:
         parts = []
         for start, end in ((low, high), (high, low)):
             t, x, u = _hold(vehicle, self.signal, end, self.duration)
+            t, x, u = (np.concatenate([v[:1], v]) for v in (t, x, u))
             target = np.full_like(t, end)
             target[0] = start
             noise = self.noise or _noise_in(x)

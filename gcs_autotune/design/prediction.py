@@ -85,13 +85,14 @@ def _fly(
 def _measure(problem: DesignProblem, flown: _Flown) -> StepMetrics:
     """Measure a step as the flown one is: the target was the position at rest, and errors within the noise are none."""
     spec = problem.spec
-    target = np.full_like(flown.t, flown.size)
+    t, position, output = (np.concatenate([x[:1], x]) for x in (flown.t, flown.position, flown.output))
+    target = np.full_like(t, flown.size)
     target[0] = 0.0
     return step_metrics(
-        flown.t,
+        t,
         target,
-        flown.position,
-        flown.output,
+        position,
+        output,
         noise_std=spec.noise_std,
         quantum=spec.quantum,
         unread=spec.noise_std,

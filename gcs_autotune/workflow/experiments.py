@@ -181,13 +181,22 @@ def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> St
     *noise_std* or within the sensor's *resolution* [rad or m] count as none: a compass of two degrees cannot tell one.
     """
     signal = str(trial.meta["signal"])
-    force = SIGNAL_FORCES[signal]
+    force, late = SIGNAL_FORCES[signal], _seen_late(trial, signal)
     targets = [m for m in trial.marks if m.kind == "target"]
     found = []
     for before, after in itertools.pairwise(targets):
         values = float(before.detail["value"]), float(after.detail["value"])
-        found.append(_one_step(trial, signal, force, *values, after.t, noise_std, resolution))
+        found.append(_one_step(trial, signal, force, *values, after.t + late, noise_std, resolution))
     return combine(found)
+
+
+def _seen_late(trial: Trial, signal: str) -> float:
+    """Return how much [s] later than it was sent a command can show at best, as far as that was measured.
+
+    What a link and a gyro's filter take is no doing of the loop.
+    """
+    link = trial.meta.get("link_times", {})
+    return float(link.get("command_to_servo", 0.0)) + (float(trial.meta.get("rate_lag", 0.0)) if signal == "r" else 0.0)
 
 
 def _one_step(
@@ -199,6 +208,8 @@ def _one_step(
     if signal in CALMED:
         x, share = _calmed(t, x, CALMED[signal])
         noise_std *= share
+    first = int(np.searchsorted(t, start))  # the clock of a step starts with it, not with the next sample
+    t, x = np.insert(t, first, start), np.insert(x, first, np.interp(start, t, x))
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
     output = np.array([trial[force].held_at(moment) for moment in t])

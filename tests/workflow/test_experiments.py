@@ -56,6 +56,30 @@ def test_a_step_that_never_began_measures_as_nothing() -> None:
     assert math.isnan(measure(held).itae)
 
 
+def quick(phase: float, late: float = 0.0, told: float = 0.0, lag: float = 0.0) -> Trial:
+    """A turn-rate step over in half a second, read at 10 Hz from *phase* [s] on, *late* [s] after it was sent."""
+    t = np.arange(phase, 11.0, 0.1)
+    rise = -0.5 + np.where(t < 4.0 + late, 0.0, 1.0 - np.exp(-np.maximum(t - 4.0 - late, 0.0) / 0.15))
+    targets = [Mark(at, "target", {"value": value}) for at, value in ((0.0, -0.5), (4.0, 0.5))]
+    channels = {"r": Channel("r", "rad/s", t, rise), "N": Channel("N", "1", t, np.zeros_like(t))}
+    times = {"command_to_servo": told} if told else {}
+    meta = {"signal": "r", "duration": 6.0, "rate_lag": lag, "link_times": times}
+    return Trial("step", channels, targets, "completed", meta=meta)
+
+
+def test_the_clock_of_a_quick_step_starts_with_it_and_not_with_the_next_sample() -> None:
+    true = 0.15**2  # of an exponential
+    found = [measure(quick(phase)).itae for phase in (0.01, 0.03, 0.05, 0.07, 0.09)]
+    assert np.mean(found) == pytest.approx(true, rel=0.05)
+    assert found == pytest.approx([true] * 5, rel=0.25)
+
+
+def test_what_link_and_gyro_take_is_no_error_of_the_loop() -> None:
+    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, told=0.15, lag=0.05)).itae
+    assert blind > 2.0 * honest
+    assert honest == pytest.approx(0.15**2, rel=0.25)
+
+
 VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
 
 
