@@ -67,7 +67,23 @@ CASES: Sequence[tuple[str, str]] = tuple(
 """(vehicle, axis)."""
 BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
     ("bluerov2", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.05, "ATC_ANG_YAW_P": 5.695},
+    ("bluerov2", "yaw"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0442, "ATC_ANG_YAW_P": 2.46},
+    ("bluerov2", "depth"): {
+        "PSC_POSZ_P": 3.0,
+        "PSC_VELZ_P": 8.0,
+        "PSC_ACCZ_P": 1.5,
+        "PSC_ACCZ_I": 0.439,
+        "PSC_ACCZ_FF": 0.5,
+    },
     ("bluerov2-loaded", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.05, "ATC_ANG_YAW_P": 3.531},
+    ("bluerov2-loaded", "yaw"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0178, "ATC_ANG_YAW_P": 1.94},
+    ("bluerov2-loaded", "depth"): {
+        "PSC_POSZ_P": 3.0,
+        "PSC_VELZ_P": 8.0,
+        "PSC_ACCZ_P": 1.5,
+        "PSC_ACCZ_I": 0.583,
+        "PSC_ACCZ_FF": 0.5,
+    },
 }
 """(vehicle, axis) -> what ``--search 80 --first-seed 1`` found."""
 EARLIER: Mapping[tuple[str, str], float] = {
