@@ -80,6 +80,7 @@ def without_one_signal(problem: Problem, base: Fitted) -> Bases:
     return Bases(tuple(alone), best)
 
 
+TRACK = ("x", "y")
 LOST = 0.3
 """Error of some signal, in shares of its motion, at which wiring is suspected."""
 
@@ -88,8 +89,24 @@ MOST_WIRINGS = 5
 
 
 def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
-    """Whether a model misses some signal altogether."""
-    return any(level > LOST * spread[name] for name, level in present.levels.items())
+    """Whether a model misses some signal altogether.
+
+    Of a track what counts is how it bends: that a craft which sails away is far off in the end any model knows.
+    """
+    bends = {name: _bend_of(present, name) for name in TRACK if name in present.levels}
+    return any(level > LOST * bends.get(name, spread[name]) for name, level in present.levels.items())
+
+
+def _bend_of(present: Fitted, name: str) -> float:
+    """Return the rms distance [m] of the measured positions *name* from a straight line through each run."""
+    squares, count = 0.0, 0
+    for rest in present.rests:
+        if rest.signal == name and len(rest.t) > 2:
+            known = np.isfinite(rest.measured)
+            t, x = rest.t[known] - rest.t[0], rest.measured[known]
+            squares += float(np.sum((x - np.polyval(np.polyfit(t, x, 1), t)) ** 2))
+            count += len(x)
+    return math.sqrt(squares / count) if count else 0.0
 
 
 def permuted_channels(

@@ -78,3 +78,16 @@ def test_a_degree_of_freedom_asked_for_in_vain_is_said_aloud():
     assert doubt.cause.startswith("heave was asked for and not looked at")
     with pytest.raises(MissingChannel, match="horizontal"):
         plain_form([run], "yaws")
+
+
+@pytest.mark.parametrize("k", [0, 2])
+def test_momentum_carried_sideways_is_named_from_a_track_alone(k):
+    """A base that knows nothing of it is lost on the track, however far that leads: short pieces show the cause."""
+    rivals = ["coriolis-coupling", "sway-yaw-coupling", "steady-current", "quadratic-drag", "dead-zone"]
+    told = diagnose([s_manoeuvre(COUPLED, k=i) for i in (k, k + 1)], effects=rivals)
+    assert told.verdict == "effect-found"
+    (cause,) = told.causes
+    assert cause.effect.slug == "coriolis-coupling"
+    assert cause.effect["X_vr"] == pytest.approx(7.0, rel=0.05)
+    assert cause.effect["N_uv"] == pytest.approx(-2.0, rel=0.05)
+    assert cause.effect["Y_ur"] == pytest.approx(-5.0 / 7.0, rel=0.05)  # of a mass in sway that nothing tells
