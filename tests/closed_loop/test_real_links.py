@@ -84,7 +84,7 @@ def vehicle_process(listen: str) -> Iterator[None]:
             assert process.wait(10.0) in (0, -15)
 
 
-@pytest.mark.parametrize("wire", [udp, tcp, serial], ids=lambda w: w.__name__)
+@pytest.mark.parametrize("wire", [udp, serial], ids=lambda w: w.__name__)
 def test_the_same_tune_over_a_real_link(tmp_path, wire):
     run = tmp_path / "run"
     with wire() as (listen, connect), vehicle_process(listen):
@@ -111,8 +111,9 @@ def run_cli(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_after_a_power_cut_in_mid_proof_restore_puts_the_old_gains_back(tmp_path):
+    """Over TCP, which a tune that is killed breaks: identification, design, writing and a proof begun come before."""
     run = tmp_path / "run"
-    with udp() as (listen, connect), vehicle_process(listen):
+    with tcp() as (listen, connect), vehicle_process(listen):
         tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--connect", connect, "--yes"]
         with subprocess.Popen(
             [*tune, "--out", str(run), "--step-duration", "8"], stderr=subprocess.PIPE, text=True

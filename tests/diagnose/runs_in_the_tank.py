@@ -75,17 +75,17 @@ def _square(size: float, period: float) -> list[tuple[float, float]]:
     return [step for step in steps if step[0] < 30.0]
 
 
-def sailed(*effects: Hidden, seed: int = 1) -> list[Trial]:
+def sailed(*effects: Hidden, samples: int = 250, seed: int = 1) -> list[Trial]:
     """Return two runs of a boat under way, turned by random steps, with everything measured."""
     rng = np.random.default_rng(seed)
     measured = ("u", "v", "r", "psi", "x", "y")
     found = []
     for k in range(2):
-        steps: Sequence[float] = np.repeat(rng.uniform(-1.0, 1.0, 10), 25)
+        steps: Sequence[float] = np.repeat(rng.uniform(-1.0, 1.0, 10), 25)[:samples]
         columns = open_loop(
             BOAT,
-            {"N": steps, "X": np.repeat(rng.uniform(1.0, 3.0, 5), 50)},
-            duration=25.0,
+            {"N": steps, "X": np.repeat(rng.uniform(1.0, 3.0, 5), 50)[:samples]},
+            duration=0.1 * samples,
             interval=0.1,
             measured=measured,
             effects=[e if isinstance(e, HiddenEffect) else make_effect(*e) for e in effects],

@@ -5,7 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from gcs_autotune.link import FenceItem, read_fence
+from gcs_autotune.link.vehicle.fence import _shapes
 
 
 class Told:
@@ -49,3 +52,26 @@ def test_a_fence_that_is_off_is_none_and_nothing_is_asked() -> None:
     assert read_fence(session, {**CIRCLE, "FENCE_ENABLE": 0.0}) == ()
     assert read_fence(session, {}) == ()
     assert session.asked == 0
+
+
+def item(command: int, x: int, y: int, param1: float) -> SimpleNamespace:
+    return SimpleNamespace(command=command, x=x, y=y, param1=param1)
+
+
+def test_polygons_take_their_own_corners_and_circles_stand_between_them() -> None:
+    triangle = [item(5001, 10_000_000 * k, -20_000_000 * k, 3.0) for k in (1, 2, 3)]
+    square = [item(5002, 10_000_000 * k, 0, 4.0) for k in (4, 5, 6, 7)]
+    circles = [item(5003, 80_000_000, 0, 25.5), item(5004, 90_000_000, 0, 7.0)]
+    items: Any = [circles[0], *triangle, *square, circles[1]]
+    found = _shapes(items)
+    assert [len(f.corners) for f in found] == [1, 3, 4, 1]
+    assert [f.radius for f in found] == [25.5, None, None, 7.0] or [f.radius for f in found] == [25.5, 0.0, 0.0, 7.0]
+    assert [f.inside for f in found] == [True, True, False, False]
+    assert found[1].corners == tuple((pytest.approx(1.0 * k), pytest.approx(-2.0 * k)) for k in (1, 2, 3))
+
+
+def test_what_is_no_polygon_is_left_out_and_what_says_no_number_of_corners_is_gone_on_from() -> None:
+    lone: Any = [item(5001, 1, 1, 0.0), item(5001, 1, 1, 2.0), item(5001, 2, 2, 2.0), item(5003, 10_000_000, 0, 5.0)]
+    assert [f.radius for f in _shapes(lone)] == [5.0]
+    return_point: Any = [item(5000, 1, 1, 3.0), item(5003, 10_000_000, 0, 5.0)]
+    assert [f.radius for f in _shapes(return_point)] == [5.0]

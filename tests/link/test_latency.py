@@ -163,3 +163,17 @@ def test_an_effect_within_two_seconds_is_still_one(latency: Latency) -> None:
 )
 def test_an_oscillation_takes_eight_delays_and_eight_samples_at_least(loop: float, rate: float, period: float) -> None:
     assert least_period(loop, rate) == pytest.approx(period)
+
+
+def test_the_way_up_is_never_told_longer_than_the_whole_loop_though_fewer_are_timed(
+    link: Listening, latency: Latency
+) -> None:
+    for k in range(19):  # before the clocks are compared: the whole loop only
+        command(latency, 0.3 * (-1.0) ** k, -0.3 * (-1.0) ** k, 1.0 + k)
+        latency.moved(1.1 + k, {"N": 0.3 * (-1.0) ** k})
+    sync(link, latency, 0.0, 30.0)
+    command(latency, -0.3, 0.3, 31.0)
+    latency.moved(31.5, {"N": -0.3})
+    times = latency.times()
+    assert times.samples == 19
+    assert (times.command_to_servo, times.command_to_servo_90) == (pytest.approx(0.1), pytest.approx(0.1))

@@ -324,3 +324,54 @@ def test_a_line_of_a_journal_that_is_json_but_no_event_is_damage(path: Path) -> 
             Journal.read(path)
         path.write_text(good + line + "\n")
         assert Journal.read(path).opened, "at its end it is what a power cut left"
+
+
+def test_leaving_after_an_error_says_what_went_wrong_and_what_could_not_be_put_back(
+    transaction: ParameterTransaction, boat: ScriptedVehicle
+) -> None:
+    with pytest.raises(NotAsFound, match="the worst moment; and could not put back " + INT) as caught, transaction:
+        transaction.set(NEW)
+        boat.read_only.add(INT)
+        raise ParameterNotAccepted("the worst moment", name=P, wanted=0.0, found=1.0)
+    assert isinstance(caught.value.__cause__, ParameterNotAccepted)
+
+
+def test_leaving_in_peace_what_cannot_be_put_back_says_no_more_than_that(
+    transaction: ParameterTransaction, boat: ScriptedVehicle
+) -> None:
+    with pytest.raises(NotAsFound, match="^could not put back " + INT) as caught, transaction:
+        transaction.set(NEW)
+        boat.read_only.add(INT)
+    assert caught.value.__cause__ is None
+
+
+def test_leaving_without_having_written_watches_nothing_any_more(
+    transaction: ParameterTransaction, boat: ScriptedVehicle
+) -> None:
+    with transaction:
+        transaction.lend(OLD)
+    assert transaction.old == {}
+    assert boat.count("PARAM_SET") == 0
+    boat.parameters[P] = 0.9
+    boat.send_parameter(P)
+    transaction._session.pump()
+    assert transaction._parameters.intrusions == []
+
+
+def test_a_link_lost_while_putting_one_back_is_waited_for_though_the_others_are_back(
+    transaction: ParameterTransaction, boat: ScriptedVehicle
+) -> None:
+    transaction.set(NEW)
+    written: list[str] = []
+    known = transaction._parameters.write
+
+    def write(name: str, value: float) -> None:
+        written.append(name)
+        if len(written) == 2:
+            raise LinkLost("behind a pier")
+        known(name, value)
+
+    transaction._parameters.write = write  # type: ignore[method-assign]
+    transaction.give_back()
+    assert held(boat) == pytest.approx(OLD)
+    assert written == [FF, INT, P, FF, INT, P]

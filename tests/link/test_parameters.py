@@ -201,3 +201,29 @@ def test_our_own_writes_are_no_intrusion(parameters: Parameters, boat: ScriptedV
     boat.send_parameter("ATC_STR_RAT_P")
     parameters.session.pause(1.0)
     assert parameters.intrusions == []
+
+
+def test_a_write_without_any_echo_is_given_up_after_three_sendings_when_it_did_not_take(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    boat.on["PARAM_SET"] = lambda message: None
+    with pytest.raises(ParameterNotAccepted, match=r"ATC_STR_RAT_P: wrote 0\.7, but the vehicle holds 0\.2"):
+        parameters.write("ATC_STR_RAT_P", 0.7)
+    assert boat.count("PARAM_SET") == 3
+
+
+def test_a_write_that_was_echoed_and_undone_at_once_is_written_again(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    undone: list[int] = []
+
+    def twin(message: object) -> None:
+        boat._on_param_set(message)
+        if not undone:  # another hand, once
+            undone.append(1)
+            boat.parameters["ATC_STR_RAT_P"] = 0.2
+
+    boat.on["PARAM_SET"] = twin
+    parameters.write("ATC_STR_RAT_P", 0.7)
+    assert boat.parameters["ATC_STR_RAT_P"] == pytest.approx(0.7)
+    assert boat.count("PARAM_SET") == 2

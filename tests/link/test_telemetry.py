@@ -260,6 +260,20 @@ def test_battery_and_prearm_come_from_sys_status(told: Told) -> None:
     assert telemetry.value("prearm_ok") == 0.0
 
 
+def test_the_water_pressure_is_taken_in_pascals_at_its_own_moment(told: Told) -> None:
+    told.tell(attitude(900))
+    told.recorder.start("dive")
+    telemetry = told.tell(
+        attitude(1000),
+        mavlink.MAVLink_scaled_pressure2_message(1100, 1013.25, 0.0, 2000),
+        mavlink.MAVLink_scaled_pressure2_message(1350, 1111.25, 0.0, 2000),
+    )
+    assert telemetry.value("pressure") == pytest.approx(111125.0)
+    pressure = told.recorder.stop("completed", "", {}).channels["pressure"]
+    assert pressure.t.tolist() == pytest.approx([1.1, 1.35])
+    assert pressure.values.tolist() == pytest.approx([101325.0, 111125.0])
+
+
 def test_an_unmeasured_battery_stays_unknown(told: Told) -> None:
     telemetry = told.tell(
         attitude(1000), mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, 0, -1, 0, 0, 0, 0, 0, 0)

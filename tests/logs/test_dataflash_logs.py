@@ -12,6 +12,8 @@ from log_writing import ALPHA, BETA, BOAT, BOOT, swing
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.identify import fit_axis
 from gcs_autotune.logs import load_runs
+from gcs_autotune.logs.dataflash import _event
+from gcs_autotune.logs.sample_store import SampleStore
 
 REAL = Path(__file__).parents[2] / "../shared/data/ardusub_logs/small.BIN"
 
@@ -106,3 +108,40 @@ def test_a_real_log_is_read_whole_cut_and_spoilt(tmp_path: Path) -> None:
     (tmp_path / "spoilt.BIN").write_bytes(data)
     (spoilt,) = load_runs(tmp_path / "spoilt.BIN")
     assert 0.5 * len(run["psi"]) < len(spoilt["psi"]) <= len(run["psi"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "m", "name"),
+    [
+        ("VER", {"FWS": "ArduSub V4.6.0"}, "ArduSub"),
+        ("MSG", {"Message": "ArduRover V4.5.1"}, "ArduRover"),
+        ("MSG", {"Message": "Rover V4.5.1"}, "ArduRover"),
+        ("MSG", {"Message": "EKF3 active"}, None),
+    ],
+)
+def test_the_firmware_is_known_by_what_it_says_of_itself(kind: str, m: dict[str, str], name: str | None) -> None:
+    store = SampleStore("a log", "its own")
+    _event(store, kind, 3.0, m)
+    assert (store.firmware.name if store.firmware else None) == name
+    assert store.texts == ([(3.0, m["Message"])] if kind == "MSG" else [])
+    if name is not None:
+        assert store.vehicle == next(iter(m.values()))
+        _event(store, "VER", 4.0, {"FWS": "ArduPlane V9"})
+        assert store.vehicle == next(iter(m.values())), "the first counts"
+
+
+def test_modes_and_arming_are_noted_with_their_times() -> None:
+    store = SampleStore("a log", "its own")
+    for t, kind, m in (
+        (1.0, "MODE", {"ModeNum": 15}),
+        (2.0, "MODE", {"Mode": "4.0"}),
+        (3.0, "MODE", {"Mode": "GUIDED"}),
+        (4.0, "ARM", {"ArmState": 1}),
+        (5.0, "ARM", {"ArmState": 0}),
+        (6.0, "EV", {"Id": 10}),
+        (7.0, "EV", {"Id": 11}),
+        (8.0, "EV", {"Id": 25}),
+    ):
+        _event(store, kind, t, m)
+    assert store.modes == [(1.0, 15), (2.0, 4)]
+    assert store.arming == [(4.0, True), (5.0, False), (6.0, True), (7.0, False)]

@@ -82,3 +82,36 @@ def test_logs_of_a_real_rov_are_read_with_their_damage_counted(name: str, frames
     log = read_tlog(LOGS / name)
     assert sum(r.frame.name == "ATTITUDE" for r in log) > 5000
     assert (log.frames, log.damaged) == (frames, damaged)
+
+
+def unknown_frame(payload: bytes = b"abcdef") -> bytes:
+    """A frame of MAVLink 2 of a message that no dialect here knows; nobody can test its checksum."""
+    return bytes([0xFD, len(payload), 0, 0, 0, 1, 1]) + (9_999_999).to_bytes(3, "little") + payload + b"\x00\x00"
+
+
+def test_a_frame_of_an_unknown_kind_is_believed_at_the_end_and_before_another_and_nowhere_else(tmp_path: Path) -> None:
+    data = written(tmp_path / "a.tlog", 2)
+    half = len(data) // 2
+    stamp = data[:8]
+    strange = stamp + unknown_frame()
+    path = tmp_path / "b.tlog"
+
+    def read(content: bytes) -> tuple[list[str], int]:
+        path.write_bytes(content)
+        log = read_tlog(path)
+        return [r.frame.name[:7] for r in log], log.damaged
+
+    assert read(data + strange) == (["ATTITUD", "ATTITUD", "UNKNOWN"], 0)
+    assert read(data[:half] + strange + data[half:]) == (["ATTITUD", "UNKNOWN", "ATTITUD"], 0)
+    assert read(data[:half] + strange + b"?" * 9 + data[half:]) == (["ATTITUD", "ATTITUD"], 1)
+    for tail in (1, 7, 8):  # a stamp without its frame tells nothing
+        names, _ = read(data + strange + b"?" * tail)
+        assert names == ["ATTITUD", "ATTITUD"]
+
+
+def test_damage_at_the_very_beginning_counts_as_one_stretch(tmp_path: Path) -> None:
+    data = written(tmp_path / "a.tlog")
+    (tmp_path / "b.tlog").write_bytes(b"not a log at all" + data)
+    log = read_tlog(tmp_path / "b.tlog")
+    assert len(list(log)) == 5
+    assert (log.damaged, log.damaged_bytes) == (1, 16)
