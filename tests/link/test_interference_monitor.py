@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +13,9 @@ from scripted_vehicle import ROV, ScriptedVehicle
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import GuardTripped, NotAsFound, PreconditionFailed
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
+from gcs_autotune.link.vehicle.interference_monitor import InterferenceMonitor
 from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
 
@@ -390,3 +393,49 @@ def test_kinds_agree_on_what_is_neutral() -> None:
     craft.neutral()
     craft.disarm()
     assert rov.servos[:3] == [1500, 1500, 1500]
+
+
+class Pausing:
+    """As much of a session, of other stations and of our own sending as a look at our own pauses needs."""
+
+    def __init__(self, pause: float, pace: float, ordered: bool = False) -> None:
+        self.clock = ManualClock(100.0)
+        self.texts = SimpleNamespace(recent=lambda since: [])
+        self.pace, self._pause, self._ordered = pace, pause, ordered
+        self.since: list[float] = []
+
+    def pause_since(self, since: float) -> float:
+        self.since.append(since)
+        return self._pause
+
+    def has_ordered(self, kinds: frozenset[str], since: float) -> bool:
+        self.since.append(since)
+        return self._ordered
+
+    def look(self) -> None:
+        own: Any = self
+        InterferenceMonitor(own, FIRMWARE["ardurover"], own, own, own, own)._see_our_pause(
+            "it was disarmed", frozenset()
+        )
+
+
+@pytest.mark.parametrize(("pause", "pace"), [(0.41, 1.0), (0.41, 0.2), (0.21, 2.0), (0.041, 10.0)])
+def test_a_pause_of_ours_is_told_when_the_vehicle_has_felt_it_in_its_own_time(pause: float, pace: float) -> None:
+    own = Pausing(pause, pace)
+    with pytest.raises(GuardTripped, match=f"this computer paused for {pause:.2g} s") as caught:
+        own.look()
+    assert caught.value.guard == "pause"
+    assert caught.value.value == pytest.approx(pause * max(pace, 1.0))
+    assert ("let the simulation run slower" in str(caught.value)) is (pace > 1.5)
+    assert ("of the vehicle's time" in str(caught.value)) is (pace > 1.5)
+    assert ("close other programs" in str(caught.value)) is (pace < 1.5)
+    assert own.since == [95.0, 95.0]
+
+
+@pytest.mark.parametrize(
+    ("pause", "pace", "ordered"), [(0.39, 1.0, False), (0.39, 0.5, False), (0.03, 10.0, False), (9.0, 9.0, True)]
+)
+def test_a_short_pause_is_none_and_an_order_that_was_heard_excuses_us(pause: float, pace: float, ordered: bool) -> None:
+    own = Pausing(pause, pace, ordered)
+    own.look()
+    assert own.since

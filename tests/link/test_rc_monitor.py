@@ -178,3 +178,10 @@ def test_after_forgetting_nobody_is_accused(listening: Listening, rc_monitor: Rc
     assert (rc_monitor.departed, rc_monitor.moved_by_hand, rc_monitor.obeyed) == (None, None, False)
     listening.show(c6=1200)
     assert (rc_monitor.departed, rc_monitor.moved_by_hand) == (None, None)
+
+
+def test_all_sixteen_channels_are_shown_as_they_came(listening: Listening, rc_monitor: RcMonitor) -> None:
+    listening.show(c1=1101, c16=1116)
+    assert set(rc_monitor.shown) == set(range(1, 17))
+    assert (rc_monitor.shown[1], rc_monitor.shown[16], rc_monitor.shown[8]) == (1101, 1116, 1500)
+    assert rc_monitor.count == 1

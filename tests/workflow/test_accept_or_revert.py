@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 
-from gcs_autotune.design import Proposal, StepMetrics
-from gcs_autotune.workflow.accept_or_revert import _is_hopeless
+from gcs_autotune.design import Change, Proposal, StepMetrics
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link import Journal
+from gcs_autotune.workflow import accept_or_revert as accept_or_revert_module
+from gcs_autotune.workflow.accept_or_revert import (
+    _is_hopeless,
+    _on_the_other_axis,
+    accept_or_revert,
+    accept_or_revert_supplied,
+)
 
 
 def step(itae: float) -> StepMetrics:
@@ -33,3 +41,131 @@ def test_gains_are_given_up_unproved_only_when_they_promise_less_than_both_what_
         before=SimpleNamespace(metrics=step(predicted_now)), after=SimpleNamespace(metrics=step(promised))
     )
     assert _is_hopeless(cast(Proposal, proposal), step(flown_now)) is is_hopeless
+
+
+class Loan:
+    """As much of a parameter transaction as a proof needs; what was done to it, in order."""
+
+    def __init__(self, *_: object) -> None:
+        self.kept = False
+        done.append("lent")
+
+    def __enter__(self) -> Loan:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        done.append("left" if self.kept else "given back")
+
+    def set(self, values: dict[str, float]) -> None:
+        done.append(f"set {values}")
+
+    def keep(self) -> None:
+        self.kept = True
+        done.append("kept")
+
+
+done: list[str] = []
+CHANGE = Change("P", 1.0, 2.0, 0.0, 9.0, "better")
+
+
+@pytest.fixture
+def context(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A craft whose step after is as good as ``context.flies`` says; the operator's answer is ``context.answer``."""
+    done.clear()
+    said: list[str] = []
+    log = SimpleNamespace(
+        say=said.append,
+        said=said,
+        end=lambda ending, why: done.append(ending),
+        given_changes=[CHANGE],
+        metrics_after=None,
+        verdict=None,
+    )
+    context = SimpleNamespace(
+        log=log,
+        settings=SimpleNamespace(dry_run=False),
+        agrees=lambda question: done.append(question) or context.answer,
+        answer=True,
+        flies=0.5,
+        craft=SimpleNamespace(parameters=None, firmware=FIRMWARE["ardusub"]),
+        axis=FIRMWARE["ardusub"].axes["depth"],
+        law=SimpleNamespace(free_overshoot=0.0),
+        come_about=lambda name: done.append(f"back for {name}"),
+        fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=None),
+    )
+    monkeypatch.setattr(accept_or_revert_module, "ParameterTransaction", Loan)
+    monkeypatch.setattr(accept_or_revert_module, "measure", lambda *args: step(context.flies))
+    return context
+
+
+CRITERIA: Any = SimpleNamespace(proof=SimpleNamespace(step=lambda name: name), noise=0.0, grain=0.0)
+
+
+def supplied(context: Any) -> list[str]:
+    accept_or_revert_supplied(context, step(1.0), CRITERIA, cast(Journal, None))
+    return done
+
+
+def test_given_gains_are_written_only_when_wanted_and_never_in_a_dry_run(context: Any) -> None:
+    context.settings.dry_run = True
+    assert supplied(context) == ["dry-run"]
+    done.clear()
+    context.settings.dry_run, context.answer = False, False
+    assert supplied(context) == ["Write P 1 -> 2 and prove it by the same step?", "declined"]
+
+
+@pytest.mark.parametrize(("flies", "ending"), [(0.5, ["kept", "kept", "left"]), (1.2, ["given back", "restored"])])
+def test_given_gains_stay_when_their_step_is_better_and_go_back_when_it_is_not(
+    context: Any, flies: float, ending: list[str]
+) -> None:
+    context.flies = flies
+    _, *rest = supplied(context)
+    assert rest == ["lent", "set {'P': 2.0}", "back for step-after", "step with new gains", *ending]
+    assert context.log.verdict[0] is (flies < 1.0)
+    assert context.log.metrics_after.itae == flies
+
+
+def proposed(promised: float, changes: list[Change]) -> Any:
+    margins = SimpleNamespace(gain=2.0, phase=0.7)
+    return SimpleNamespace(
+        changes=changes,
+        new={c.parameter: c.new for c in changes},
+        before=SimpleNamespace(metrics=step(1.0)),
+        after=SimpleNamespace(metrics=step(promised)),
+        worst_margins=margins,
+    )
+
+
+@pytest.mark.parametrize(
+    ("promised", "changes", "dry", "answer", "ending"),
+    [
+        (0.5, [], False, True, ["unchanged"]),
+        (1.5, [CHANGE], False, True, ["unchanged"]),
+        (0.5, [CHANGE], True, True, ["dry-run"]),
+        (0.5, [CHANGE], False, False, ["Write P 1 -> 2 and prove it by the same step?", "declined"]),
+    ],
+)
+def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_it_is_not_wanted(
+    context: Any, promised: float, changes: list[Change], dry: bool, answer: bool, ending: list[str]
+) -> None:
+    context.settings.dry_run, context.answer = dry, answer
+    accept_or_revert(context, proposed(promised, changes), step(1.0), CRITERIA, cast(Journal, None))
+    assert done == ending
+    assert ("predicted: error over time 1 -> " in " ".join(context.log.said)) is bool(changes)
+
+
+def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:
+    accept_or_revert(context, proposed(0.5, [CHANGE]), step(1.0), CRITERIA, cast(Journal, None))
+    assert done[-3:] == ["kept", "kept", "left"]
+
+
+@pytest.mark.parametrize(("axis", "other", "now"), [("heading", "yaw", False), ("yaw", "heading", True)])
+def test_of_two_axes_that_set_the_same_parameters_the_one_to_run_last_is_named(
+    context: Any, axis: str, other: str, now: bool
+) -> None:
+    context.axis = FIRMWARE["ardusub"].axes[axis]
+    (sentence,) = _on_the_other_axis(context)
+    assert "`tune heading` and `tune yaw` both set ATC_" in sentence
+    assert ("run `tune heading` now" in sentence) is now
+    context.axis = FIRMWARE["ardusub"].axes["depth"]
+    assert list(_on_the_other_axis(context)) == []

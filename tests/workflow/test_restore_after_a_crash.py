@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from benchmarks.faults import Berth, Case, Fault, Killed, play
 from benchmarks.faults.case import FLEET
-from gcs_autotune.errors import NotAsFound, OperatorStopped, PreconditionFailed, WrongVehicle
+from gcs_autotune.errors import LinkLost, NotAsFound, OperatorStopped, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, Journal, Parameters, ParameterTransaction, Session
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
+from gcs_autotune.workflow import restore as restore_module
 from gcs_autotune.workflow.restore import _Restoring
 
 pytestmark = pytest.mark.usefixtures("plainly")
@@ -213,3 +216,49 @@ def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
     play(Case.of(VIDEORAY, Fault("unplugged", 5.0)), tmp_path)
     open_files = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
     assert str(tmp_path / "run" / "journal.jsonl") not in open_files
+
+
+@pytest.mark.parametrize(
+    ("outputs", "words"),
+    [
+        ({"N": 0.03, "X": -0.03}, ""),
+        ({"N": 0.031, "X": 0.0}, "N +0.03 of full output"),
+        ({"N": 0.0, "X": -0.5}, "X -0.50 of full output"),
+        ({"N": math.nan}, "N +nan of full output"),
+        ({}, "outputs are not heard"),
+    ],
+)
+def test_outputs_that_are_not_neutral_or_not_heard_are_said(
+    monkeypatch: pytest.MonkeyPatch, outputs: dict[str, float], words: str
+) -> None:
+    monkeypatch.setattr(restore_module, "read_servo_map", lambda *args: None)
+    monkeypatch.setattr(restore_module, "read_outputs", lambda *args: outputs)
+    restoring = object.__new__(_Restoring)
+    restoring._session = restoring._parameters = None  # type: ignore[assignment]
+    restoring._firmware = FIRMWARE["ardurover"]
+    if not words:
+        restoring._check_neutral()
+        return
+    with pytest.raises(NotAsFound) as caught:
+        restoring._check_neutral()
+    assert words in str(caught.value)
+    assert "take over by hand" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("lost", "returns", "done"), [(0, True, True), (1, True, True), (2, True, False), (1, False, False)]
+)
+def test_what_is_tried_is_tried_once_more_when_the_vehicle_comes_back(lost: int, returns: bool, done: bool) -> None:
+    restoring = object.__new__(_Restoring)
+    restoring._session = SimpleNamespace(outlast=lambda patience: returns)  # type: ignore[assignment]
+    restoring._differences = {}
+    tried: list[int] = []
+
+    def act() -> None:
+        tried.append(1)
+        if len(tried) <= lost:
+            raise LinkLost("silent")
+
+    restoring._try("mode", act)
+    assert restoring._differences == ({} if done else {"mode": "silent"})
+    assert len(tried) == (min(lost, 1) + 1 if returns else 1)

@@ -1,0 +1,99 @@
+"""The person at the terminal: asked, rung for, never rung for where it was not wanted, stopped in order."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+from types import SimpleNamespace
+
+import pytest
+
+from gcs_autotune.cli import console
+from gcs_autotune.cli.console import BELL_VARIABLE, ConsoleOperator
+from gcs_autotune.errors import UsageError
+
+
+class Terminal(io.StringIO):
+    """A stream that is a terminal, or only looks like one of files."""
+
+    def __init__(self, text: str = "", *, tty: bool = True) -> None:
+        super().__init__(text)
+        self._tty = tty
+
+    def isatty(self) -> bool:
+        return self._tty
+
+
+@pytest.fixture
+def streams(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """What the console takes for ``sys``: two terminals."""
+    monkeypatch.delenv(BELL_VARIABLE, raising=False)
+    streams = SimpleNamespace(stdin=Terminal(), stderr=Terminal())
+    monkeypatch.setattr(console, "sys", streams)
+    return streams
+
+
+@pytest.mark.parametrize(
+    ("answer", "agrees"), [("y\n", True), ("Yes \n", True), ("n\n", False), ("\n", False), ("", False)]
+)
+def test_a_question_is_shown_with_the_bell_and_only_yes_agrees(
+    streams: SimpleNamespace, answer: str, agrees: bool
+) -> None:
+    streams.stdin = Terminal(answer)
+    assert ConsoleOperator(yes=False).ask("Go ahead?", lambda: None) is agrees
+    assert streams.stderr.getvalue() == "Go ahead? [y/N] \a"
+
+
+def test_the_bell_is_rung_at_the_end_and_not_where_it_was_switched_off(
+    streams: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ConsoleOperator(yes=True).ring()
+    assert streams.stderr.getvalue() == "\a"
+    ConsoleOperator(yes=True, bell=False).ring()
+    for word in ("off", "OFF", "0", "no"):
+        monkeypatch.setenv(BELL_VARIABLE, word)
+        ConsoleOperator(yes=True).ring()
+    assert streams.stderr.getvalue() == "\a"
+    monkeypatch.setenv(BELL_VARIABLE, "on")
+    ConsoleOperator(yes=True).ring()
+    assert streams.stderr.getvalue() == "\a\a"
+
+
+def test_a_file_is_not_rung(streams: SimpleNamespace) -> None:
+    log = streams.stderr = Terminal(tty=False)
+    ConsoleOperator(yes=True).ring()
+    streams.stdin = Terminal("y\n")
+    assert ConsoleOperator(yes=False).ask("Go ahead?", lambda: None)
+    assert "\a" not in log.getvalue()
+    streams.stderr = None
+    ConsoleOperator(yes=True).ring()
+
+
+def test_who_agreed_beforehand_is_not_asked_and_where_nobody_is_the_other_way_is_named(
+    streams: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    streams.stdin = Terminal("n\n", tty=False)
+    assert ConsoleOperator(yes=True).ask("Go ahead?", lambda: None)
+    assert streams.stderr.getvalue() == ""
+    with pytest.raises(UsageError, match="Give --yes to agree beforehand, or --dry-run"):
+        ConsoleOperator(yes=False, otherwise="or --dry-run").ask("Go ahead?", lambda: None)
+
+
+def test_what_comes_from_a_vehicle_cannot_forge_a_question(streams: SimpleNamespace) -> None:
+    streams.stdin = Terminal("y\n")
+    ConsoleOperator(yes=False, bell=False).ask("Write \x1b[2JX?", lambda: None)
+    assert "\x1b" not in streams.stderr.getvalue()
+
+
+def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait(streams: SimpleNamespace) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    operator = ConsoleOperator(yes=True)
+    with operator.listening():
+        assert not operator.stop_requested()
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert operator.stop_requested()
+        assert "putting things back as found" in streams.stderr.getvalue()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert streams.stderr.getvalue().endswith("still putting things back; please wait\n")
+    assert signal.getsignal(signal.SIGTERM) is before
