@@ -114,7 +114,8 @@ class Slot:
         if self.mutant is None:
             return None
         pid, status = os.waitpid(self._pid, os.WNOHANG)
-        if not pid and processor_time(self._pid) < self.budget and time.monotonic() - self._began < 20.0 * self.budget:
+        in_time = processor_time(self._pid) < self.budget and time.monotonic() - self._began < 20.0 * self.budget
+        if not pid and in_time and not (self._again == UNSTARTED and self._told()):
             return None
         if not pid:
             os.killpg(self._pid, signal.SIGKILL)
@@ -123,17 +124,18 @@ class Slot:
         ran = sum(t["outcome"] != "begun" for t in told)
         failed = next((t["test"] for t in told if t["outcome"] == "failed"), "")
         code = os.waitstatus_to_exitcode(status) if pid else None
+        unstarted = not told and code not in (None, 0, 5)  # with -x a file that cannot be collected is a failure, too
         if self._again == UNSTARTED:  # the same tests without the fault: they do not start either, or it was the fault
-            if code == BROKEN and not told:
+            if unstarted:
                 raise RuntimeError(f"the tests of {self.mutant.path} cannot be started, without any fault")
-            return self._end(UNSTARTED, ran, bool(pid))
+            return self._end(UNSTARTED, 0, complete=True)
         if self._again:  # the test that hung, without the fault
             was, self._again = self._again, ""
             return self._end(was if code == 0 else "", ran, bool(pid))
-        if code == BROKEN and not told:
+        if unstarted:
             self._restore()
             self._again = UNSTARTED
-            self._fork(mirroring(self.mutant.path, self.tree)[:1], has_compiled(self.tree / self.mutant.path))
+            self._fork(mirroring(self.mutant.path, self.tree), has_compiled(self.tree / self.mutant.path))
             return None
         if not pid and told and told[-1]["outcome"] == "begun" and told[-1]["at"] < (1.0 - HANGING) * self.budget:
             self._restore()

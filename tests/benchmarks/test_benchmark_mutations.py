@@ -144,16 +144,17 @@ def test_a_fork_that_breaks_while_clearing_up_after_a_test_that_failed_has_notic
     assert verdict is not None and verdict.noticed_by == "t"
 
 
+@pytest.mark.parametrize("code", [bench.BROKEN, 1, 2])
 def test_tests_that_a_fault_keeps_from_starting_have_noticed_and_those_that_never_start_are_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
-    ended = Ended(monkeypatch, tmp_path / "fault", bench.BROKEN, "")
+    ended = Ended(monkeypatch, tmp_path / "fault", code, "")
     assert "2" in ended.path.read_text(encoding="utf-8")
     assert ended.slot.poll() is None
     assert ended.path.read_text(encoding="utf-8") == "x = 1\n"
     verdict = ended.slot.poll()
     assert verdict is not None and verdict.noticed_by == bench.UNSTARTED
-    never = Ended(monkeypatch, tmp_path / "never", bench.BROKEN, "", then=bench.BROKEN).slot
+    never = Ended(monkeypatch, tmp_path / "never", code, "", then=code).slot
     assert never.poll() is None
     with pytest.raises(RuntimeError, match="without any fault"):
         never.poll()

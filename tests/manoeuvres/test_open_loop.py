@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import MANOEUVRES
-from gcs_autotune.manoeuvres.open_loop import OpenLoop
+from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
 from tests.manoeuvres.pond import at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
@@ -106,7 +106,7 @@ def test_the_s_manoeuvre_goes_ahead_and_where_it_may_astern_with_the_moment_eith
 
 def test_where_it_stands_is_told_level_by_level_and_jumps_are_marked_not_curves() -> None:
     programme = lambda t: {"N": 0.3 if t < 2.0 else (-0.4 if t < 4.0 else -0.4 + 0.09 * (t - 4.0))}  # noqa: E731
-    run = OpenLoop("levels", programme, 8.0)
+    run = OpenLoopProgramme("levels", programme, 8.0)
     commands, phases = run.commands(at_rest()), {}
     next(commands)
     for k in range(1, 17):

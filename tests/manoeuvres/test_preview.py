@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
-from gcs_autotune.manoeuvres.open_loop import OpenLoop
+from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME
 from gcs_autotune.models import SingleDof
 
@@ -16,8 +16,8 @@ FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
 YAW = SingleDof("yaw", "1", 1.25, 1.0, delay=0.5)
 
 
-def held(seconds: float = 20.0, **forces: float) -> OpenLoop:
-    return OpenLoop("held", lambda t: forces, seconds, force=next(iter(forces)))
+def held(seconds: float = 20.0, **forces: float) -> OpenLoopProgramme:
+    return OpenLoopProgramme("held", lambda t: forces, seconds, force=next(iter(forces)))
 
 
 def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_metres_and_none_takes_it_off() -> None:
@@ -64,7 +64,7 @@ def test_going_ahead_on_a_bearing_is_north_and_east_of_it() -> None:
     def turn_then_go(t: float) -> dict[str, float]:
         return {"N": 0.5 if t < 4.0 else 0.0, "X": 1.0}
 
-    seen = preview(OpenLoop("bend", turn_then_go, 30.0), PaperCraft(YAW, 1.0, "a test"), FREE)
+    seen = preview(OpenLoopProgramme("bend", turn_then_go, 30.0), PaperCraft(YAW, 1.0, "a test"), FREE)
     psi = seen.trial["psi"].values[-1]
     x, y = (np.diff(seen.trial[n].values)[-1] / 0.1 for n in ("x", "y"))
     assert (x, y) == (pytest.approx(math.cos(psi), abs=0.01), pytest.approx(math.sin(psi), abs=0.01))
