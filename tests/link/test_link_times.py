@@ -19,6 +19,7 @@ from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craf
 from gcs_autotune.link.vehicle.bandwidth import Demand, plan
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
 from gcs_autotune.link.vehicle.watchdog import gyro_lag
+from sitl import open_vehicle
 
 WANTED = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
 ALL = 10 * 40 + 40 * 33 + 10 * 54 + 10 * 40 + 5 * 32
@@ -155,6 +156,28 @@ def test_a_narrow_link_carries_what_is_needed_most(boat: ScriptedVehicle) -> Non
     swing(craft, 10)
     assert pipe.dropped < 0.02 * pipe.carried
     assert 9.0 <= craft.link_times.override_rate <= 25.0, "the way up is spared too"
+
+
+def board_with_room_to_spare(peer: Peer) -> MavlinkCraft:
+    return open_craft(
+        Session(MemoryLink(peer)), wanted_rates=WANTED, spare_rates={"SERVO_OUTPUT_RAW": 100.0}, arm_patience=3.0
+    )
+
+
+def test_a_quick_loop_tells_its_outputs_a_hundred_times_a_second_and_a_slow_one_as_often_as_it_can() -> None:
+    for vehicle, rate in (("falcon", 100.0), ("charlie", 40.0)):
+        craft = board_with_room_to_spare(open_vehicle(vehicle))
+        assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == rate
+        craft.rates.measure({})
+        assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(rate, rel=0.1)
+        assert craft.rates.measured["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
+
+
+def test_a_link_with_room_for_all_and_no_more_keeps_the_usual_rates() -> None:
+    craft = board_with_room_to_spare(Narrow(open_vehicle("falcon"), rate=3600.0))
+    assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == 40.0
+    assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
+    assert craft.rates.measured["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
 
 
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU

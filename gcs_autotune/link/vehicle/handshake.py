@@ -107,13 +107,15 @@ def open_craft(
     wanted_rates: Mapping[str, float] = WANTED_RATES,
     needed_rates: Mapping[str, float] = NEEDED_RATES,
     first_rates: Mapping[str, float] | None = None,
+    spare_rates: Mapping[str, float] | None = None,
     arm_patience: float = 10.0,
 ) -> MavlinkCraft:
     """Discover the vehicle on *session* and return it, ready to be watched and commanded.
 
     Adopts the ground-station id that the vehicle obeys; reads its wiring; requests and measures telemetry.
     Nothing is written to the vehicle but message rates; ``craft.rates.restore()`` puts those back. *first_rates*: what
-    is served first where a link has no room for all (message -> Hz).
+    is served first where a link has no room for all (message -> Hz). *spare_rates*: what is asked for of a vehicle that
+    grants it where the link has room for more than all.
 
     Raises
     ------
@@ -145,6 +147,7 @@ def open_craft(
     try:
         rates.request(wanted_rates)
         rates.fit(needed_rates, config.loop_period, craft.latency)
+        rates.quicken(spare_rates or {}, config.loop_period, craft.latency)
         craft.keep_rates()
         _note_late_rates(session, config.rate_lag)
         if craft.other_stations.radio:

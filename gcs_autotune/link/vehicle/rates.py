@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -136,6 +137,28 @@ class Rates:
             measured = self._once_more(floors, latency)
         self._demand(needed)
         return measured
+
+    def quicken(self, wanted: Mapping[str, float], loop_period: float, latency: Latency) -> None:
+        """Ask for messages more often [Hz] where a link has room for all; take it back where it has none for that.
+
+        loop_period, latency : as in :meth:`fit`.
+        """
+        if math.isfinite(self.capacity):
+            return
+        usual = {n: g for n, g in self.granted.items() if 0.0 < g.granted < wanted.get(n, 0.0)}
+        begun = self._session.clock.now()
+        for name, before in usual.items():
+            with suppress(CommandDenied):
+                self._set_interval(name, round(1e6 / wanted[name]))
+                self.granted[name] = replace(before, asked=wanted[name], granted=wanted[name])
+        if all(self.granted[name] is before for name, before in usual.items()):
+            return
+        if self._is_full(self.measure({}), loop_period) or is_queueing(latency, begun):
+            for name, before in usual.items():
+                self._set_interval(name, round(1e6 / before.granted))
+                self.granted[name] = before
+            await_empty(self._session, latency)
+            self.measure({})
 
     def _once_more(self, floors: Mapping[str, float], latency: Latency | None) -> dict[str, float]:
         """Measure what is flown with."""
