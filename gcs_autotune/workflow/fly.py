@@ -186,6 +186,10 @@ class _Flight:
             if seen.trouble:
                 by = ", but on assumed numbers" if assumed else ""
                 self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
+        if only_preview:
+            legs = Itinerary(list(self._planned_legs()))
+            self._watcher.say(f"it would take {legs.seconds:.0f} s without the checks before: {legs.told()}")
+            self._watcher.say(f"it would {battery(craft.observe(), self._common.envelope, legs.seconds)}")
 
     def _leg_of(self, run: PlannedRun) -> FlightLeg:
         """Return *run* with its preview from where the craft is now."""

@@ -164,7 +164,9 @@ def test_a_preview_by_a_model_that_leaves_the_envelope_refuses_before_anything_i
 def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
     flown_once, result = charlie
     model = load_model(flown_once.directory / "model.json")
-    seen = flown(SitlHarness(tmp_path), model=model, only_preview=True)
+    harbour = SitlHarness(tmp_path)
+    seen = flown(harbour, model=model, only_preview=True)
+    assert any(text.startswith("it would draw on the battery (") for text in harbour.said)
     assert seen.preview.trouble == ""
     assert seen.preview.seconds == pytest.approx(result.trial.duration, rel=0.15)  # it had way on already
     assert seen.preview.turned == pytest.approx(float(np.ptp(result.trial["psi"].values)), rel=0.1)
