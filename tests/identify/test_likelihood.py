@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance, Leftover
 from gcs_autotune.identify.likelihood import (
+    LAGGED,
     REMEMBERED,
     WEAK,
     Limits,
@@ -228,3 +230,14 @@ def test_what_is_known_of_a_residual_is_what_is_finite() -> None:
     values = np.array([0.0, np.nan, 1.0])
     own = Residual(0, "psi", np.arange(3.0), values, values, values)
     assert own.known.tolist() == [True, False, True]
+
+
+def test_every_lagged_input_begins_near_the_input_in_force_and_other_states_anywhere() -> None:
+    own = objective()
+    own.simulators = [  # type: ignore[assignment]
+        SimpleNamespace(free_states=names) for names in (("psi", "lagged N"), ("lagged N", "r"))
+    ]
+    prior, weight = own.known()
+    width = (LAGGED * 1.0) ** -2  # the input goes from -0.5 to 0.5
+    assert prior.tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0]
+    assert weight == pytest.approx([0.0] * 5 + [width, width, 0.0, (WEAK.std * DATING) ** -2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import cast
 
@@ -11,7 +12,7 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Parameters
-from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RcChannel, read_override_map
+from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick, RcChannel, read_override_map
 
 ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
 LEFT_ALONE, RELEASED = 65535, 0
@@ -129,3 +130,13 @@ def test_a_stick_that_counts_from_one_end_is_neutral_in_the_middle_of_its_travel
         read_override_map(told(**low, **{f"RC{number}_REVERSED": 1.0}), SUB)
     with pytest.raises(PreconditionFailed, match=rf"Set RC{number}_TRIM 1050 and try again"):
         read_override_map(told(**{**low, f"RC{number}_TRIM": 1060.0}), SUB)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_turn_rate_is_asked_for_beyond_the_sticks_dead_zone_at_the_gain_in_force(sign: float) -> None:
+    stick = RateStick(full_rate=2.0, dead_zone=0.1, usual_gain=0.5)
+    assert stick.deflection(sign * 1.0, 1.0) == pytest.approx(sign * (0.1 + 0.5 * 0.9))
+    assert stick.deflection(sign * 1.0, math.nan) == pytest.approx(sign * (0.05 + 0.5 * 0.95))
+    assert stick.deflection(sign * 1.0, 0.2) == pytest.approx(sign * (0.02 + 0.5 * 0.98))
+    assert stick.deflection(sign * 9.0, 1.0) == sign
+    assert stick.deflection(0.0, 1.0) == 0.0

@@ -16,6 +16,7 @@ from gcs_autotune.manoeuvres import (
     ZigZagSettings,
     preview,
 )
+from gcs_autotune.manoeuvres.zig_zag import KIND
 from gcs_autotune.models import SingleDof
 from gcs_autotune.watch import SilentWatcher
 
@@ -113,3 +114,14 @@ def test_an_rovs_depth_is_held_meanwhile_only_where_that_is_asked_for(still: boo
 def test_way_needs_throttle_which_stays_on() -> None:
     zig = zigzag(throttle=0.4, approach=1.0, duration=3.0)
     assert {c.X for _, c in answered(zig, lambda t, command: at_rest(t=t))} == {0.4}
+
+
+@pytest.mark.parametrize(("title", "approach"), [("zig-zag 20/20 at 60 % throttle", 12.0), ("zig-zag 20/20", 2.0)])
+def test_a_zig_zag_to_be_planned_goes_ahead_for_a_share_of_its_time(title: str, approach: float) -> None:
+    preset = next(p for p in KIND.presets if p.title == title)
+    made = preset.make(100.0)
+    assert isinstance(made, ZigZag)
+    assert made._settings.approach == pytest.approx(approach)
+    assert made._settings.heading == pytest.approx(math.radians(20.0))
+    assert made._settings.patience == math.inf
+    assert made._steering == Steering(1.0, throttle=0.6 if approach > 10.0 else 0.0)

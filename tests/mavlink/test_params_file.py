@@ -97,3 +97,11 @@ def test_five_columns_are_qgroundcontrols_only_when_they_begin_with_two_ids(tmp_
         path.write_text(line)
         with pytest.raises(BadFile, match="line 1"):
             load_params(path)
+
+
+def test_a_value_of_a_json_file_that_is_no_number_is_told_with_file_and_name(tmp_path: Path) -> None:
+    path = tmp_path / "gains.json"
+    path.write_text('{"parameters": {"ATC_STR_RAT_P": 0.2, "ATC_STR_RAT_I": "much"}}')
+    with pytest.raises(BadFile) as caught:
+        load_params(path)
+    assert str(caught.value).startswith(f"{path}, 'ATC_STR_RAT_I': 'ATC_STR_RAT_I' = 'much'")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,8 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.mavlink import TlogWriter, read_tlog
+from gcs_autotune.mavlink import TlogWriter, read_tlog, tlog
+from gcs_autotune.mavlink.tlog import TlogReader
 
 LOGS = Path(__file__).parents[2] / "../shared/data/ardusub_logs"
 
@@ -115,3 +117,19 @@ def test_damage_at_the_very_beginning_counts_as_one_stretch(tmp_path: Path) -> N
     log = read_tlog(tmp_path / "b.tlog")
     assert len(list(log)) == 5
     assert (log.damaged, log.damaged_bytes) == (1, 16)
+
+
+def test_a_long_log_is_read_in_few_pieces_and_never_held_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tlog, "_CHUNK", 4096)
+    data = written(tmp_path / "a.tlog", 900)
+    sizes: list[int] = []
+
+    class Counting(io.BytesIO):
+        def read(self, size: int | None = -1, /) -> bytes:
+            sizes.append(len(log._buffer))
+            return super().read(size)
+
+    log = TlogReader(Counting(data))
+    assert sum(1 for _ in log) == 900
+    assert len(sizes) <= len(data) // 4096 + 3
+    assert max(sizes) < 1024 < len(data)

@@ -462,3 +462,33 @@ def test_the_adjoint_of_a_later_record_reaches_back_through_the_parameters() -> 
     K = cov @ seen[0] / S
     assert smoothed[-1] == pytest.approx(mean + K * e, abs=1e-12)
     assert variances[-1] == pytest.approx(np.diag(cov - np.outer(K, seen[0] @ cov)), abs=1e-12)
+
+
+def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> None:
+    prompt = THETA.copy()
+    prompt[2] = 0.0
+    means = []
+    for boat in (BOAT._replace(delay=-1), BOAT):
+        mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
+        forward(
+            boat, prompt, FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
+            np.zeros((0, 6)), False, PACE, new_tape(5, 3, 6, 8, full=False), scratch(8),
+        )  # fmt: skip
+        means.append(mean)
+    assert means[0] == pytest.approx(means[1], abs=1e-12)
+
+
+def test_parameters_go_half_the_way_again_and_again_until_the_inertia_is_positive_all_of_them() -> None:
+    places = ints(0, 6, 5)
+    mean, moved_to = np.concatenate([X, [0.9, 2.0, 0.4]]), np.concatenate([X, [1.7, -1.0, 1.2]])
+    theta, M, M_inverse = THETA.copy(), *(a.copy() for a in masses(THETA))
+    assert sweep._move_parameters(BOAT, theta, places, mean, moved_to, 6, M, M_inverse, True)
+    assert moved_to[6:] == pytest.approx([1.3, 0.5, 0.8])
+    assert theta[places] == pytest.approx(moved_to[6:])
+    assert pytest.approx(masses(theta)[0]) == M
+    stuck = np.concatenate([X, [1.7, -1.0, 1.2]])
+    assert not sweep._move_parameters(BOAT, theta, places, mean, stuck, 6, M, M_inverse, False), "it was not before"
+    assert stuck[6:].tolist() == [1.7, -1.0, 1.2]
+    hopeless = np.concatenate([X, [1.7, -1e30, 1.2]])
+    assert sweep._move_parameters(BOAT, theta, places, mean, hopeless, 6, M, M_inverse, True)
+    assert hopeless[6:].tolist() == mean[6:].tolist()
