@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.errors import UsageError
 
 __all__ = ["COMMAND"]
 
@@ -20,6 +22,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--command", dest="column", metavar="COLUMN", help="column of the command (default: n, command, pwm ...)"
     )
     parser.add_argument("--force", metavar="COLUMN", help="column of the force (default: T, force, thrust ...)")
+    parser.add_argument(
+        "--forces", metavar="F,F,...", help="pull of each row [N], instead of a column (fly bollard-staircase)"
+    )
     add_number(parser, "neutral", "C")
     water = parser.add_argument_group("open-water test: columns n, V_A, T and perhaps Q")
     add_number(water, "diameter", "M")
@@ -45,13 +50,29 @@ def _run(args: argparse.Namespace) -> int:
         found = fit_bilinear(test) if args.diameter is None else fit_open_water(test, args.diameter, rho=args.density)
         shown, data = propeller_summary(found), found.to_dict()
     else:
-        fit = fit_thruster(read_pull_test(args.file, command=args.column, force=args.force), neutral=args.neutral)
+        fit = fit_thruster(
+            read_pull_test(args.file, command=args.column, force=args.force, pulls=_pulls(args.forces)),
+            neutral=args.neutral,
+        )
         shown, data = thruster_summary(fit), fit.to_dict()
     if args.json:
         sys.stdout.write(json.dumps(data, indent=1) + "\n")
     else:
         Console().print(shown)
     return 0
+
+
+def _pulls(text: str | None) -> list[float] | None:
+    """Read ``0,1.2,4.8``."""
+    if text is None:
+        return None
+    try:
+        found = [float(piece) for piece in text.split(",")]
+    except ValueError:
+        found = [math.nan]
+    if not all(math.isfinite(f) for f in found):
+        raise UsageError(f"--forces {text}: give the pull of each row in newtons, with commas between")
+    return found
 
 
 COMMAND = Command(

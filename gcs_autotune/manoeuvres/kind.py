@@ -51,6 +51,7 @@ class ManoeuvreKind:
     room : the free water it takes, in words; the preview says it in metres.
     identifies : whether its record is for identification. turns : whether the bow goes right round.
     needs_way : for craft that steer under way only. stays : for craft that stay where they are, and push either way.
+    tied : for a craft that is tied up: nothing is checked by its motion before, and it comes back from nowhere.
     presets : what `identify --plan-next` weighs.
     command : what flies it when ``gcs-autotune fly`` does not.
     for_force : the same row for another force, of those that can be driven by the clock; see :meth:`of`.
@@ -67,6 +68,7 @@ class ManoeuvreKind:
     turns: bool = False
     needs_way: bool = False
     stays: bool = False
+    tied: bool = False
     presets: tuple[Preset, ...] = ()
     command: str = "fly"
     for_force: Callable[[str], ManoeuvreKind] | None = None

@@ -45,10 +45,12 @@ class OpenLoopProgramme(Manoeuvre):
         force: str = "N",
         keep_still: bool = False,
         on_course: bool = False,
+        jump: float | None = None,
     ) -> None:
         self.kind = kind  # one class flies many kinds
         super().__init__(force=force, signal={"X": "u", "Y": "v", "Z": "z", "K": "phi", "M": "theta"}.get(force, "psi"))
         self._programme, self._duration = programme, duration
+        self._jump = JUMP if jump is None else jump
         held = {"N": "psi", "Z": "z", "X": "x"}.get(force, "x")
         self._holds = [HoldController(gains) for gains in HELD_MEANWHILE[held]] if keep_still else []
         self._heading_hold = HeadingHold() if on_course else None
@@ -66,7 +68,7 @@ class OpenLoopProgramme(Manoeuvre):
         while True:
             shares = self._programme(now.t - start)
             last, level = level, shares.get(self.force, 0.0)
-            if not abs(level - last) < JUMP:
+            if not abs(level - last) < self._jump:
                 self._mark(now.t, "level", {self.force: level})
                 self.phase = f"{self.force} {100.0 * level:+.0f} %"
             if now.t - start >= self._duration:
@@ -76,7 +78,8 @@ class OpenLoopProgramme(Manoeuvre):
 
 
 JUMP = 0.1
-"""A force that changes by so much of full between two commands jumps; by less it follows a curve."""
+"""A force that changes by so much of full between two commands jumps, unless a smaller step is known; by less it
+follows a curve."""
 
 
 # --- programmes: functions of time from 0 to 1 after the approach ------------------------------------------------
@@ -265,17 +268,21 @@ def _of_any_force(
     signal: Callable[[Mapping[str, float], bool], Signal],
     *presets: tuple[str, str, Callable[[float, float], Programme]],
     options: Sequence[str] = (),
+    tied: bool = False,
 ) -> ManoeuvreKind:
     """Return a row; *signal* (options, whether the force may go either way) is what the force chosen follows."""
 
     def row(force: str) -> ManoeuvreKind:
         def make(given: Mapping[str, float]) -> OpenLoopProgramme:
-            seconds, keep_still = given["duration"], bool(given["keep-still"])
-            ahead_only = force == "X" and not keep_still
+            seconds, keep_still = given["duration"], bool(given["keep-still"]) and not tied
+            ahead_only = force == "X" and not keep_still and not tied
             size = given["steering"] * (1.0 if ahead_only else given["side"])
-            thrust = 0.0 if force == "X" else given["throttle"]
+            thrust = 0.0 if force == "X" or tied else given["throttle"]
+            jump = 0.5 * abs(size) / given["levels"] if "levels" in given else None
             programme = _timed(signal(given, not ahead_only), force, thrust, size, seconds)
-            return OpenLoopProgramme(name, programme, seconds, force=force, keep_still=keep_still, on_course=ahead_only)
+            return OpenLoopProgramme(
+                name, programme, seconds, force=force, keep_still=keep_still, on_course=ahead_only, jump=jump
+            )
 
         return ManoeuvreKind(
             name=name,
@@ -284,8 +291,10 @@ def _of_any_force(
             drives=frozenset({force}),
             make=make,
             options=("steering", "duration", *options),
-            room=ROOM[force],
+            room="none: the craft is tied to a bollard" if tied else ROOM[force],
             turns=force == "N",
+            identifies=not tied,
+            tied=tied,
             presets=tuple(_preset(title, forces, name, programme) for title, forces, programme in presets),
             for_force=row,
         )
@@ -365,6 +374,13 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         "one force in equal steps up and down again, then the other way (a boat's thrust: ahead only)",
         lambda given, either_way: _staircase(int(given["levels"]), either_way),
         options=("levels",),
+    ),
+    _of_any_force(
+        "bollard-staircase",
+        "one force in equal steps up and down again, either way, on a craft tied to a bollard; pulls are written in",
+        lambda given, either_way: _staircase(int(given["levels"]), either_way),
+        options=("levels",),
+        tied=True,
     ),
     _of_any_force(
         "doublets",

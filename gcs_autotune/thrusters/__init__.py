@@ -14,7 +14,7 @@ from gcs_autotune.thrusters.propeller import (
     fit_bilinear,
     fit_open_water,
 )
-from gcs_autotune.thrusters.pull_test import PullTest, read_columns, read_open_water, read_pull_test
+from gcs_autotune.thrusters.pull_test import PullTest, read_columns, read_open_water, read_pull_test, write_pulls
 from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap
 
 __all__ = [
@@ -32,4 +32,5 @@ __all__ = [
     "read_columns",
     "read_open_water",
     "read_pull_test",
+    "write_pulls",
 ]

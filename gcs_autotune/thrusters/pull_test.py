@@ -14,8 +14,18 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.sname import parse_header, to_si
 from gcs_autotune.thrusters.propeller import OpenWaterTest
+from gcs_autotune.trial import Trial
 
-__all__ = ["COMMANDS", "FORCES", "PullTest", "read_columns", "read_open_water", "read_pull_test", "resolution"]
+__all__ = [
+    "COMMANDS",
+    "FORCES",
+    "PullTest",
+    "read_columns",
+    "read_open_water",
+    "read_pull_test",
+    "resolution",
+    "write_pulls",
+]
 
 Array = NDArray[np.float64]
 
@@ -90,7 +100,9 @@ def _cell(path: Path, number: int, row: Sequence[str], i: int) -> float:
         raise BadFile(f"{path}, row {number}: {error}") from error
 
 
-def read_pull_test(path: Path, *, command: str | None = None, force: str | None = None) -> PullTest:
+def read_pull_test(
+    path: Path, *, command: str | None = None, force: str | None = None, pulls: Sequence[float] | None = None
+) -> PullTest:
     """Read a pull test from CSV: one row a pull, or a recording with a ``t`` column.
 
     A recording's consecutive rows of one command are one pull (their mean force): samples within a pull do not stand
@@ -99,6 +111,7 @@ def read_pull_test(path: Path, *, command: str | None = None, force: str | None 
     Parameters
     ----------
     command, force : column names; the first of :data:`COMMANDS` and of :data:`FORCES` found when None.
+    pulls : forces [N] of the rows, instead of those in the file.
 
     Raises
     ------
@@ -107,7 +120,12 @@ def read_pull_test(path: Path, *, command: str | None = None, force: str | None 
     """
     columns = read_columns(path)
     n_name, n_unit, n = _column(path, columns, command, COMMANDS, "command")
-    _, f_unit, f = _column(path, columns, force, FORCES, "force")
+    if pulls is None:
+        _, f_unit, f = _column(path, columns, force, FORCES, "force")
+    else:
+        f_unit, f = "N", np.asarray(pulls, dtype=np.float64)
+        if len(f) != len(n):
+            raise NotInformative(f"{path} holds {len(n)} pulls, and {len(f)} forces are given: one for each")
     if f_unit not in ("N", "1"):
         raise BadFile(f"{path}: a force in [{f_unit}] cannot be used; give it in N, kN or kgf")
     keep = np.isfinite(n) & np.isfinite(f)
@@ -117,6 +135,28 @@ def read_pull_test(path: Path, *, command: str | None = None, force: str | None 
         counts = np.diff(np.append(starts, len(n)))
         n, f = n[starts], np.add.reduceat(f, starts) / counts
     return PullTest(f"{path.stem}/{n_name}", n, f, n_unit)
+
+
+def write_pulls(run: Trial, force: str, path: Path) -> None:
+    """Write the levels of a bollard run as a table of pulls whose forces are still to be written in.
+
+    ``command`` is what came out of the actuators (their mean over the later half of the level), from ``from`` to ``to``
+    [s] on the vehicle's clock.
+
+    Raises
+    ------
+    MissingChannel
+        The run has no such force.
+    """
+    output = run[force]
+    starts = [m.t for m in run.marks if m.kind == "level"]
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(["command[1]", "force[N]", "from[s]", "to[s]"])
+        for start, end in zip(starts, [*starts[1:], run.end], strict=True):
+            held = output.between(0.5 * (start + end), end).values
+            level = float(held.mean()) if len(held) else output.held_at(end)
+            table.writerow([f"{level:.4f}", "", f"{start:.2f}", f"{end:.2f}"])
 
 
 def read_open_water(path: Path) -> OpenWaterTest:

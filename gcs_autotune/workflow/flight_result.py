@@ -13,6 +13,7 @@ from gcs_autotune.manoeuvres import Preview
 from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
+from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
@@ -90,6 +91,13 @@ def read_flight(
     for planned, trial in flown:
         of = f"{planned.name}: " if len(flown) > 1 else ""
         remarks += [of + text for text in _limited(trial)]
+        if planned.settings.kind.tied:
+            table = record.path / f"{planned.name}.csv"
+            write_pulls(trial, planned.settings.force or "N", table)
+            remarks.append(
+                f"{of}write the pull of each level [N] into the column force of {table}, then "
+                f"`gcs-autotune thrusters {table}`; or give them all: `... thrusters {table} --forces 0,1.2,4.8,...`"
+            )
         try:
             sheets += ship_figures(trial) if planned.settings.kind.name in SHIP_MANOEUVRES else ()
         except AutotuneError as error:

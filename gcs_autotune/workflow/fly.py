@@ -199,7 +199,7 @@ class _Flight:
         envelope = replace(_envelope(settings, speed), area=area)
         paper = paper_craft(settings, firmware, self._held, throttle, speed)
         here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
-        way = _LEFT * speed if firmware.needs_way and throttle else 0.0
+        way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
         manoeuvre = settings.make(throttle, speed=speed)
         seen = preview(manoeuvre, paper, here, floats=firmware.needs_way, way=way)
         return FlightLeg(run, throttle, speed, envelope, seen)
@@ -382,7 +382,7 @@ class _Flight:
 
     def _come_back(self, runner: ManoeuvreRunner, leg: FlightLeg, home: Observation) -> None:
         """Bring a boat back to where it began, or say why not; other craft stay about where they are."""
-        if not self._craft.firmware.needs_way:
+        if not self._craft.firmware.needs_way or leg.run.settings.kind.tied:
             return
         free = replace(leg.envelope, heading_excursion=math.inf)
         flown = runner.attempt(ComeBack(home.x, home.y, leg.throttle), COMING_BACK, free)
@@ -443,4 +443,4 @@ def _envelope(settings: FlySettings, speed: float) -> Envelope:
 
 def _checked(kind: ManoeuvreKind) -> str:
     """Return the degree of freedom whose actuator is checked before."""
-    return next((_DOF[force] for force in sorted(kind.drives) if force in _DOF), "")
+    return "" if kind.tied else next((_DOF[force] for force in sorted(kind.drives) if force in _DOF), "")

@@ -24,6 +24,8 @@ _RADIUS, _LAG = 4.0, 1.5
 """Chosen: turning radius [m] at full rudder and time constant [s] of boats of 1 to 3 m, where nothing is known."""
 _ROV_RATE, _ROV_LAG = 0.8, 1.0
 """Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise."""
+TIED = 1e9
+"""Inertia and drag of what does not move."""
 _FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 0.5, "Z": 0.5}
 """Chosen [m/s]: speed at full output along each force, likewise."""
 
@@ -47,6 +49,8 @@ def paper_craft(
     settings: FlySettings, firmware: Firmware | None, present: Mapping[str, float], throttle: float, speed: float
 ) -> PaperCraft:
     """Return the craft on paper: from the model given, from its feed-forward gain, else an assumed one of its size."""
+    if settings.kind.tied:
+        return PaperCraft(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
     under_way = firmware is not None and firmware.needs_way
     gain = present.get("ATC_STR_RAT_FF", 0.0)
     if under_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:

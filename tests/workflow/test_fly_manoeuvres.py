@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.errors import NotAchieved, UsageError
+from gcs_autotune.errors import NotAchieved, NotInformative, UsageError
 from gcs_autotune.logs import load_runs
 from gcs_autotune.seatrials import ship_figures
+from gcs_autotune.thrusters import fit_thruster, read_pull_test
 from gcs_autotune.workflow import FlySettings
 
 from .sitl_harness import Ear, SitlHarness
@@ -91,3 +92,21 @@ def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_
     assert read(load_runs(harbour.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
     harbour.assert_neutral()
     assert harbour.mode == harbour.found
+
+
+def test_the_levels_of_a_bollard_staircase_and_the_pulls_given_are_a_thruster_map(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "blueboat")
+    options = {"duration": 26.0, "steering": 0.3, "levels": 3.0}
+    result = flown(harbour, options, "bollard-staircase", force="X")
+    assert result.preview.room < 0.1  # tied up
+    assert not any("sign check" in text for text in harbour.said)
+    assert "--forces" in result.remarks[0]
+    table = harbour.directory / "bollard-staircase.csv"
+    commands = [float(row.split(",")[0]) for row in table.read_text().splitlines()[1:]]
+    assert commands == pytest.approx([0, 0.1, 0.2, 0.3, 0.2, 0.1, 0, -0.1, -0.2, -0.3, -0.2, -0.1, 0], abs=0.005)
+    pulls = [110.4 * c * (1.0 if c > 0.0 else 0.5) for c in commands]
+    fit = fit_thruster(read_pull_test(table, pulls=pulls))
+    assert fit.map.force(0.25) == pytest.approx(27.6, rel=0.1)
+    with pytest.raises(NotInformative, match="one for each"):
+        read_pull_test(table, pulls=pulls[1:])
+    harbour.assert_neutral()
