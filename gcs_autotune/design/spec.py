@@ -40,7 +40,8 @@ class Spec:
     actuator_use : fraction of full output that the wanted step may need.
     measured : parameters set to what was measured on the water, not designed.
     skid : whether the craft steers by the difference of two thrusters.
-    throttle : throttle that a boat of vectored thrust was identified at, fraction of full; 0 when unknown, or not so.
+    throttle : throttle that a boat of vectored thrust, or of two thrusters, was identified at, fraction of full; 0 when
+        unknown, or not so.
     """
 
     step: float | None = None

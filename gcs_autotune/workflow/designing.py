@@ -76,6 +76,7 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
 def _spec(context: TuneContext, speed: float, criteria: StepCriteria) -> Spec:
     s, proof, flown = context.settings, criteria.proof, criteria.proof.settings
     speed = speed if proof.design_speed is None else proof.design_speed
+    by_thrust = context.craft.skid or context.present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0
     return Spec(
         kind=s.model,
         omega_0=s.omega_0,
@@ -90,5 +91,5 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria) -> Spec:
         noise_bandwidth=0.5 * context.craft.rates.granted["ATTITUDE"].granted,
         measured=proof.measured,
         skid=context.craft.skid,
-        throttle=context.throttle if context.present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 else 0.0,
+        throttle=context.throttle if by_thrust else 0.0,
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.design import Actuator, Proposal, Reduction, Spec, design, is_better
-from gcs_autotune.design.laws import LAWS, SKID, Scenario
+from gcs_autotune.design.laws import LAWS, SKID, THROTTLE, Scenario
 from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
 from gcs_autotune.design.open_loop import Rational, constant, open_loop
 from gcs_autotune.firmware import FIRMWARE
@@ -175,6 +175,22 @@ def test_a_boat_with_two_thrusters_is_not_scaled_with_speed_and_its_integral_act
     assert any("two thrusters" in note for note in law.notes(CHARLIE, skid, 1.0))
     rudder = law.simulate(CHARLIE, gains, Scenario(0.2, 10.0), 5.0, 0.0).position
     assert not np.allclose(rudder, again)
+
+
+@pytest.mark.parametrize("name", ["rover-heading", "rover-yaw"])
+def test_two_thrusters_that_drive_have_less_left_to_steer_with(name: str) -> None:
+    """Shared fairly: of full steering beside half throttle two thirds are left; of a fifth, all of it."""
+    law, gains = LAWS[name], {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 3.0, "ATC_STR_RAT_FF": 1.0, "ATC_STR_ANG_P": 4.0}
+    still, driven, small = (
+        law.simulate(CHARLIE, {**gains, SKID: 1.0, THROTTLE: t}, Scenario(step, 8.0), 1.0, 0.0)
+        for t, step in ((0.0, 1.0), (0.5, 1.0), (0.5, 0.02))
+    )
+    assert np.max(np.abs(still.output)) == 1.0
+    assert np.max(np.abs(driven.output)) == pytest.approx(2.0 / 3.0)
+    free = law.simulate(CHARLIE, {**gains, SKID: 1.0}, Scenario(0.02, 8.0), 1.0, 0.0)
+    assert np.array_equal(small.position, free.position)
+    rudder = law.simulate(CHARLIE, {**gains, THROTTLE: 0.5}, Scenario(1.0, 8.0), 1.0, 0.0)
+    assert np.max(np.abs(rudder.output)) == 1.0
 
 
 def test_the_rate_loop_opened_at_the_servo_is_the_pid_behind_the_gyros_filter() -> None:

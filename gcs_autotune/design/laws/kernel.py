@@ -27,6 +27,7 @@ __all__ = [
     "compiled",
     "delayed",
     "gyro_coefficients",
+    "mixed",
     "plant_vector",
     "smoothing",
     "sqrt_control",
@@ -86,7 +87,17 @@ def _advance(position: float, velocity: float, force: float, plant: NDArray[np.f
     return position, velocity
 
 
+def _mixed(steering: float, throttle: float) -> float:
+    """Return what of *steering* two thrusters give that drive with *throttle* too, shared fairly (MOT_STR_THR_MIX 0.5).
+
+    *throttle* is 0 where something else drives.
+    """
+    wanted = abs(steering) + throttle
+    return steering / wanted if throttle > 0.0 and wanted > 1.0 else steering
+
+
 clip = compiled(_clip)
+mixed = compiled(_mixed)
 wrap = compiled(_wrap)
 sqrt_control = compiled(_sqrt_control)
 smoothing = compiled(_smoothing)

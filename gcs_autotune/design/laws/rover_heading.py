@@ -20,6 +20,7 @@ from gcs_autotune.design.laws.kernel import (
     clip,
     compiled,
     delayed,
+    mixed,
     smoothing,
     wrap,
 )
@@ -56,17 +57,18 @@ def _fly(
     output: NDArray[np.float64],
 ) -> None:
     kff, kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3], gains[4]
-    imax, rate_max, acc_max, stop_acc, scale, grows = (
+    imax, rate_max, acc_max, stop_acc, scale, grows, throttle = (
         limits[0],
         limits[1],
         limits[2],
         limits[3],
         limits[4],
         limits[5] > 0.0,
+        limits[6],
     )
     dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
     step_at, rest, back_at = plant[10], plant[11], plant[12]
-    f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
+    f_t, f_e, f_d = smoothing(limits[7], dt), smoothing(limits[8], dt), smoothing(limits[9], dt)
     r = slope = x1 = x2 = y1 = y2 = 0.0
     integral = clip(-rest / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
     demand = -(rest / scale + integral) / max(kff + kp, 1e-9)
@@ -95,7 +97,7 @@ def _fly(
         if not limited or integral * error < 0.0:
             integral = clip(integral + ki * error * dt, -imax, imax)
         u = scale * (kff * target + kp * error + integral + kd * slope)
-        servo = clip(u, -1.0, 1.0)
+        servo = mixed(clip(u, -1.0, 1.0), throttle)
         limited = not grows or servo != u
         output[k] = servo
         applied = actuate(delayed(output, k, late, trim), actuator, memory)
@@ -127,7 +129,8 @@ class RoverHeading(PositionLoop):
         return steering.turn_limit(settings, speed)
 
     def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
-        """Return IMAX, turn rate, acceleration, deceleration, scale, and whether the integral grows."""
+        """Return IMAX, turn rate, acceleration, deceleration, scale, whether the integral grows, and the
+        throttle beside."""
         acc = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         stop = math.radians(self._get(settings, "ATC_STR_DEC_MAX"))
         return (
@@ -137,6 +140,7 @@ class RoverHeading(PositionLoop):
             stop if stop > 0.0 else acc,
             steering.scale(settings, speed),
             float(steering.integral_grows(settings, speed)),
+            steering.beside(settings),
         )
 
     def starts(

@@ -18,6 +18,7 @@ __all__ = [
     "FILTERS",
     "FIXED",
     "GYRO",
+    "beside",
     "ideal_feed_forward",
     "integral_grows",
     "is_skid",
@@ -67,6 +68,11 @@ def _get(settings: Settings, name: str) -> float:
 def is_skid(settings: Settings) -> bool:
     """Whether the boat steers by the difference of two thrusters: never scaled with speed, never frozen."""
     return settings.get(SKID, 0.0) > 0.0
+
+
+def beside(settings: Settings) -> float:
+    """Return the throttle that two thrusters drive with while they steer; 0 where it takes nothing from steering."""
+    return min(max(settings.get(THROTTLE, 0.0), 0.0), 1.0) if is_skid(settings) else 0.0
 
 
 def scale(settings: Settings, speed: float | None) -> float:

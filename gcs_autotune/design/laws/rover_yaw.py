@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import rover_steering as steering
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing
+from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, mixed, smoothing
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
@@ -39,9 +39,10 @@ def _fly(
 ) -> None:
     kff, kp, ki, kd = gains[0], gains[1], gains[2], gains[3]
     imax, rate_max, acc_max, scale, grows = limits[0], limits[1], limits[2], limits[3], limits[4] > 0.0
+    throttle = limits[5]
     dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
     back_at = plant[12]
-    f_t, f_e, f_d = smoothing(limits[5], dt), smoothing(limits[6], dt), smoothing(limits[7], dt)
+    f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
     v0, trim, before = start[0], start[1], int(start[2])
     r = x1 = x2 = y1 = y2 = demand = target = v0
     psi = slope = error = 0.0
@@ -66,7 +67,7 @@ def _fly(
         if not limited or integral * error < 0.0:
             integral = clip(integral + ki * error * dt, -imax, imax) if ki > 0.0 else 0.0
         u = scale * (kff * target + kp * error + integral + kd * slope)
-        servo = clip(u, -1.0, 1.0)
+        servo = mixed(clip(u, -1.0, 1.0), throttle)
         limited = not grows or servo != u
         sent[j] = servo
         if k >= 0:
@@ -101,13 +102,14 @@ class RoverYaw(VelocityLoop):
         return most if most > 0.0 else math.inf
 
     def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
-        """Return IMAX, turn rate, acceleration, scale, and whether the integral grows."""
+        """Return IMAX, turn rate, acceleration, scale, whether the integral grows, and the throttle beside."""
         return (
             self._get(settings, "ATC_STR_RAT_IMAX"),
             steering.turn_limit(settings, speed),
             math.radians(self._get(settings, "ATC_STR_ACC_MAX")),
             steering.scale(settings, speed),
             float(steering.integral_grows(settings, speed)),
+            steering.beside(settings),
         )
 
     def starts(
