@@ -23,8 +23,8 @@ pytestmark = pytest.mark.slow
 SPEEDUP = "10"
 INERTIA, LINEAR, QUADRATIC = 80 / 400, 300 / 400, 10 / 400
 TURNING = 0.5
-"""Turn rate [rad/s] at which damping is compared: where a stalled machine leaves outputs at 40 Hz, these runs hardly tell
-linear from quadratic."""
+"""Turn rate [rad/s] at which damping is compared: where a stalled machine leaves outputs at 40 Hz, these runs hardly
+tell linear from quadratic."""
 
 
 def free_port(kind) -> int:
