@@ -94,6 +94,7 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (
         "set at the end of every iteration; documented as complete only then"
     ),
+    "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> return": "the same",
     "gcs_autotune/design/selection.py::_fastest: is_flyable(high) -> False": (
         "forty bisections then end within 1e-12 of it"
     ),

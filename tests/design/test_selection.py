@@ -190,3 +190,27 @@ def test_noise_that_moves_the_actuator_too_much_is_an_objection(
     found = list(selection.objections(problem(), {}, FINE, promise(1.0, overshoot=0.12)))
     assert bool(found) is is_said
     assert not found or "5.0% rms, more than 5%" in found[0]
+
+
+RESERVES = Spec()
+
+
+@pytest.mark.parametrize(
+    ("low", "overshoot", "words"),
+    [
+        (Margins(RESERVES.gain_margin, RESERVES.phase_margin, 0.34, True), 0.12, ""),
+        (Margins(RESERVES.gain_margin - 0.01, 1.5, 1.0, True), 0.0, "gain margin"),
+        (Margins(9.0, RESERVES.phase_margin - 0.01, 1.0, True), 0.0, "phase margin"),
+        (Margins(9.0, 1.5, 0.33, True), 0.0, "delay margin 0.33 s, less than the 0.34 s wanted in reserve"),
+        (Margins(9.0, 1.5, 1.0, True), 0.121, "predicted overshoot 12%, more than 12%"),
+        (Margins(0.1, 0.0, 0.0, False), 0.0, "unstable for some craft"),
+    ],
+)
+def test_what_speaks_against_gains_begins_just_beyond_each_limit(
+    monkeypatch: pytest.MonkeyPatch, low: Margins, overshoot: float, words: str
+) -> None:
+    monkeypatch.setattr(selection, "output_noise", lambda *given: selection.NOISE_LIMIT)
+    given = problem(delay=0.3)
+    found = list(selection.objections(given, {}, low, promise(1.0, overshoot)))
+    assert len(found) == (1 if words else 0)
+    assert words in " ".join(found)

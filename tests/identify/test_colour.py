@@ -84,3 +84,16 @@ def test_the_sum_of_coloured_scores_scatters_as_promised(rho: float) -> None:
     n = 20_000
     found = scores_covariance([first_order(2, rho, n)[:, None]])[0, 0] / n
     assert math.sqrt(found) == pytest.approx(1.0 / (1.0 - rho), rel=0.1)
+
+
+@pytest.mark.parametrize(("n", "reach"), [(100, 20), (101, 21), (4, 3), (2, 1)])
+def test_the_covariance_of_scores_reaches_over_two_roots_of_the_samples_with_bartletts_weights(
+    n: int, reach: int
+) -> None:
+    scores = np.random.default_rng(n).normal(size=(n, 2))
+    expected = scores.T @ scores
+    for k in range(1, reach + 1):
+        lagged = scores[k:].T @ scores[:-k]
+        expected += (1.0 - k / (reach + 1.0)) * (lagged + lagged.T)
+    assert scores_covariance([scores]) == pytest.approx(expected)
+    assert scores_covariance([scores, scores]) == pytest.approx(2.0 * expected), "runs are added, not joined"

@@ -122,3 +122,15 @@ def test_parameters_of_a_log_are_those_it_tells() -> None:
     with pytest.raises(ParameterMissing, match="D, FF") as caught:
         told.read_all(["P", "D", "FF"])
     assert caught.value.name == "D"
+
+
+def test_columns_of_one_message_share_their_stamps_which_grow_with_them() -> None:
+    store = SampleStore("a log", "its own")
+    for t in (1.0, 2.0):
+        store.take(t, {"a.psi": 0.1 * t, "a.r": 0.2})
+    (group,) = store._groups.values()
+    times = group.times()
+    assert times.tolist() == [1.0, 2.0]
+    assert group.times() is times, "they cost memory only once"
+    store.take(3.0, {"a.psi": 0.3, "a.r": 0.2})
+    assert group.times().tolist() == [1.0, 2.0, 3.0]

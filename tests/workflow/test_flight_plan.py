@@ -85,6 +85,7 @@ def fly(harbour: SitlHarness, read: FlightPlan, operator: Any = None, **changes:
 THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"\nduration = 12\nsteering = 0.4\n'
 
 
+@pytest.mark.slow
 def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on_a_run_not_fitted(
     tmp_path: Path,
 ) -> None:
