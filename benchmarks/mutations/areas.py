@@ -95,6 +95,12 @@ EQUIVALENT: dict[str, str] = {
         "set at the end of every iteration; documented as complete only then"
     ),
     "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> return": "the same",
+    "gcs_autotune/mavlink/tlog.py::TlogReader.__iter__: 0 -> 1 in end = position + _STAMP.size + (length or 0)": (
+        "without a length it is not looked at"
+    ),
+    "gcs_autotune/design/step_metrics.py::_beyond: np.abs(error - floor) -> (error - floor)": (
+        "far below the floor the formula gives nothing, too"
+    ),
     "gcs_autotune/design/selection.py::_fastest: is_flyable(high) -> False": (
         "forty bisections then end within 1e-12 of it"
     ),

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify import cleaning
-from gcs_autotune.identify.cleaning import clean, unwrap
+from gcs_autotune.identify.cleaning import _breaks_off, _levels_off, clean, unwrap
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Channel
 
@@ -124,3 +124,29 @@ def test_the_step_of_a_coarse_scale_is_found_and_no_other() -> None:
     assert cleaning.quantum(np.repeat([0.0, 1.0], 50)) == 0.0, "two levels tell no scale"
     assert cleaning.quantum(np.repeat([0.0, 1.0, 2.4, 3.4], 9)) == 0.0
     assert cleaning.quantum(np.array([])) == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("before", "after", "breaks_off"),
+    [((0.0, 0.5), (0.5, 0.0), True), ((0.0, 0.05), (0.5, 0.0), False), ((0.0, 0.5), (0.55, 0.5), False)],
+)
+def test_a_dwell_that_is_come_to_and_left_at_speed_is_broken_off(
+    sign: float, before: tuple[float, float], after: tuple[float, float], breaks_off: bool
+) -> None:
+    x = sign * np.array([*before, 1.0, 1.0, 1.0, *after])
+    assert _breaks_off(x, 2, 3, 0.1) is breaks_off
+
+
+def test_a_dwell_at_the_end_of_a_run_tells_nothing() -> None:
+    x = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0])
+    assert not _breaks_off(x[1:], 1, 3, 0.1)
+    assert not _breaks_off(x[:-1], 2, 3, 0.1)
+
+
+def test_as_many_samples_just_short_of_the_extreme_as_at_it_are_a_steady_craft() -> None:
+    level = np.array([0.0, 0.5, 0.95, 0.9, 1.0, 1.0])
+    assert _levels_off(level, 1.0, 0.1)
+    assert _levels_off(-level, -1.0, 0.1)
+    assert not _levels_off(np.append(level, 1.0), 1.0, 0.1)
+    assert not _levels_off(level, 1.0, 0.09)

@@ -72,6 +72,8 @@ def test_only_changes_that_are_doubtful_and_in_the_middle_of_the_run_are_tried()
     own, _ = segment(0.0)
     late = replace(own, signals={n: s.between(1.0, 10.0) for n, s in own.signals.items()})
     assert switches_of(FORM, late, TRUE, START).which.tolist() == [k for k in range(18) if 1.0 < 0.93 * k < 10.0]
+    sooner, later = (switches_of(FORM, late, TRUE, START, shift).which.tolist() for shift in (-0.1, 0.1))
+    assert (sooner, later) == (list(range(2, 11)), list(range(1, 11))), "where they act counts"
     few = replace(own, slack=np.where(np.arange(len(own.t_in)) == 5, 0.5 * LOOP, 0.0))
     assert switches_of(FORM, few, TRUE, START).which.tolist() == [5]
     delayed = switches_of(FORM, own, np.array([2.0, 0.8, 0.0, 0.1, 3.0]), START).which

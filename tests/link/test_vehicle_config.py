@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import cast
 
 import pytest
@@ -12,7 +13,7 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Parameters
-from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick, RcChannel, read_override_map
+from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick, RcChannel, read_override_map, why_deaf
 
 ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
 LEFT_ALONE, RELEASED = 65535, 0
@@ -140,3 +141,24 @@ def test_a_turn_rate_is_asked_for_beyond_the_sticks_dead_zone_at_the_gain_in_for
     assert stick.deflection(sign * 1.0, 0.2) == pytest.approx(sign * (0.02 + 0.5 * 0.98))
     assert stick.deflection(sign * 9.0, 1.0) == sign
     assert stick.deflection(0.0, 1.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("aboard", "words"),
+    [
+        ({}, "it answers no question either"),
+        ({"MAV_GCS_SYSID": 42.0}, "MAV_GCS_SYSID is 42, but we send as system 255: use --source-system 42"),
+        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 254.0}, "MAV_GCS_SYSID is 250, but we send"),
+        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 255.0}, "do not say why (MAV_GCS_SYSID 250, RC_OPTIONS 0)"),
+        ({"MAV_GCS_SYSID": 255.0, "RC_OPTIONS": 6.0}, "RC_OPTIONS is 6: its bit 1"),
+        ({"MAV_GCS_SYSID": 255.0, "RC_OPTIONS": 5.0}, "RC_OPTIONS 5)"),
+        ({"MAV_GCS_SYSID": 255.0, "RC_OVERRIDE_TIME": 0.0}, "RC_OVERRIDE_TIME is 0"),
+        ({"MAV_GCS_SYSID": 255.0, "RC1_OPTION": 46.0}, "RC1_OPTION is 46: that switch turns overrides off"),
+        ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 46.0}, "RC16_OPTION is 46: that switch turns overrides off"),
+        ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 45.0, "MAV_OPTIONS": 3.0}, "RC_OPTIONS 0; MAV_OPTIONS bit 0 is set)"),
+        ({"MAV_GCS_SYSID": 255.0, "MAV_OPTIONS": 2.0}, "RC_OPTIONS 0)"),
+    ],
+)
+def test_why_a_vehicle_is_deaf_is_read_from_its_parameters(aboard: dict[str, float], words: str) -> None:
+    asked = SimpleNamespace(read_existing=lambda names: {n: aboard[n] for n in names if n in aboard})
+    assert words in why_deaf(cast(Parameters, asked), ROVER, 255)
