@@ -15,9 +15,13 @@ from gcs_autotune.design.open_loop import (
     Rational,
     constant,
     first_order,
+    integral_over_proportional,
     integrator,
     open_loop,
+    pade,
+    pid_path,
     second_order,
+    slow,
 )
 
 from .crafts import CRAFTS, present
@@ -110,3 +114,49 @@ def test_the_linear_loop_predicts_the_small_steps_of_the_simulated_one(name: str
     expected = control.step_response(control.minreal(closed, tol=1e-6, verbose=False), t).outputs
     simulated = np.interp(t, motion.t, motion.position) / step
     assert simulated == pytest.approx(expected, abs=0.02)
+
+
+S = 1j * np.geomspace(0.01, 50.0, 40).astype(np.complex128)
+
+
+@pytest.mark.parametrize(
+    ("loop", "expected"),
+    [
+        (constant(3.0), lambda s: 3.0 + 0.0 * s),
+        (integrator(2.0), lambda s: 2.0 / s),
+        (integrator(), lambda s: 1.0 / s),
+        (first_order(0.5), lambda s: 1.0 / (1.0 + s / math.pi)),
+        (first_order(0.0), lambda s: 1.0 + 0.0 * s),
+        (slow(0.7), lambda s: 1.0 / (1.0 + 0.7 * s)),
+        (slow(0.0), lambda s: 1.0 + 0.0 * s),
+        (second_order(0.5), lambda s: 1.0 / (1.0 + math.sqrt(2.0) * s / math.pi + (s / math.pi) ** 2)),
+        (second_order(0.0), lambda s: 1.0 + 0.0 * s),
+        (pid_path(2.0, 0.5, 0.3, error_cutoff=1.0, slope_cutoff=4.0), None),
+        (constant(2.0) * integrator(3.0) + integrator(1.0), lambda s: 7.0 / s),
+        (integrator(2.0) * integrator() + integrator(3.0), lambda s: 2.0 / s**2 + 3.0 / s),
+        (integrator(3.0) + integrator(2.0) * integrator(), lambda s: 2.0 / s**2 + 3.0 / s),
+        (slow(0.5) + slow(0.2), lambda s: 1.0 / (1.0 + 0.5 * s) + 1.0 / (1.0 + 0.2 * s)),
+    ],
+)
+def test_every_part_of_a_loop_is_the_function_of_s_it_says(loop: Rational, expected) -> None:
+    if expected is None:
+        expected = lambda s: (2.0 + 0.5 / s + 0.3 * s / (1.0 + s / (math.tau * 4.0))) / (1.0 + s / math.tau)  # noqa: E731
+    assert loop.at(S) == pytest.approx(expected(S), rel=1e-9)
+
+
+def test_a_loop_is_its_plant_its_controller_and_its_delay_exactly() -> None:
+    loop = open_loop(pid_path(2.0, error_cutoff=0.0), 1.5, 0.4, 0.3)
+    omega = S.imag
+    assert loop.response(omega) == pytest.approx(2.0 / (1.5 * S + 0.4) * np.exp(-0.3 * S))
+    top, bottom = pade(0.3)
+    low = S[:20]
+    assert np.polyval(top, low) / np.polyval(bottom, low) == pytest.approx(np.exp(-0.3 * low), abs=1e-6)
+    assert [p.tolist() for p in pade(0.0)] == [[1.0], [1.0]]
+    prompt = OpenLoop(rational([2.0], [1.0, 1.0]), 0.0)
+    assert prompt.closed_loop_poles() == pytest.approx([-3.0])
+    assert len(OpenLoop(rational([2.0], [1.0, 1.0]), 0.1).closed_loop_poles(3)) == 4
+
+
+def test_an_outer_gain_around_a_proportional_and_an_integral_part_has_one_slow_rate() -> None:
+    assert integral_over_proportional(2.0, 0.5, 0.3) == pytest.approx(2.0 * 0.3 / (2.0 * 0.5 + 0.3))
+    assert integral_over_proportional(0.0, 0.5, 0.0) == 0.0

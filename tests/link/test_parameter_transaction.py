@@ -375,3 +375,17 @@ def test_a_link_lost_while_putting_one_back_is_waited_for_though_the_others_are_
     transaction.give_back()
     assert held(boat) == pytest.approx(OLD)
     assert written == [FF, INT, P, FF, INT, P]
+
+
+@pytest.mark.parametrize("name", [P, INT, FF])
+def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle, name: str
+) -> None:
+    transaction.set(NEW)
+    boat.parameters[name] = 0.33
+    with pytest.raises(ParameterNotAccepted, match=f"{name} is 0.33, but was proved with {NEW[name]:g}") as caught:
+        transaction.keep()
+    assert (caught.value.wanted, caught.value.found) == (pytest.approx(NEW[name]), pytest.approx(0.33))
+    assert Journal.open_debts(path) == pytest.approx(OLD)
+    transaction.give_back()
+    assert held(boat) == pytest.approx(OLD)
