@@ -84,16 +84,23 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
         "PSC_ACCZ_I": 0.583,
         "PSC_ACCZ_FF": 0.5,
     },
+    ("falcon", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0201, "ATC_ANG_YAW_P": 6.0},
+    ("falcon", "depth"): {
+        "PSC_POSZ_P": 3.0,
+        "PSC_VELZ_P": 8.0,
+        "PSC_ACCZ_P": 1.5,
+        "PSC_ACCZ_I": 3.0,
+        "PSC_ACCZ_FF": 0.5,
+    },
 }
 """(vehicle, axis) -> what ``--search 80 --first-seed 1`` found."""
 EARLIER: Mapping[tuple[str, str], float] = {
-    ("falcon", "heading"): 0.361,
-    ("falcon", "depth"): 0.522,
     ("videoray", "heading"): 0.301,
     ("videoray", "depth"): 1.326,
     ("charlie", "heading"): 17.67,
 }
-"""(vehicle, axis) -> median ITAE [s^2] flown with the gains kept at commit b6076fe, seeds 1 and 2."""
+"""(vehicle, axis) -> median ITAE [s^2] flown with the gains kept at commit b6076fe, seeds 1 and 2; an ROV was held for
+3 s before its step then, and for 10 s now."""
 WITHIN, NEAR = 1.3, 0.25
 PRICE = 20.0
 _NEUTRAL, _STICK = 1500, 95
