@@ -42,6 +42,7 @@ class Manoeuvre(ABC):
     kind : its name in the table of manoeuvres, as records carry it.
     purpose : what its record is for.
     in_manual : which of the firmware's two modes it wants: actuators driven directly, or the autopilot's own loops.
+    by_hand : whether somebody pushes the craft.
     name : the trial's name.
     outcome : how it ended, None while it runs. It is set together with the last command.
     signal, force : what is watched and what is driven, for people. phase, target : where it stands, likewise.
@@ -50,6 +51,7 @@ class Manoeuvre(ABC):
     kind: str
     purpose: ClassVar[Purpose] = "identification"
     in_manual: ClassVar[bool] = True
+    by_hand: ClassVar[bool] = False
 
     def __init__(self, name: str = "", *, signal: str = "psi", force: str = "N") -> None:
         self.name = name or self.kind

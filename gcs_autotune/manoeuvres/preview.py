@@ -103,9 +103,10 @@ def preview(
 
     def seen(command: Actuate) -> Observation:
         u, v, w = along.values()
+        tilt = _pushed(t) if manoeuvre.by_hand else 0.0
         output = {"N": command.N, "X": command.X, "Y": command.Y, "Z": command.Z}
         return Observation(
-            t=t, psi=psi, r=r, phi=0.0, theta=0.0, x=x, y=y, z=z, u=u, v=v, w=w, speed=math.hypot(u, v),
+            t=t, psi=psi, r=r, phi=tilt, theta=tilt, x=x, y=y, z=z, u=u, v=v, w=w, speed=math.hypot(u, v),
             output=output, armed=True,
         )  # fmt: skip
 
@@ -149,6 +150,12 @@ def preview(
     spans = np.ptp(table, axis=1)
     deep = 0.0 if floats else float(spans[5])
     return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep)
+
+
+def _pushed(t: float) -> float:
+    """Return the tilt [rad] of a craft that is pushed by hand after 10 s and swings for some seconds."""
+    since = t - 10.0
+    return 0.3 * math.exp(-since / 3.0) * math.cos(2.0 * since) if since >= 0.0 else 0.0
 
 
 def _steered(command: Command, craft: PaperCraft, psi: float, r: float) -> Actuate:

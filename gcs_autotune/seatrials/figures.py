@@ -19,6 +19,7 @@ from gcs_autotune.seatrials.criteria import (
     judged,
     known,
 )
+from gcs_autotune.seatrials.free_decay import free_decay_sheet
 from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
 from gcs_autotune.seatrials.stopping import stopping_sheet
 from gcs_autotune.seatrials.turning_circle import read_turning_circle
@@ -176,6 +177,7 @@ MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
     "pull-out": _pull_out_sheet,
     "stopping": stopping_sheet,
     "set-point-relay": closed_loop_sheet,
+    "hand-release": free_decay_sheet,
 }
 """Name -> reader."""
 

@@ -73,7 +73,7 @@ def paper_craft(
     missing = sorted(DOF_OF[f] for f in settings.kind.drives - known)
     if known and missing:
         words += f" with an assumed {' and '.join(missing)}"
-    return PaperCraft(yaw, speed, words, assumed=bool(missing), others=others)
+    return PaperCraft(yaw, speed, words, assumed=bool(missing) or not known, others=others)
 
 
 def _lag_of(dof: str, full_speed: float) -> SingleDof:

@@ -116,7 +116,7 @@ def offers_for(precision: Precision, first: FlySettings, firmware: Firmware, cru
 
 def _kinds(forces: set[str]) -> Iterator[ManoeuvreKind]:
     for kind in MANOEUVRES.values():
-        if kind.for_force is None:
+        if kind.for_force is None or not kind.identifies:
             yield kind
         else:
             yield from (kind.of(force) for force in sorted(forces))

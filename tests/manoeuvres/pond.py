@@ -58,8 +58,8 @@ class PondCraft:
             z=self.z,
             x=self.x,
             y=0.0,
-            phi=0.0,
-            theta=0.0,
+            phi=self.tilt(),
+            theta=self.tilt(),
             u=self.speed,
             speed=self.speed,
             output={"N": self._demand()[0], "Z": self._demand()[1], "X": self._demand()[2]},
@@ -69,6 +69,9 @@ class PondCraft:
         )
         self._rows.append(seen)
         return seen
+
+    def tilt(self) -> float:
+        return 0.0
 
     def send(self, command: Command) -> None:
         self.command = command
@@ -105,7 +108,7 @@ class PondCraft:
 
     def stop_recording(self, ending: str) -> Trial:
         t = np.array([o.t for o in self._rows])
-        columns = {"psi": "rad", "r": "rad/s", "z": "m"}
+        columns = {"psi": "rad", "r": "rad/s", "z": "m", "phi": "rad", "theta": "rad"}
         channels = {n: Channel(n, unit, t, np.array([o.value(n) for o in self._rows])) for n, unit in columns.items()}
         for force in ("N", "Z"):
             channels[force] = Channel(force, "1", t, np.array([o.output[force] for o in self._rows]))
@@ -135,6 +138,21 @@ class PondCraft:
         self.psi += dt * self.r
         self.z += dt * self.w
         self.speed += dt * (X - 0.5 * self.speed)
+
+
+class Pushed(PondCraft):
+    """Somebody pushes it down after 8 s: it swings with *omega* [rad/s] and *zeta*, about a list of 0.02 rad."""
+
+    omega, zeta = 2.5, 0.12
+
+    def tilt(self) -> float:
+        since = self.clock.now() - 8.0
+        if since < 0.0:
+            return 0.02
+        whole = math.sqrt(1.0 - self.zeta**2)
+        damped = self.omega * whole * since
+        swing = math.cos(damped) + self.zeta / whole * math.sin(damped)
+        return 0.02 + 0.25 * math.exp(-self.zeta * self.omega * since) * swing
 
 
 class Buoyant(PondCraft):

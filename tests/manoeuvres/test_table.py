@@ -36,7 +36,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Progress, SilentWatcher
 
-from .pond import PondCraft
+from .pond import PondCraft, Pushed
 
 FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf)
 SHORT = {"duration": 6.0, "executes": 2.0, "levels": 2.0, "turn": 2.0, "push": 2.0, "f-start": 0.3, "fade-in": 1.0}
@@ -94,6 +94,8 @@ def fly(craft: PondCraft, manoeuvre: Manoeuvre, watcher: Phases) -> Trial:
 def at_sea(name: str) -> tuple[PondCraft, bool]:
     """Return a craft that the manoeuvre suits; whether it is a boat."""
     boat = MANOEUVRES[name].needs_way
+    if name == "hand-release":
+        return Pushed(), False
     return PondCraft(firmware="ardurover" if boat else "ardusub"), boat
 
 
@@ -135,7 +137,7 @@ def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
     paper = PaperCraft(
         SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test", others={f: SingleDof("surge", "1", 1.0, 1.0) for f in "XYZ"}
     )
-    for force in "NXYZ":
+    for force in "NXYZ" if name != "hand-release" else "":
         kind = MANOEUVRES[name].of(force)
         assert kind.make is not None
         assert kind.drives == {force}
@@ -143,6 +145,11 @@ def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
         trial = preview(manoeuvre, paper, FREE, floats=False).trial
         assert abs(trial[force].values).max() >= 0.3
         assert manoeuvre.settings["force"] == force
+    if name == "hand-release":
+        assert MANOEUVRES[name].of("M").excites == {"pitch"}
+        with pytest.raises(UsageError, match="fly free-decay"):
+            MANOEUVRES[name].of("X")
+        return
     ahead = MANOEUVRES[name].of("X")
     assert ahead.make is not None
     if ahead.stays or ahead.tied:

@@ -1,0 +1,89 @@
+"""Free decay after a push by hand: tilted by somebody and let go, the craft swings by itself until it has died away.
+
+For roll and pitch, which no output drives here (ITTC 7.5-02-07-04.5).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+
+__all__ = ["KIND", "HandReleased"]
+
+REST = 3.0
+"""Chosen [s]: the angle at rest is the mean over so long."""
+PUSHED = math.radians(5.0)
+"""Chosen [rad]: further from rest than waves and handling make it."""
+PATIENCE = 120.0
+"""Chosen [s]: for somebody to push it."""
+DIED_AWAY, QUIET = 0.1, 3.0
+"""Share of the largest angle that counts as none, once it has lasted so long [s]."""
+
+
+class HandReleased(Manoeuvre):
+    """Waits at rest, with every output neutral, for a push on ``force`` (``K`` or ``M``), then records its decay.
+
+    It lasts ``duration`` [s] after the push at most. Marks ``push`` where the angle leaves its rest.
+    """
+
+    kind, purpose, by_hand = "hand-release", "check", True
+
+    def __init__(self, force: str, duration: float) -> None:
+        super().__init__(force=force, signal={"K": "phi", "M": "theta"}[force])
+        self._duration, self._rest = duration, math.nan
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Force, its degree of freedom and the angle at rest."""
+        return {"dof": {"K": "roll", "M": "pitch"}[self.force], "force": self.force, "signal": self.signal,
+                "rest": self._rest, "duration": self._duration}  # fmt: skip
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield neutral outputs."""
+        start, seen = now.t, []
+        self.phase = "at rest: leave it alone"
+        while now.t - start < REST:
+            seen.append(now.value(self.signal))
+            now = yield Actuate()
+        self._rest = self.target = sum(seen) / len(seen)
+        self.phase, start = "push it down and let go", now.t
+        while not abs(now.value(self.signal) - self._rest) > PUSHED:
+            if not now.t - start <= PATIENCE:
+                self._end("aborted", f"nobody pushed it within {PATIENCE:.0f} s; its {self.signal} stayed at rest")
+                yield Actuate()
+                return
+            now = yield Actuate()
+        self._mark(now.t, "push", {self.signal: now.value(self.signal) - self._rest})
+        self.phase, start, largest, last = "swinging", now.t, 0.0, now.t
+        while now.t - start < self._duration and now.t - last < QUIET:
+            angle = abs(now.value(self.signal) - self._rest)
+            largest = max(largest, angle)
+            last = now.t if angle > DIED_AWAY * largest else last
+            now = yield Actuate()
+        self._end("completed", f"swung from {math.degrees(largest):.0f} deg for {now.t - start:.0f} s")
+        yield Actuate()
+
+
+def _of(force: str) -> ManoeuvreKind:
+    """Return the row for roll (``K``) or pitch (``M``)."""
+    if force not in ("K", "M"):
+        raise UsageError(f"hand-release is of roll (--force K) or pitch (M); {force} is driven: fly free-decay")
+    return ManoeuvreKind(
+        name="hand-release",
+        help="outputs neutral; somebody pushes the craft down and lets go: how roll (--force K) or pitch (M) dies away",
+        excites=frozenset({"roll" if force == "K" else "pitch"}),
+        drives=frozenset(),
+        make=lambda options: HandReleased(force, options["duration"]),
+        options=("duration",),
+        identifies=False,
+        for_force=_of,
+    )
+
+
+KIND = _of("K")
