@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from gcs_autotune.foreign_text import visible
+from gcs_autotune.report.toolkit.wording import sentence
 
 __all__ = ["Picture", "Table", "render_page"]
 
@@ -52,6 +53,7 @@ def render_page(template: str, context: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters["glued"] = _glued
+    environment.filters["sentence"] = sentence
     environment.filters["wide"] = _is_wide
     return visible(environment.get_template(template).render(context), keep="\n\t\u00ad") + "\n"
 

@@ -23,6 +23,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_quantity,
     format_seconds,
     format_share,
+    sentence,
 )
 from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import (
@@ -198,7 +199,7 @@ def gains_summary(proposal: Proposal) -> Group:
     parts: list[RenderableType] = [title(f"Gains for {proposal.axis}"), grid(gains_table(proposal.changes))]
     parts.append(paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
     parts.append(paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
-    parts.extend(paragraph(note) for note in proposal.notes)
+    parts.extend(paragraph(sentence(note)) for note in proposal.notes)
     parts.append(grid(margins_table(proposal)))
     parts.append(paragraph(bound_sentence(proposal.bound)))
     return Group(*parts)
