@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
-from gcs_autotune.manoeuvres.open_loop import DOF_OF
+from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME, PaperCraft, Preview, preview
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
@@ -50,6 +50,7 @@ __all__ = [
     "Guard",
     "Manoeuvre",
     "ManoeuvreKind",
+    "OpenLoopProgramme",
     "Outcome",
     "Outlet",
     "PaperCraft",

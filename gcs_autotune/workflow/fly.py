@@ -362,7 +362,8 @@ class _Flight:
                     self._come_back(runner, leg, home)
                 self._make_conditions(runner)
                 manoeuvre = leg.run.make(leg.throttle, speed=leg.speed, keep_still=not firmware.needs_way)
-                self.flown[leg.run.name] = runner.fly(manoeuvre, leg.run.name, leg.envelope).trial
+                fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
+                self.flown[leg.run.name] = fly(manoeuvre, leg.run.name, leg.envelope).trial
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
         """Yield the runs that a trial which plans itself goes on with, each chosen on what was flown before it."""

@@ -14,7 +14,7 @@ from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.experiments import rank_by_precision, relative_errors, shortfall
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import Fit, fit, validate
-from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, Manoeuvre, ManoeuvreKind, Preset
+from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, OpenLoopProgramme, Preset
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
@@ -75,8 +75,10 @@ class Offer:
 
     def as_preset(self) -> Preset:
         """Return it as something that is weighed."""
-        forces = sorted(self.settings.kind.drives | ({"X"} if self.throttle else set()))
-        return Preset(self.title, " ".join(forces), lambda seconds: self.make(), closed=True)
+        kind = self.settings.kind
+        forces = sorted(kind.drives | ({"X"} if self.throttle else set()))
+        by_the_clock = isinstance(self.make(), OpenLoopProgramme) and not self.keep_still and "X" not in kind.drives
+        return Preset(self.title, " ".join(forces), lambda seconds: self.make(), closed=not by_the_clock)
 
 
 def first_run(precision: Precision, common: TuneSettings) -> FlySettings:
@@ -155,9 +157,10 @@ def limited(trial: Trial) -> Mapping[str, tuple[float, float]]:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An offer by its number, the relative standard errors expected after it, its seconds, how far and deep it goes.
+    """An offer by its number, the relative standard errors expected after it, its seconds and its extent.
 
-    ``gain``: how much nearer all wishes together come, in natural logarithms of the errors still too large.
+    ``room``, ``depth`` [m] and ``turned`` [rad] as the model flies it; ``gain``: how much nearer all wishes together
+    come, in natural logarithms of the errors still too large.
     """
 
     offer: int
@@ -165,6 +168,7 @@ class Choice:
     seconds: float
     room: float
     depth: float
+    turned: float
     gain: float
 
 
@@ -214,7 +218,7 @@ def look_ahead(
     choices = tuple(
         Choice(
             number[id(w.candidate)], w.relative, w.seconds, w.flight.reach.room, w.flight.reach.deep,
-            w.rate * w.seconds / 60.0,
+            w.flight.reach.turned, w.rate * w.seconds / 60.0,
         )
         for w in ranked
     )  # fmt: skip
@@ -311,11 +315,20 @@ class SelfPlanner:
                 troubles.append(f"{offer.title} takes longer than the time left (--total-time)")
                 continue
             leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
-            far, deep = choice.room > leg.envelope.distance_limit, choice.depth > leg.envelope.depth_excursion
-            trouble = leg.preview.trouble or (f"it takes {choice.room:.0f} m" if far else "")
-            trouble = trouble or (f"it takes {choice.depth:.1f} m of depth" if deep else "")
+            trouble = leg.preview.trouble or _beyond(choice, leg.envelope)
             if not trouble:
                 expected = until.told(choice.relative)
                 return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: nothing that would help can be flown: {troubles[0]}"
+
+
+def _beyond(choice: Choice, envelope: Envelope) -> str:
+    """Return which safety limit the flight by the identified model comes to, in words; empty for none."""
+    if choice.room > envelope.distance_limit:
+        return f"it takes {choice.room:.0f} m"
+    if choice.depth > envelope.depth_excursion:
+        return f"it takes {choice.depth:.1f} m of depth"
+    if choice.turned > envelope.heading_excursion:
+        return f"it turns by {math.degrees(choice.turned):.0f} deg"
+    return ""

@@ -1,0 +1,119 @@
+"""How much water a trial that plans itself saves: beside a fixed standard plan, on swaying craft drawn at random.
+
+Run: ``python3 -m benchmarks.self_planned_trials [--seeds 20] [--first 1]``. Each craft is the coupled VideoRay of
+``sitl`` with every inertia and damping of surge, sway and yaw multiplied by a random factor between 0.6 and 1.7
+(logarithmically uniform), flown over MAVLink. Both are to know ``WANTED`` so well; the standard plan is zig-zag,
+turning circle, S-manoeuvre and steps, over and over, identified after each run as the other is. Printed: the seconds
+of runs of both, and their ratio (goal 60 %).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import sitl
+from gcs_autotune.experiments import relative_errors
+from gcs_autotune.identify import fit
+from gcs_autotune.link import MemoryLink
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import (
+    Connection,
+    FlightPlan,
+    PlannedRun,
+    Precision,
+    TuneSettings,
+    Unattended,
+    first_run,
+    fly_plan,
+    load_flight_plan,
+    precision_of,
+)
+from sitl import open_vehicle
+
+WANTED = "X_u 2%, Y_v 2%, N_r 2%, N_rdot 2%"
+LONGEST = 1800.0
+STANDARD = "[defaults]\nthrottle = 0.25\nsteering = 0.75\n" + "".join(
+    f'[[run]]\nmanoeuvre = "{name}"\nrepeat = 3\n' for name in ("zig-zag", "turning-circle", "s-manoeuvre", "steps")
+)
+ROUNDS = 3
+BASE = Path(sitl.__file__).parent / "vehicles" / "videoray_coupled.toml"
+WIDE = Envelope(heading_excursion=math.inf, depth_excursion=20.0)
+
+
+def drawn(seed: int, place: Path) -> Path:
+    """Write the vehicle file of a craft."""
+    random = np.random.default_rng(seed)
+    base, plain = tomllib.loads(BASE.read_text()), tomllib.loads((BASE.parent / "videoray.toml").read_text())
+    text = f'title = "drawn {seed}"\nlike = "videoray-coupled"\n'
+    text += '[coupling]\ncoriolis = { value = true, unit = "1", source = "drawn" }\n'
+    for axis in ("surge", "sway", "yaw"):
+        text += f"[{axis}]\n"
+        for name in ("alpha", "beta", "beta2"):
+            entry = base.get(axis, plain.get(axis, {}))[name]
+            value = entry["value"] * math.exp(random.uniform(math.log(0.6), math.log(1.7)))
+            text += f'{name} = {{ value = {value!r}, unit = "{entry["unit"]}", source = "drawn" }}\n'
+    path = place / f"drawn{seed}.toml"
+    path.write_text(text)
+    return path
+
+
+def flown(path: Path, seed: int, plan: FlightPlan, common: TuneSettings) -> Sequence[Trial]:
+    """Fly a plan on the craft of that file."""
+    link = MemoryLink(open_vehicle(str(path), seed=seed, parameters={"SCHED_LOOP_RATE": 100.0}))
+    link.is_simulated = True
+    common = replace(common, connection=Connection("memory", opened=link))
+
+    def here(run: PlannedRun) -> PlannedRun:
+        own = replace(run.settings.common, connection=common.connection)
+        return replace(run, settings=replace(run.settings, common=own))
+
+    plan = replace(plan, runs=tuple(here(run) for run in plan.runs))
+    result = fly_plan(plan, common, Unattended(), SilentWatcher(), "")
+    return [r.trial for r in result.runs if r.trial is not None]
+
+
+def seconds_until(runs: Sequence[Trial], until: Precision) -> float:
+    """Return the seconds of *runs* up to the one after which all is known so well; infinite when none is."""
+    for k in range(1, len(runs) + 1):
+        if until.reached(relative_errors(fit(list(runs[:k]), dof=until.form), until.wanted)):
+            return sum(run.duration for run in runs[:k])
+    return math.inf
+
+
+def main() -> None:
+    """Fly both on each craft and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=1)
+    args = parser.parse_args()
+    until = precision_of(WANTED, "", LONGEST)
+    ratios = []
+    for seed in range(args.first, args.first + args.seeds):
+        with tempfile.TemporaryDirectory() as directory:
+            place = Path(directory)
+            path = drawn(seed, place)
+            common = TuneSettings("heading", Connection("memory"), place / "self", envelope=WIDE)
+            plan = replace(FlightPlan.of(first_run(until, common)), until=until)
+            own = seconds_until(flown(path, seed, plan, common), until)
+            (place / "plan.toml").write_text(STANDARD)
+            common = replace(common, directory=place / "standard")
+            standard = load_flight_plan(place / "plan.toml", common, None, None)
+            turns = tuple(run for k in range(ROUNDS) for run in standard.runs[k::ROUNDS])
+            fixed = seconds_until(flown(path, seed, replace(standard, runs=turns), common), until)
+        ratios.append(own / fixed if math.isfinite(own) else math.inf)
+        print(f"craft {seed}: by itself {own:.0f} s, standard plan {fixed:.0f} s, ratio {ratios[-1]:.2f}", flush=True)
+    print(f"{len(ratios)} craft: median ratio {np.median(ratios):.2f}, at most 0.60 in {sum(r <= 0.6 for r in ratios)}")
+
+
+if __name__ == "__main__":
+    main()
