@@ -134,6 +134,11 @@ class Trial:
         return cast("Purpose", told or "")
 
     @property
+    def by_relay(self) -> bool:
+        """Whether a relay drove the input: its switches are marked, or the record's manoeuvre says so."""
+        return self.meta.get("manoeuvre") == "relay" or any(m.kind == "switch" for m in self.marks)
+
+    @property
     def proper(self) -> Trial:
         """The manoeuvre proper, without its lead-in: from ``meta["from_t"]`` on (all of it when there is none)."""
         start = self.meta.get("from_t")

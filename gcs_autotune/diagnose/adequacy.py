@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.resonance_check import memories, resonance_checks
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, SearchStep
-from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedSimulator, Leftover, columns_of
+from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual, ExtendedSimulator, columns_of
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify import Fitted, Problem, autocorrelation, judged_by
 from gcs_autotune.models import Form, term_of
@@ -78,7 +78,7 @@ def whiteness_of(tests: list[Test]) -> float:
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
     """Return all tests of what a fit leaves over."""
     ringing = [Test(words, "", p) for words, p in resonance_checks(problem, fitted)]
-    return [*_portmanteaus(fitted, problem.scene.lags), *_scores(problem, fitted), *ringing]
+    return [*_portmanteaus(fitted, problem.data_summary.lags), *_scores(problem, fitted), *ringing]
 
 
 def correlation_of(fitted: Fitted) -> float:
@@ -153,7 +153,7 @@ def _normal(fitted: Fitted, name: str) -> list[Array]:
     found, level = [], fitted.levels[name]
     for r in fitted.rests:
         if r.signal == name:
-            left = Leftover("", name, r.t, r.measured - r.predicted, r.measured, level)
+            left = EffectResidual("", name, r.t, r.measured - r.predicted, r.measured, level)
             noise = EFFECTS[mine[0].slug].normal(mine[0], left)
             found.append(noise[np.isfinite(noise)])
     return found
@@ -268,7 +268,7 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
         for name in segment.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
-            left = Leftover(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
+            left = EffectResidual(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
             _, columns, _ = judged_by(fitted.effects, left, found[name][1])
             rows.append(columns[np.isfinite(rest.judged)] / level)
     return np.vstack(rows)
@@ -313,7 +313,7 @@ def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
         names = [n for n in law(own, fitted.form) if n not in fitted.form.parameters]
         rest = tuple(e for e in fitted.effects if e is not own)
         form = fitted.form.freeing(*names)
-        other = Problem(form, problem.segments, problem.scene, problem.limits, (*problem.free, *names))
+        other = Problem(form, problem.segments, problem.data_summary, problem.limits, (*problem.free, *names))
         values = dict(zip(fitted.form.parameters, fitted.theta.tolist(), strict=True))
         start = np.array([values.get(n, 0.0) for n in form.parameters])
         fit = other.fit(start, rest, fitted.initial, trials=TRIALS, shift=fitted.shift) if names else None

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
-from gcs_autotune.diagnose.numbers import given_of, judge_numbers
+from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
 from gcs_autotune.diagnose.report_builder import build_report
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.simulation import surrogate_of
-from gcs_autotune.diagnose.state import Given, Progress, Question, begin
+from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
 from gcs_autotune.diagnose.strategies import SEARCH, SECOND_LOOKS, follow, foretells
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
@@ -70,7 +70,7 @@ def diagnose(
         raise UsageError("no run was given to diagnose")
     slugs = list(EFFECTS) if effects is None else [lookup(EFFECTS, e, "effect").slug for e in effects]
     early: list[Doubt] = []
-    given = None if model is None else given_of(model)
+    given = None if model is None else model_in_question(model)
     if simulations:
         if given is not None:
             raise UsageError("give either a model or a simulation's output, not both")
@@ -94,7 +94,7 @@ def diagnose(
     return build_report(state, doubts, together, others, time.perf_counter() - begun, sure=sure)
 
 
-def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: Given | None) -> Form:
+def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: ModelInQuestion | None) -> Form:
     if given is not None:
         return given.model.base.form
     return form if form is not None else plain_form(runs, dof)

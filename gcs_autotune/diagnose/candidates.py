@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.score import bic_penalty
 from gcs_autotune.diagnose.undo_data_errors import turned
 from gcs_autotune.diagnose.workers import in_parallel
-from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, ExtendedSimulator, Leftover, Observed, in_order
+from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, EffectResidual, ExtendedSimulator, Observed, in_order
 from gcs_autotune.identify import Fitted, Problem, judged_by
 
 __all__ = [
@@ -61,16 +61,16 @@ class EffectCandidate:
 
 def candidates(problem: Problem, present: Sequence[EffectInstance], slugs: Sequence[str]) -> list[list[EffectInstance]]:
     """Return for every effect and place not *present* the values to begin from."""
-    scene = problem.scene
+    data_summary = problem.data_summary
     taken = {(e.slug, e.place) for e in present}
     found = []
     for slug in slugs:
         entry = EFFECTS[slug]
-        for place in entry.places(scene):
+        for place in entry.places(data_summary):
             if (slug, place) in taken:
                 continue
-            constants = dict(entry.constants(place, scene))
-            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, scene)])
+            constants = dict(entry.constants(place, data_summary))
+            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, data_summary)])
     return found
 
 
@@ -86,7 +86,7 @@ def screen(
 
     fits : where fits may begin: the present model first; others : where those of bookkeeping may begin as well.
     """
-    grounds = [_Ground(problem, fitted) for fitted in (*fits, *others)]
+    grounds = [_TangentSpace(problem, fitted) for fitted in (*fits, *others)]
 
     def best_of(i: int) -> list[tuple[int, EffectInstance, float, Array]]:
         entry = EFFECTS[choices[i][0].slug]
@@ -105,7 +105,7 @@ def screen(
     return sorted(listed, key=lambda c: c.promised)
 
 
-class _Ground:
+class _TangentSpace:
     """A fit, and the space its own numbers can move the prediction in."""
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
@@ -159,7 +159,7 @@ class _Ground:
         if entry.is_disturbance:
             return self._learnt(own)
         begin = _begun(self.problem, self.fitted, own)
-        return (self if begin is self.fitted else _Ground(self.problem, begin))._from_here(entry, own)
+        return (self if begin is self.fitted else _TangentSpace(self.problem, begin))._from_here(entry, own)
 
     def _from_here(self, entry: Effect, own: EffectInstance) -> EffectCandidate | None:
         changed = self._residual_with(own)
@@ -216,7 +216,7 @@ class _Ground:
                 at += 1
                 level = self.fitted.levels[name]
                 error = rest.measured - found[name]
-                left = Leftover(segment.run, name, rest.t, error, rest.measured, level)
+                left = EffectResidual(segment.run, name, rest.t, error, rest.measured, level)
                 error, _, _ = judged_by(self.fitted.effects, left, np.empty((len(error), 0)))
                 rows.append(error[np.isfinite(rest.judged)] / level)
         joined = np.concatenate(rows)
@@ -250,9 +250,9 @@ def _grown(entry: Effect, own: EffectInstance, growing: Sequence[str], share: fl
     return own.with_values({n: zero[n] + share * (own.values[n] - zero[n]) for n in growing})
 
 
-def _two_sided(entry: Effect, own: EffectInstance, ground: _Ground) -> bool:
+def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> bool:
     """Whether an effect may act either way."""
-    bounds = entry.bounds(own.place, ground.problem.scene)
+    bounds = entry.bounds(own.place, ground.problem.data_summary)
     growing = [n for n in entry.grows_with if n in own.values]
     return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < entry.neutral.get(n, 0.0) for n in growing)
 
@@ -327,7 +327,10 @@ def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: F
     now = next(e for e in best.effects if (e.slug, e.place) == (own.slug, own.place))
     others = []
     for k in range(1, MOMENTS + 1):
-        for moment in (now[name] - k * problem.scene.pace, now[name] + k * problem.scene.pace):
+        for moment in (
+            now[name] - k * problem.data_summary.time_constant,
+            now[name] + k * problem.data_summary.time_constant,
+        ):
             effects = _replaced(best.effects, now.with_values({name: moment}))
             fit = problem.fit(best.theta, effects, best.initial, trials=FEW, learn=False, shift=best.shift)
             others += [] if fit is None else [fit]

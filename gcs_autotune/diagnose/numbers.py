@@ -29,13 +29,13 @@ from gcs_autotune.diagnose.heldout import HeldOut, gains_of, p_value
 from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
 from gcs_autotune.diagnose.simulation import PLAIN, plain_numbers
-from gcs_autotune.diagnose.state import Given, Key, SearchState
+from gcs_autotune.diagnose.state import Key, ModelInQuestion, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_names, label_of
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
 from gcs_autotune.sname import DOFS
 
-__all__ = ["Given", "given_of", "judge_numbers"]
+__all__ = ["ModelInQuestion", "judge_numbers", "model_in_question"]
 
 Array = NDArray[np.float64]
 
@@ -46,20 +46,20 @@ OFF = 0.02
 """Share by which a wrong number differs at least."""
 
 
-def given_of(model: ExtendedModel | ModelFile) -> Given:
+def model_in_question(model: ExtendedModel | ModelFile) -> ModelInQuestion:
     """Return a model as its owner knows it: a file of one degree of freedom calls its inertia ``alpha``, positive."""
     if isinstance(model, ExtendedModel):
-        return Given(_to_be_judged(model))
+        return ModelInQuestion(_to_be_judged(model))
     std = {n: math.sqrt(max(v, 0.0)) for n, v in zip(model.names, np.diag(model.covariance).tolist(), strict=True)}
     if model.axis is None:
-        return Given(_to_be_judged(model.model), {}, std)
+        return ModelInQuestion(_to_be_judged(model.model), {}, std)
     theirs = ("alpha", "beta", "beta_quadratic", "delta")
     own = derivative_names(model.axis.axis)
     names: dict[Key, tuple[str, float]] = {
         ("", "", mine): (name, sign) for mine, name, sign in zip(own, theirs, SIGNS, strict=False)
     }
     names |= {(e.slug, e.place, "delay"): ("delay", 1.0) for e in model.model.effects}
-    return Given(model.model, names, std)
+    return ModelInQuestion(model.model, names, std)
 
 
 def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
@@ -82,7 +82,7 @@ class _Weighing:
     """Numbers under judgement: what the model says (``old``), beside the causes of a search that has ended."""
 
     state: SearchState
-    given: Given
+    given: ModelInQuestion
     old: Mapping[Key, float]
     raised: float
 
@@ -131,12 +131,12 @@ class _Weighing:
 
     def row(self, key: Key, value: float, std: float, rise: float) -> Number:
         """Return how a number compares; *rise* of minus twice the log-likelihood when the model's own is kept."""
-        scene, fit = self.state.problem.scene, self.state.fitted
+        data_summary, fit = self.state.problem.data_summary, self.state.fitted
         name, sign = self.given.names.get(key, (_label(key), 1.0))
         stated, old = self.given.std.get(name, 0.0), self.old[key]
         clear = rise / self.raised > SURE**2 and abs(value - old) > max(SURE * stated, OFF * abs(old))
         matters = rise > 2.0 * fit.samples * math.log1p(MATERIAL)
-        unit, meaning = _unit(key, scene, fit.form), _meaning(key, fit.form)
+        unit, meaning = _unit(key, data_summary, fit.form), _meaning(key, fit.form)
         return _number(name, unit, meaning, (sign * old, stated), (sign * value, std), clear and matters)
 
 
@@ -235,11 +235,11 @@ def _label(key: Key) -> str:
     return label_of(EffectInstance(slug, place, {}), name) if slug else name
 
 
-def _unit(key: Key, scene: DataSummary, form: Form) -> str:
+def _unit(key: Key, data_summary: DataSummary, form: Form) -> str:
     slug, place, name = key
     if slug:
-        return EFFECTS[slug].unit_of(name, place, scene)
-    return unit_of(name, scene.inputs, normalised=form.normalised or set(scene.inputs.values()) == {"1"})
+        return EFFECTS[slug].unit_of(name, place, data_summary)
+    return unit_of(name, data_summary.inputs, normalised=form.normalised or set(data_summary.inputs.values()) == {"1"})
 
 
 def _meaning(key: Key, form: Form) -> str:
@@ -271,8 +271,8 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
     causes = {e.slug for e in state.causes}
     theirs = plain_numbers(*given.theirs)
     ours = plain_numbers(state.problem, state.fitted)
-    data = state.problem.scene
-    least = {"gain": 0.0, "time constant": 0.0, "delay": OFF * data.pace, "trim": 0.0}
+    data = state.problem.data_summary
+    least = {"gain": 0.0, "time constant": 0.0, "delay": OFF * data.time_constant, "trim": 0.0}
     rows = []
     for (kind, where), (unit, new) in ours.items():
         if (kind, where) not in theirs:

@@ -14,7 +14,7 @@ from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EFFECTS, EffectInstance, Leftover
+from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.identify import Doubt, Fitted, Problem, Residual, Trace, autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
@@ -71,7 +71,7 @@ def build_report(
                 values[effect.slug, effect.place],
                 EFFECTS[effect.slug].meaning,
                 _share(state, effect),
-                EFFECTS[effect.slug].curve(effect, problem.scene),
+                EFFECTS[effect.slug].curve(effect, problem.data_summary),
             )
             for effect in order
         ),
@@ -79,8 +79,8 @@ def build_report(
         indistinguishable=alike,
         gain=min(gains, key=lambda g: g.ratio, default=None),
         gains=gains,
-        base_model=replace(base.model, amplitude=problem.scene.full, units=problem.scene.inputs),
-        extended_model=replace(final.model, amplitude=problem.scene.full, units=problem.scene.inputs),
+        base_model=replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs),
+        extended_model=replace(final.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs),
         next_manoeuvre=_next(order, alike, verdict),
         left=left,
         gave_away=gave_away,
@@ -120,7 +120,7 @@ def _values(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str,
     column = {key: first + k for k, key in enumerate(fitted.free_effects)}
     found = {}
     left = [
-        Leftover(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
+        EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
         for r in fitted.rests
         for own_level in (fitted.levels[r.signal],)
     ]
@@ -130,7 +130,7 @@ def _values(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str,
         found[own.slug, own.place] = {
             n: Value(
                 v,
-                entry.unit_of(n, own.place, problem.scene),
+                entry.unit_of(n, own.place, problem.data_summary),
                 float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
             )
             for n, v in own.values.items()
@@ -176,15 +176,17 @@ def _is_alike(state: SearchState, other: Judged, best: Judged) -> bool:
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False
-    if best.evidence - other.evidence < ALIKE or delay_equivalence(best, other, state.problem.scene.pace):
+    if best.evidence - other.evidence < ALIKE or delay_equivalence(
+        best, other, state.problem.data_summary.time_constant
+    ):
         return True
     return best.likelihood - other.likelihood < ALIKE and _is_vague(state, other)
 
 
 def _is_vague(state: SearchState, judged: Judged) -> bool:
     """Whether some number of a candidate is less certain than its whole range."""
-    entry, scene = EFFECTS[judged.effect.slug], state.problem.scene
-    bounds = entry.bounds(judged.effect.place, scene)
+    entry, data_summary = EFFECTS[judged.effect.slug], state.problem.data_summary
+    bounds = entry.bounds(judged.effect.place, data_summary)
     numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
     spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
     return any(numbers[n].std > span for n, span in spans.items())
@@ -258,13 +260,13 @@ LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay",
 """Slug -> by how much things are late [s]."""
 
 
-def delay_equivalence(one: Judged, other: Judged, pace: float) -> bool:
+def delay_equivalence(one: Judged, other: Judged, slowest: float) -> bool:
     """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
     *pace* [s] of the craft, in which it forgets where it began.
     """
     if one.effect.slug not in LATE or other.effect.slug not in LATE:
         return False
-    late = pace + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
+    late = slowest + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
     left = [_left_after(j.fitted, late, one.fitted.levels) for j in (one, other)]
     return abs(left[0] - left[1]) < ALIKE
 
@@ -373,7 +375,7 @@ def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[
         for channel, values in segment.passage.commands.items():
             at = np.maximum(np.searchsorted(segment.passage.t_in, rest.t, side="right") - 1, 0)
             xs.setdefault(channel, []).append((values[at], left))
-            units[channel] = problem.scene.inputs[channel]
+            units[channel] = problem.data_summary.inputs[channel]
         for signal, own in segment.signals.items():
             value = np.interp(rest.t, own.t, own.values)
             if signal == "psi":

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from gcs_autotune.diagnose.score import ALIKE
-from gcs_autotune.effects import ExtendedSimulator, Leftover, Passage, rung
+from gcs_autotune.effects import EffectResidual, ExtendedSimulator, Passage, rung
 from gcs_autotune.identify import Fitted, Problem, judged_by
 
 __all__ = ["memories", "resonance_checks"]
@@ -72,7 +72,7 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
         for name in segment.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
-            left = Leftover(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
+            left = EffectResidual(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
             change = np.column_stack([f[name][0] - moved[0][name][0] for f in moved[1:]]) / STEP
             _, columns, _ = judged_by(fitted.effects, left, change)
             rows.append(columns[np.isfinite(rest.judged)] / level)
@@ -183,7 +183,7 @@ def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: f
         begun = [x if i == k // 2 else np.zeros_like(x) for k, x in enumerate(list(free) * len(swings))]
         commands = {**passage.commands, **dict(zip(own, [*forced, *begun], strict=True))}
         segments.append(segment.driven(passage.t_in, commands))
-    other = Problem(form, segments, problem.scene, problem.limits, (*problem.free, *names))
+    other = Problem(form, segments, problem.data_summary, problem.limits, (*problem.free, *names))
     values = dict(zip(plain.form.parameters, plain.theta.tolist(), strict=True))
     start = np.array([values.get(n, 0.0) for n in form.parameters])
     return other.fit(start, plain.effects, plain.initial, trials=TRIALS, learn=False, shift=plain.shift)

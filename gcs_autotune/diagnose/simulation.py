@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import correlation_of
-from gcs_autotune.diagnose.state import Given, Question, begin
+from gcs_autotune.diagnose.state import ModelInQuestion, Question, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import UsageError
@@ -39,7 +39,7 @@ def surrogate_of(
     use: Sequence[str] | None,
     form: Form | None,
     effects: Sequence[str],
-) -> tuple[Given, list[Doubt]]:
+) -> tuple[ModelInQuestion, list[Doubt]]:
     """Return a model that moves as the simulator does with its fit, and what the comparison with the runs says at once.
 
     simulations : one per run, in the same order; inputs they lack are taken from the run.
@@ -59,7 +59,7 @@ def surrogate_of(
     state = follow(begin(Question(base, segments, effects)), SEARCH)
     problem, found = state.problem, state.fitted
     for name, level in found.levels.items():
-        spread = problem.scene.spread[name]
+        spread = problem.data_summary.spread[name]
         if level > FAITHFUL * spread:
             doubts.append(
                 Doubt(
@@ -68,7 +68,7 @@ def surrogate_of(
                     "give its equations as a model file (--model) instead of its output",
                 )
             )
-    return Given(found.model, theirs=(problem, found)), [*_directly(simulations, runs), *doubts]
+    return ModelInQuestion(found.model, theirs=(problem, found)), [*_directly(simulations, runs), *doubts]
 
 
 def _driven(simulation: Trial, run: Trial) -> Trial:
@@ -130,17 +130,19 @@ def plain_numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], tup
     theta = np.array([values.get(n, 0.0) for n in wide.parameters])
     late = {e.place for e in fitted.effects if e.slug == "input-delay"}
     lacking = [c for c in dict.fromkeys(drive[0] for drive in driven.values() if drive) if c not in late]
-    more = Problem(wide, problem.segments, problem.scene, problem.limits, (*problem.free, *trims))
+    more = Problem(wide, problem.segments, problem.data_summary, problem.limits, (*problem.free, *trims))
     best: Fitted | None = None
     for share in (0.0, _START):
-        delays = [EffectInstance("input-delay", c, {"delay": share * problem.scene.pace}) for c in lacking]
+        delays = [
+            EffectInstance("input-delay", c, {"delay": share * problem.data_summary.time_constant}) for c in lacking
+        ]
         fit = more.fit(theta, (*fitted.effects, *delays), fitted.initial, shift=fitted.shift)
         best = fit if fit is not None and (best is None or fit.cost < best.cost) else best
         if not lacking:
             break
     if best is None:
         return {}
-    return _read(more.scene, best, {d: drive for d, drive in driven.items() if drive is not None})
+    return _read(more.data_summary, best, {d: drive for d, drive in driven.items() if drive is not None})
 
 
 def _drive(form: Form, dof: str) -> tuple[str, float | str] | None:
@@ -153,7 +155,7 @@ def _damps(form: Form, dof: str) -> str:
 
 
 def _read(
-    scene: DataSummary, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
+    data_summary: DataSummary, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
 ) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
     covariance = fit.covariance(correlation_of(fit))
     names = fit.form.parameters
@@ -171,7 +173,7 @@ def _read(
 
     found: dict[tuple[str, str], tuple[str, tuple[float, float]]] = {}
     for dof, (channel, gain) in driven.items():
-        axis, unit = DOFS[dof], scene.inputs.get(channel, "1")
+        axis, unit = DOFS[dof], data_summary.inputs.get(channel, "1")
         force, damps = f"{axis.force}_0", f"{axis.force}_{axis.velocity}"
         rate = "rad/s" if axis.angular else "m/s"
 

@@ -64,7 +64,7 @@ def without_one_signal(problem: Problem, base: Fitted) -> Bases:
     Where one of these leads to a better base for all signals, that is the best; else *base* itself.
     """
     alone, best = [], base
-    names = list(problem.scene.signals)
+    names = list(problem.data_summary.signals)
     for name in names if len(names) > 1 else ():
         try:
             _, rest = fit_base(problem.form, without_signal(problem.segments, name), trials=ROUGH)

@@ -31,7 +31,17 @@ from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
 from gcs_autotune.models import Form
 
-__all__ = ["Given", "Key", "LostBase", "Progress", "Question", "SearchState", "begin", "begin_with", "mistaken_for"]
+__all__ = [
+    "Key",
+    "LostBase",
+    "ModelInQuestion",
+    "Progress",
+    "Question",
+    "SearchState",
+    "begin",
+    "begin_with",
+    "mistaken_for",
+]
 
 Progress = Callable[[str, int, int], None]
 
@@ -46,7 +56,7 @@ ASTRAY = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Given:
+class ModelInQuestion:
     """The model in question, and how its owner knows it.
 
     ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
@@ -73,7 +83,7 @@ class Question:
     slugs: Sequence[str]
     unseen: Sequence[Segment] = ()
     whole: Sequence[Segment] = ()
-    given: Given | None = None
+    given: ModelInQuestion | None = None
     horizon: float | None = None
     progress: Progress | None = None
     jobs: int = 1
@@ -188,7 +198,7 @@ class SearchState:
         screened(0, len(choices))
         others = (now.alone or ()) if astray else ()
         listed = screen(now.problem, begun, others, choices, screened, question.jobs)
-        is_lost = astray and lost(present, now.problem.scene.spread)
+        is_lost = astray and lost(present, now.problem.data_summary.spread)
         if is_lost and now.given is None:
             listed = merged(listed, permuted_channels(now.problem, present, choices))
         rough: list[Attempt] = []

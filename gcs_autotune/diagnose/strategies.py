@@ -326,7 +326,7 @@ def _as_likely(
 ) -> tuple[EffectInstance, Fitted] | None:
     """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *effect*."""
     for slug in slugs:
-        for other in _in_other_words(effect, slug, problem.scene):
+        for other in _in_other_words(effect, slug, problem.data_summary):
             if any((e.slug, e.place) == (other.slug, other.place) for e in now.effects):
                 continue
             effects = tuple(other if e is effect else e for e in now.effects)
@@ -365,8 +365,12 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     they name is a hypothesis, and dropped unless whole runs are then foretold better too.
     """
     question = state.question
-    seconds = PACES * state.problem.scene.pace
-    if question.horizon is not None or state.problem.scene.duration < FEWEST_PIECES * seconds or not _is_lost(state):
+    seconds = PACES * state.problem.data_summary.time_constant
+    if (
+        question.horizon is not None
+        or state.problem.data_summary.duration < FEWEST_PIECES * seconds
+        or not _is_lost(state)
+    ):
         return None
     segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
     again = follow(begin(replace(question, segments=segments, unseen=unseen)), SEARCH)

@@ -95,7 +95,7 @@ class Gradual(ActuatorEffect):
 
 def quickest(data: DataSummary) -> float:
     """Return the shortest time constant [s] the craft may have, going by the base model (its slowest if no values)."""
-    found = data.pace
+    found = data.time_constant
     model = CoupledModel(data.form, data.base)
     if data.base and np.linalg.matrix_rank(model.inertia) == len(data.form.dofs):
         rates = np.abs(np.linalg.eigvals(np.linalg.solve(model.inertia, model.linear_damping)))
@@ -105,7 +105,7 @@ def quickest(data: DataSummary) -> float:
 
 def horizon(data: DataSummary) -> tuple[float, float]:
     """Return shortest and longest time [s] worth looking for: a sample, and the craft's own pace within the run."""
-    longest = min(data.pace, 0.25 * data.duration)
+    longest = min(data.time_constant, 0.25 * data.duration)
     return data.interval, max(longest, 4.0 * data.interval)
 
 

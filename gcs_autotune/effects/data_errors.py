@@ -65,12 +65,12 @@ class TimeOffset(Effect):
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """A few samples, and shares of the craft's time constant, both ways."""
         low, high = self.bounds(place, data)["offset"]
-        sizes = (2.0 * data.interval, max(0.3 * data.pace, 4.0 * data.interval))
+        sizes = (2.0 * data.interval, max(0.3 * data.time_constant, 4.0 * data.interval))
         return tuple({"offset": min(max(sign * s, 0.8 * low), 0.8 * high)} for s in sizes for sign in (-1.0, 1.0))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Two time constants, a dozen samples at least; never more than a quarter of a run."""
-        most = min(max(2.0 * data.pace, 12.0 * data.interval), 0.25 * data.duration)
+        most = min(max(2.0 * data.time_constant, 12.0 * data.interval), 0.25 * data.duration)
         return {"offset": (-most, most)}
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:

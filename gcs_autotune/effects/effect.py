@@ -35,8 +35,8 @@ __all__ = [
     "Effect",
     "EffectCurve",
     "EffectInstance",
+    "EffectResidual",
     "Family",
-    "Leftover",
     "Observed",
     "Quantity",
     "columns_of",
@@ -144,7 +144,7 @@ class Observed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Leftover:
+class EffectResidual:
     """Measured minus predicted of one signal of one run: stamps, values (n,), and the noise level fitted to all."""
 
     run: str
@@ -261,11 +261,11 @@ class Effect:
         """Return what the sensors make of the truth."""
         return seen
 
-    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
+    def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
         """Return the values that what is left over speaks for. Only disturbances and faults of sensors."""
         return effect
 
-    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
         """Return the residual (n,) and its derivatives (n, k) as this disturbance leaves them, and a penalty.
 
         Samples the disturbance accounts for wholly become NaN. With m of n left, of mean square s^2 over all runs of
@@ -274,11 +274,11 @@ class Effect:
         """
         return left.error, columns, 0.0
 
-    def normal(self, effect: EffectInstance, left: Leftover) -> Array:
+    def normal(self, effect: EffectInstance, left: EffectResidual) -> Array:
         """Return the noise (n,) behind an error whose law this changes, on any scale, to test its tails."""
         raise NotImplementedError
 
-    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
+    def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
         """Return standard errors of the values :meth:`learn` found; those of fitted ones come from the fit."""
         return {}
 

@@ -246,5 +246,5 @@ def _fastest(place: str, data: DataSummary) -> float:
         found = max(abs(v) for v in data.extent[dof.velocity])
     else:
         spread = data.spread.get(dof.position, 1.0)
-        found = spread / min(data.pace, data.duration)
+        found = spread / min(data.time_constant, data.duration)
     return max(found, 1e-9)

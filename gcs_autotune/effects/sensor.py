@@ -142,12 +142,15 @@ class MeasurementDelay(Effect):
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """A sample and a half, and shares of the craft's time constant."""
         low, high = self.bounds(place, data)["delay"]
-        sizes = {min(max(s, low), 0.8 * high) for s in (1.5 * data.interval, 0.2 * data.pace, 0.7 * data.pace)}
+        sizes = {
+            min(max(s, low), 0.8 * high)
+            for s in (1.5 * data.interval, 0.2 * data.time_constant, 0.7 * data.time_constant)
+        }
         return tuple({"delay": s} for s in sorted(sizes))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Two time constants, a dozen samples at least; never more than a quarter of a run."""
-        return {"delay": (0.0, min(max(2.0 * data.pace, 12.0 * data.interval), 0.25 * data.duration))}
+        return {"delay": (0.0, min(max(2.0 * data.time_constant, 12.0 * data.interval), 0.25 * data.duration))}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
         """Show what was."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr, ndtri_exp
 
-from gcs_autotune.effects.effect import SIGNAL, Array, Effect, EffectCurve, EffectInstance, Leftover, Quantity
+from gcs_autotune.effects.effect import SIGNAL, Array, Effect, EffectCurve, EffectInstance, EffectResidual, Quantity
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -60,7 +60,7 @@ class Quantisation(Effect):
         """Steps as large as the signal leave nothing of it."""
         return {"step": (0.0, 3.0 * data.spread[place])}
 
-    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
+    def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
         """Take the readings' grid for the cause when it is a fair share of what is left; size the noise before it."""
         mine = [x for x in left if x.signal == effect.place and len(x.error) >= FEWEST]
         steps = [_step(x) for x in mine]
@@ -70,7 +70,7 @@ class Quantisation(Effect):
             return effect.with_values({"step": 0.0})
         return replace(effect.with_values({"step": step}), constants={"level": _level(error, step)})
 
-    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
         """Return the expected noise before rounding, at its own size.
 
         It is stretched from the size it has as an expectation, here and now, to that of the noise, and the columns
@@ -87,7 +87,7 @@ class Quantisation(Effect):
         penalty = float(np.sum(2.0 * math.log(step) - 2.0 * log_chance - gaussian - VISIBLE))
         return stretch * noise, columns / stretch, penalty
 
-    def normal(self, effect: EffectInstance, left: Leftover) -> Array:
+    def normal(self, effect: EffectInstance, left: EffectResidual) -> Array:
         """Return noise drawn from within each reading's interval, on the scale of a standard normal (Dunn1996).
 
         What is expected there is mostly nothing, sometimes much: heavy tails by construction. A draw has none.
@@ -101,7 +101,7 @@ class Quantisation(Effect):
         below, upper = log_ndtr(low), log_ndtr(high)
         return side * ndtri_exp(upper + np.log1p((chance - 1.0) * -np.expm1(np.minimum(below - upper, 0.0))))
 
-    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
+    def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
         """How exactly a grid is read off."""
         return {"step": TOLERANCE * effect["step"]}
 
@@ -115,7 +115,7 @@ class Quantisation(Effect):
         )
 
 
-def _step(x: Leftover) -> float:
+def _step(x: EffectResidual) -> float:
     """Return the grid of a run's readings; of a heading also as it was before it was made continuous."""
     turn = 2.0 * math.pi
     ways = (x.measured, np.mod(x.measured, turn), np.mod(x.measured + math.pi, turn) - math.pi)
@@ -202,7 +202,7 @@ class Outliers(Effect):
         """More than a third are no exceptions."""
         return {"share": (0.0, 0.3), "size": (0.0, 1e3 * data.spread[place])}
 
-    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
+    def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
         """Count and size what stands out of its neighbours; none when it keeps to the motion or to flocks."""
         mine = [x for x in left if x.signal == effect.place]
         found = contamination(np.concatenate([stray(x.error) for x in mine])) if mine else None
@@ -213,7 +213,7 @@ class Outliers(Effect):
         effect = effect.with_values({"share": found.share, "size": found.size})
         return replace(effect, constants={**effect.constants, "level": found.level})
 
-    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
         """Weigh outliers by the size they may have, at the price of that size and of picking them."""
         if left.signal != effect.place or effect["share"] <= 0.0:
             return left.error, columns, 0.0
@@ -225,7 +225,7 @@ class Outliers(Effect):
         odds = count * math.log(law.share) + (len(off) - count) * math.log1p(-law.share)
         return weight * left.error, weight[:, None] * columns, count * math.log(broader) - 2.0 * odds
 
-    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
+    def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
         """Of a count, and of the rms of so many."""
         n = sum(len(x.error) for x in left if x.signal == effect.place)
         count = max(effect["share"] * n, 1.0)

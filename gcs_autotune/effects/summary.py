@@ -30,8 +30,8 @@ class DataSummary:
 
     ``form`` the base model's; ``inputs``/``signals`` unit per driven input and per measured signal; ``amplitude``
     largest magnitude of each input, ``spread`` standard deviation of each signal, ``level`` its noise (model-free);
-    ``channels`` names of everything recorded; ``interval`` [s] between samples, ``pace`` [s] the base model's slowest
-    time constant, ``duration`` [s] the longest run; ``quantum`` the grid step of each signal (0: none).
+    ``channels`` names of everything recorded; ``interval`` [s] between samples, ``time_constant`` [s] the base
+    model's slowest, ``duration`` [s] the longest run; ``quantum`` the grid step of each signal (0: none).
     """
 
     form: Form
@@ -42,7 +42,7 @@ class DataSummary:
     level: Mapping[str, float]
     channels: frozenset[str]
     interval: float
-    pace: float
+    time_constant: float
     duration: float
     quantum: Mapping[str, float] = field(default_factory=dict)
     extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -102,7 +102,7 @@ def force_scale(dof: str, data: DataSummary) -> float:
     for channel, gain in _drives(dof, data):
         size = abs(known.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
         total += size * data.amplitude.get(channel, 0.0)
-    return total or inertia_scale(dof, data) * top_speed(dof, data) / max(data.pace, data.interval)
+    return total or inertia_scale(dof, data) * top_speed(dof, data) / max(data.time_constant, data.interval)
 
 
 def inertia_scale(dof: str, data: DataSummary) -> float:
@@ -124,4 +124,4 @@ def top_speed(dof: str, data: DataSummary) -> float:
     """Return the largest speed recorded, else what the positions recorded speak for; 1 when neither tells."""
     d = DOFS[dof]
     fastest = max((abs(e) for e in data.extent.get(d.velocity, ())), default=0.0)
-    return fastest or 2.0 * data.spread.get(d.position, 0.0) / max(data.pace, data.interval) or 1.0
+    return fastest or 2.0 * data.spread.get(d.position, 0.0) / max(data.time_constant, data.interval) or 1.0

@@ -152,7 +152,7 @@ def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
     raise LookupError(f"{effect.slug} has no place on any of the craft here: add one that has it")
 
 
-def _scene(
+def _data_summary(
     dofs: tuple[str, ...], drives: Mapping[str, str], signals: tuple[str, ...], *, drag: bool = True
 ) -> DataSummary:
     inputs = {channel: ((DOFS[dof].force, 1.0),) for channel, dof in drives.items()}
@@ -170,7 +170,7 @@ def _scene(
         level=dict.fromkeys(signals, NOISE),
         channels=frozenset((*drives, *signals)),
         interval=INTERVAL,
-        pace=PACE,
+        time_constant=PACE,
         duration=DURATION,
         quantum=dict.fromkeys(signals, 0.0),
         extent=dict.fromkeys((*drives, *signals), (-1.0, 1.0)),
@@ -181,12 +181,12 @@ def _scene(
 
 
 _SCENES = (
-    _scene(
+    _data_summary(
         ("surge", "sway", "heave", "yaw"),
         {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"},
         ("u", "v", "w", "r", "psi", "x", "y", "z"),
     ),
-    _scene(("yaw",), {"delta": "yaw"}, ("r", "psi", "u")),
-    _scene(("yaw",), {"N": "yaw"}, ("r", "psi"), drag=False),
+    _data_summary(("yaw",), {"delta": "yaw"}, ("r", "psi", "u")),
+    _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi"), drag=False),
 )
 """All but yaw by a rudder; that; and a craft without linear drag."""

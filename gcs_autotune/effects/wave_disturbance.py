@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from gcs_autotune.effects.effect import INPUT, Array, Effect, EffectCurve, EffectInstance, Leftover, Quantity
+from gcs_autotune.effects.effect import INPUT, Array, Effect, EffectCurve, EffectInstance, EffectResidual, Quantity
 from gcs_autotune.effects.narrow_band import Oscillator, Record, cost, driven, whitened
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.sname import DOFS
@@ -73,12 +73,12 @@ class _Kin:
         return cost(self.law(math.exp(log_omega), math.exp(log_zeta), math.exp(log_rho)), self.records)
 
 
-def band_of(left: Sequence[Leftover], *, velocity: str, lag: float) -> Band | None:
+def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Band | None:
     """Return the narrow band that *left* (of one degree of freedom's position and *velocity*) shows, or None.
 
     lag : time constant of the craft [s].
     """
-    groups: dict[str, list[Leftover]] = {}
+    groups: dict[str, list[EffectResidual]] = {}
     for x in left:
         if len(x.error) >= FEWEST and float(np.ptp(x.error)) > 0.0:
             groups.setdefault(x.signal, []).append(x)
@@ -182,7 +182,7 @@ def _red(own: _Kin, low: float) -> Callable[[Array], float]:
     return of
 
 
-def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[Leftover]) -> tuple[float, int]:
+def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[EffectResidual]) -> tuple[float, int]:
     """Return what regression on the craft's own motion gains on top of the band, and on how many regressors."""
     tables = []
     for (t, error), x in zip(records, own, strict=True):
@@ -205,7 +205,7 @@ def _joined(law: Oscillator, records: Sequence[Record]) -> tuple[Array, Array]:
     return white, np.concatenate([e for _, e in records])
 
 
-def _with_motion(law: Oscillator, x: Leftover) -> Array:
+def _with_motion(law: Oscillator, x: EffectResidual) -> Array:
     """Return regressors (n, k): a constant, the predicted motion with its rate and signed square, what it rings up at
     the band, and the motion of some periods before: any memory of it, linear and that long.
     """
@@ -272,7 +272,7 @@ class WaveDisturbance(Effect):
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """None yet; :meth:`learn` finds the band."""
         amplitude = {} if _gains(place, data) is None else {"amplitude": 0.0}
-        return ({**amplitude, "frequency": 6.0 / data.pace, "bandwidth": 0.05},)
+        return ({**amplitude, "frequency": 6.0 / data.time_constant, "bandwidth": 0.05},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """A period seen several times, and sampled."""
@@ -281,9 +281,9 @@ class WaveDisturbance(Effect):
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """Inertia and time constant of the base model, on the side of the input."""
-        return _gains(place, data) or {"lag": data.pace}
+        return _gains(place, data) or {"lag": data.time_constant}
 
-    def learn(self, effect: EffectInstance, left: Sequence[Leftover]) -> EffectInstance:
+    def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
         """Find the band, if there is one."""
         dof, lag = DOFS[effect.place], effect.constants["lag"]
         mine = [x for x in left if x.signal in (dof.position, dof.velocity)]
@@ -301,7 +301,7 @@ class WaveDisturbance(Effect):
         errors = {f"std {n}": e for n, e in zip(("frequency", "bandwidth", "amplitude"), band.std, strict=True)}
         return replace(effect.with_values(found), constants={**kept, **used, **ratios, **errors})
 
-    def judge(self, effect: EffectInstance, left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+    def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
         """Return one-step prediction errors, at the size they have once the filter is settled."""
         rho = effect.constants.get(f"ratio {left.signal}", 0.0)
         if rho <= 0.0 or len(left.error) == 0:
@@ -313,7 +313,7 @@ class WaveDisturbance(Effect):
         white *= settled
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
-    def uncertainty(self, effect: EffectInstance, left: Sequence[Leftover]) -> Mapping[str, float]:
+    def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
         """From the curvature of the likelihood; the amplitude's from how few independent swings there were."""
         if "std frequency" not in effect.constants:
             return {}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
-from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, fly, helm_of, helm_of_shares
+from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, allocation_of, allocation_of_shares, fly
 from gcs_autotune.identify import Fit, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
@@ -27,14 +27,14 @@ from gcs_autotune.trial import Trial
 
 __all__ = [
     "Criterion",
+    "PrecisionGain",
     "RankedManoeuvre",
     "Ranking",
-    "Worth",
     "plan_next",
     "rank_by_precision",
+    "ranking_of",
     "relative_errors",
     "shortfall",
-    "worth_of",
 ]
 
 Array = NDArray[np.float64]
@@ -149,15 +149,16 @@ def plan_next(
     if not 5.0 <= seconds <= 3600.0:
         raise UsageError(f"a run of {seconds} s cannot be planned: give 5 to 3600 s")
     subject = fitted_model_of(fit, trials)
-    helm = helm_of(subject.form, subject.theta, subject.records)
+    allocation = allocation_of(subject.form, subject.theta, subject.records)
     wanted = PRESETS.values() if candidates is None else [_candidate(c) for c in candidates]
-    able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(helm.columns)]
+    able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(allocation.columns)]
     if not able:
         raise UsageError(
-            f"the inputs {', '.join(helm.channels)} give {', '.join(helm.columns)}; no candidate is flown with these"
+            f"the inputs {', '.join(allocation.channels)} give {', '.join(allocation.columns)}; "
+            "no candidate is flown with these"
         )
     now = look_into(subject)
-    plans = [p for c in able if (p := worth_of(subject, now, fly(subject, helm, c, seconds), c)) is not None]
+    plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]
     if not plans:
         raise NotInformative(
             f"the model '{subject.form.name}' runs away in every manoeuvre: fit it with physical signs first"
@@ -173,7 +174,7 @@ UNTOLD = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Worth:
+class PrecisionGain:
     """What a manoeuvre is expected to do for the precision that is asked for.
 
     ``relative``: standard error over value expected of each parameter after it. ``rate``: how much nearer it comes
@@ -211,7 +212,7 @@ def rank_by_precision(
     longest: float,
     overhead: float,
     most: Mapping[str, float] | None = None,
-) -> tuple[Worth, ...]:
+) -> tuple[PrecisionGain, ...]:
     """Rank manoeuvres, each flown by the model to its end, by how quickly they bring the precision *wanted*.
 
     Parameters
@@ -230,15 +231,15 @@ def rank_by_precision(
         As :func:`gcs_autotune.identify.fitted_model_of`.
     """
     subject = fitted_model_of(fit, trials)
-    helm = helm_of_shares(subject.form, most or {})
+    allocation = allocation_of_shares(subject.form, most or {})
     now = look_into(subject)
     present = relative_errors(fit, wanted)
     ideal = now.information.std
     ranked = []
     for candidate in candidates:
-        if not {ROLES[force] for force in candidate.drives} & set(helm.columns):
+        if not {ROLES[force] for force in candidate.drives} & set(allocation.columns):
             continue
-        plan = worth_of(subject, now, fly(subject, helm, candidate, longest, to_its_end=True), candidate)
+        plan = ranking_of(subject, now, fly(subject, allocation, candidate, longest, to_its_end=True), candidate)
         if plan is None:
             continue
         expected = dict(present)
@@ -249,11 +250,11 @@ def rank_by_precision(
                 expected[name] = min(present[name], excess * plan.std[i] / abs(float(subject.values[i])))
         seconds = plan.flight.reach.seconds + overhead
         rate = 60.0 * (shortfall(present, wanted) - shortfall(expected, wanted)) / seconds
-        ranked.append(Worth(candidate, plan.flight, expected, rate, seconds))
+        ranked.append(PrecisionGain(candidate, plan.flight, expected, rate, seconds))
     return tuple(sorted(ranked, key=lambda w: -w.rate))
 
 
-def worth_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:
+def ranking_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:
     """Return what a flight would bring, None when there is none or its sensitivities run away."""
     if flight is None:
         return None

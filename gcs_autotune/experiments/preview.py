@@ -1,7 +1,8 @@
 """A proposed manoeuvre flown by the model: its inputs, its motion, the room it takes, the record it would leave.
 
 Whatever the input channels are (thrust and moment, a rudder, a pair of thrusters), a manoeuvre asks for shares of full
-force per equation; :class:`Helm` turns them into channel values that never exceed those the runs have used.
+force per equation; :class:`ChannelAllocation` turns them into channel values that never exceed those the runs have
+used.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from gcs_autotune.sname import DOFS, SIGNALS
 __all__ = [
     "CONTROL_STEP",
     "ROLES",
+    "ChannelAllocation",
     "Flight",
-    "Helm",
     "Kind",
     "ManoeuvringRoom",
+    "allocation_of",
+    "allocation_of_shares",
     "fly",
-    "helm_of",
-    "helm_of_shares",
     "room_of",
     "room_of_runs",
 ]
@@ -135,7 +136,7 @@ ROLES: Mapping[str, str] = {"N": "steer", "X": "thrust", "Z": "heave", "Y": "swa
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Helm:
+class ChannelAllocation:
     """``columns[role]`` (m,): channel values of a role at full share; ``low``, ``high`` (m,) what may be commanded."""
 
     channels: tuple[str, ...]
@@ -153,16 +154,16 @@ class Helm:
         return held
 
 
-def helm_of_shares(form: Form, most: Mapping[str, float]) -> Helm:
-    """Return the helm of a form whose inputs are forces as shares of full output; *most* of one may be used, or all."""
+def allocation_of_shares(form: Form, most: Mapping[str, float]) -> ChannelAllocation:
+    """Return the allocation of a form whose inputs are forces as shares of full output; *most* of one may be used."""
     channels = tuple(form.inputs)
     high = np.array([most.get(c, 1.0) for c in channels])
     columns = {ROLES[c]: np.eye(len(channels))[i] for i, c in enumerate(channels) if c in ROLES}
-    return Helm(channels, columns, -high, high)
+    return ChannelAllocation(channels, columns, -high, high)
 
 
-def helm_of(form: Form, theta: Array, records: Sequence[Segment]) -> Helm:
-    """Return the helm of a form whose gains have the values *theta*, limited to the inputs of *records*.
+def allocation_of(form: Form, theta: Array, records: Sequence[Segment]) -> ChannelAllocation:
+    """Return the allocation of a form whose gains have the values *theta*, limited to the inputs of *records*.
 
     A channel that drives surge and was never negative stays so; any other may go to both sides.
 
@@ -191,7 +192,7 @@ def helm_of(form: Form, theta: Array, records: Sequence[Segment]) -> Helm:
     for role, column in zip(chosen, np.linalg.pinv(np.array(rows)).T, strict=True):
         busy = np.abs(column) > 1e-12
         columns[role] = column * float(np.min(most[busy] / np.abs(column[busy])))
-    return Helm(tuple(form.inputs), columns, np.where(ahead_only, 0.0, -most), most)
+    return ChannelAllocation(tuple(form.inputs), columns, np.where(ahead_only, 0.0, -most), most)
 
 
 def _gains(form: Form, theta: Array) -> Array:
@@ -233,16 +234,18 @@ class Flight:
         return replace(subject, records=(self.record,), initial=(self.initial,))
 
 
-def fly(subject: FittedModel, helm: Helm, preset: Preset, seconds: float, *, to_its_end: bool = False) -> Flight | None:
+def fly(
+    subject: FittedModel, allocation: ChannelAllocation, preset: Preset, seconds: float, *, to_its_end: bool = False
+) -> Flight | None:
     """Let the model fly *preset* for *seconds*; None when it runs away.
 
     It starts from rest, or, when no input drives surge, at the median speed of the runs. ``to_its_end``: the flight
     ends with the manoeuvre, and is None where that takes more than *seconds* or comes to no good end; else the inputs
     are none from there on.
     """
-    x_0 = _start(subject, helm)
+    x_0 = _start(subject, allocation)
     t: Array = np.arange(round(seconds / CONTROL_STEP), dtype=np.float64) * CONTROL_STEP
-    commanded = _commanded(subject, helm, preset, t, x_0, seconds)
+    commanded = _commanded(subject, allocation, preset, t, x_0, seconds)
     if commanded is None:
         return None
     inputs, used, outcome = commanded
@@ -277,7 +280,7 @@ def fly(subject: FittedModel, helm: Helm, preset: Preset, seconds: float, *, to_
 
 
 def _commanded(
-    subject: FittedModel, helm: Helm, preset: Preset, t: Array, x_0: Array, seconds: float
+    subject: FittedModel, allocation: ChannelAllocation, preset: Preset, t: Array, x_0: Array, seconds: float
 ) -> tuple[Array, int, Outcome | None] | None:
     """Return the inputs (j, m) that the manoeuvre commands at *t*, after its end none, how many steps it took, and how
     it ended.
@@ -286,13 +289,13 @@ def _commanded(
     """
     simulator = Simulator(subject.form)
     states, x = simulator.states, x_0
-    inputs = np.zeros((len(t), len(helm.channels)))
+    inputs = np.zeros((len(t), len(allocation.channels)))
     manoeuvre = preset.make(seconds)
     commands = manoeuvre.commands(_observed(0.0, states, x_0))
     command = next(commands)
     i = 0
     for i in range(len(t)):
-        inputs[i] = helm.inputs(_shares(command))
+        inputs[i] = allocation.inputs(_shares(command))
         if i + 1 == len(t) or manoeuvre.outcome is not None:
             break
         if preset.closed:
@@ -315,10 +318,10 @@ def _observed(t: float, states: Sequence[str], x: Array) -> Observation:
     return Observation(**{"psi": 0.0, **known, "t": t, "speed": speed})
 
 
-def _start(subject: FittedModel, helm: Helm) -> Array:
+def _start(subject: FittedModel, allocation: ChannelAllocation) -> Array:
     states = Simulator(subject.form).states
     x_0 = np.zeros(len(states))
-    if "u" in states and "thrust" not in helm.columns:
+    if "u" in states and "thrust" not in allocation.columns:
         at = states.index("u")
         x_0[at] = float(np.median(np.concatenate([subject.motion(i)[1][:, at] for i in range(len(subject.records))])))
     return x_0

@@ -21,7 +21,16 @@ from gcs_autotune.models import FORMS, CoupledModel, Form, inertia_of
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
-__all__ = ["THRUSTERS", "asked_for", "base_limits", "fit_base", "given_base", "overlooked", "plain_form", "scene_of"]
+__all__ = [
+    "THRUSTERS",
+    "asked_for",
+    "base_limits",
+    "data_summary_of",
+    "fit_base",
+    "given_base",
+    "overlooked",
+    "plain_form",
+]
 
 Array = NDArray[np.float64]
 
@@ -170,7 +179,7 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
     return Form("plain", "two fixed thrusters, linear damping", tuple(dofs), tuple(free), known, inputs, coriolis=False)
 
 
-def scene_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
+def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
     """Return what may be known of the runs before any effect is fitted; *base*: values of the base model."""
     signals = {n: SIGNALS[n][0] for r in segments for n in r.signals}
     units = dict(zip(form.inputs, segments[0].input_units, strict=True))
@@ -184,7 +193,7 @@ def scene_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] 
     joined = {n: np.concatenate(parts) for n, parts in measured.items()}
     steps = [float(np.median(np.diff(s.t))) for r in segments for s in r.signals.values() if len(s.t) > 1]
     inertia = [(f"{DOFS[d].force}_{DOFS[d].velocity}") for d in form.dofs]
-    paces = [abs(base[f"{n}dot"] / base[n]) for n in inertia if base and base.get(n) and f"{n}dot" in base]
+    time_constants = [abs(base[f"{n}dot"] / base[n]) for n in inertia if base and base.get(n) and f"{n}dot" in base]
     return DataSummary(
         form=form,
         inputs=units,
@@ -196,7 +205,7 @@ def scene_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] 
         level=first_levels(segments),
         channels=frozenset(joined),
         interval=float(np.median(steps)),
-        pace=float(np.clip(max(paces, default=1.0), 1e-2, 1e3)),
+        time_constant=float(np.clip(max(time_constants, default=1.0), 1e-2, 1e3)),
         duration=max(float(r.stamps[-1]) - r.start for r in segments),
         quantum={n: max(r.signals[n].step for r in segments if n in r.signals) for n in signals},
         extent={n: (float(v.min()), float(v.max())) for n, v in joined.items()},
@@ -229,7 +238,7 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
     """
     limits = base_limits(form)
     ground = initial_guess_of(form, segments)
-    problem = Problem(form, segments, scene_of(form, segments), limits)
+    problem = Problem(form, segments, data_summary_of(form, segments), limits)
     best: Fitted | None = None
     with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
         starts = list(ground.starts(limits))
@@ -259,7 +268,7 @@ def given_base(
         From no start can the model follow these runs.
     """
     form, limits = model.form, base_limits(model.form)
-    problem = Problem(form, segments, scene_of(form, segments, model.values), limits)
+    problem = Problem(form, segments, data_summary_of(form, segments, model.values), limits)
     ground = initial_guess_of(form, segments)
     low, high = limits.of(form.parameters)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -277,6 +286,6 @@ def given_base(
 
 
 def _known(form: Form, segments: Sequence[Segment], limits: Limits, fitted: Fitted) -> Problem:
-    """Return the problem with the base's values in the scene."""
+    """Return the problem with the base's values in the data_summary."""
     values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
-    return Problem(form, segments, scene_of(form, segments, values), limits)
+    return Problem(form, segments, data_summary_of(form, segments, values), limits)

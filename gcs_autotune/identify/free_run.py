@@ -18,7 +18,7 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.base_model import base_limits, scene_of
+from gcs_autotune.identify.base_model import base_limits, data_summary_of
 from gcs_autotune.identify.first_look import first_levels, first_states
 from gcs_autotune.identify.least_squares import Local, descend
 from gcs_autotune.identify.preparation import prepare, prepare_as_recorded, prepare_form
@@ -240,7 +240,7 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
 def _with_effects(model: ExtendedModel, trial: Trial) -> list[Trace]:
     form = model.base.form
     segments, _ = prepare_as_recorded([trial], form)
-    problem = Problem(form, segments, scene_of(form, segments, model.base.values), base_limits(form), free=())
+    problem = Problem(form, segments, data_summary_of(form, segments, model.base.values), base_limits(form), free=())
     found = problem.states(model.base.theta, model.effects, problem.first_states(segments))
     if found is None:
         raise NotInformative(f"the model '{form.name}' with its effects runs away on run '{trial.name}'")

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, Leftover
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual
 from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.identify.noise import NoiseModel
 from gcs_autotune.identify.segment import Segment
@@ -170,7 +170,7 @@ class Objective:
                     self.free_effects,
                     names,
                     typical=typical,
-                    scene=problem.summary,
+                    data_summary=problem.summary,
                     dated=self.dated,
                     patience=patience,
                 )
@@ -183,8 +183,8 @@ class Objective:
         if self.dated:
             self.columns = [np.append(own, used) for own in self.columns]
 
-    def _typical(self, scene: DataSummary) -> list[float]:
-        sizes = [typical_of(own, scene) for own in self.effects]
+    def _typical(self, data_summary: DataSummary) -> list[float]:
+        sizes = [typical_of(own, data_summary) for own in self.effects]
         return [sizes[i][name] for i, name in self.free_effects]
 
     def pack(self) -> Array:
@@ -238,7 +238,7 @@ class Objective:
                 prediction, by = motion[name]
                 error, fee = signal.values - prediction, 0.0
                 if effects:
-                    left = Leftover(segment.run, name, signal.t, error, signal.values, self._level(name))
+                    left = EffectResidual(segment.run, name, signal.t, error, signal.values, self._level(name))
                     error, by, fee = judged_by(effects, left, by)
                 found.append(Residual(i, name, signal.t, signal.values, prediction, error, by, signal.step, fee))
         return tuple(found)
@@ -300,7 +300,9 @@ class Objective:
         sums, counts = sums_of(found)
         levels = {n: max(float(np.sqrt(sums[n] / max(counts[n], 1))), floors[n]) for n in sums}
         runs = self.problem.segments
-        left = [Leftover(runs[r.segment].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in found]
+        left = [
+            EffectResidual(runs[r.segment].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in found
+        ]
         self.effects = tuple(EFFECTS[e.slug].learn(e, left) if EFFECTS[e.slug].is_disturbance else e for e in effects)
         self._recent.clear()
         self.theta, self.initial, self.shift, self.levels = theta, initial, shift, levels
@@ -341,7 +343,7 @@ def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, 
     return sums, counts
 
 
-def judged_by(effects: Sequence[EffectInstance], left: Leftover, columns: Array) -> tuple[Array, Array, float]:
+def judged_by(effects: Sequence[EffectInstance], left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
     """Return a residual (n,), its derivatives (n, k) and the penalty as all disturbances among *effects* leave them."""
     fee = 0.0
     for own in effects:
@@ -351,8 +353,8 @@ def judged_by(effects: Sequence[EffectInstance], left: Leftover, columns: Array)
     return left.error, columns, fee
 
 
-def _with_error(left: Leftover, error: Array) -> Leftover:
-    return Leftover(left.run, left.signal, left.t, error, left.measured, left.level)
+def _with_error(left: EffectResidual, error: Array) -> EffectResidual:
+    return EffectResidual(left.run, left.signal, left.t, error, left.measured, left.level)
 
 
 def first_input(segment: Segment) -> Array:

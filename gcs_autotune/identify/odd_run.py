@@ -29,7 +29,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve_form
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["Apart", "CraftEstimate", "apart_doubts", "odd_run", "runs_apart"]
+__all__ = ["CraftEstimate", "OddRun", "odd_run", "odd_run_doubts", "odd_runs"]
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class CraftEstimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class OddRun:
     """A run that speaks of another craft, ``sigmas`` standard errors from the others; ``change`` of the parameter
     that differs most, as a share. ``pair`` holds both names when there are only two runs and either may be the odd one.
     """
@@ -71,9 +71,9 @@ class Apart:
     pair: tuple[str, str] | None = None
 
 
-def runs_apart(
+def odd_runs(
     names: Sequence[str], estimate: Callable[[tuple[int, ...]], CraftEstimate | None], sigmas: float = SIGMAS
-) -> tuple[Apart, ...]:
+) -> tuple[OddRun, ...]:
     """Return the runs that do not belong to the others.
 
     Parameters
@@ -83,7 +83,7 @@ def runs_apart(
     """
     alone = [estimate((i,)) for i in range(len(names))]
     left = [i for i, found in enumerate(alone) if found is not None]
-    odd: list[Apart] = []
+    odd: list[OddRun] = []
     while len(left) >= 2:
         distances = [_distance(alone[i], estimate(tuple(j for j in left if j != i)), sigmas) for i in left]
         k = int(np.argmax([d for d, _ in distances]))
@@ -91,7 +91,7 @@ def runs_apart(
         if distance <= 0.0:
             break
         pair = (names[left[0]], names[left[1]]) if len(left) == 2 and not odd else None
-        odd.append(Apart(names[left[k]], distance, change, pair))
+        odd.append(OddRun(names[left[k]], distance, change, pair))
         del left[k]
     return tuple(odd)
 
@@ -118,7 +118,7 @@ def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: flo
     return math.sqrt(square), change
 
 
-def apart_doubts(found: Sequence[Apart]) -> list[Doubt]:
+def odd_run_doubts(found: Sequence[OddRun]) -> list[Doubt]:
     """Return one doubt per run apart, the run named."""
     return [
         Doubt(

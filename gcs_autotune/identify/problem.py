@@ -45,18 +45,18 @@ class Problem:
 
     Parameters
     ----------
-    scene : what effects are told of the runs; None where none will be fitted. limits : of the base's parameters.
+    data_summary : what effects are told of the runs; None where none will be fitted. limits : of the base's parameters.
     free : base parameters to fit (all free ones when None).
     held : numbers of effects that stay as they are: (slug, place, name).
-    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a scene. With a
-        free delay there is no shift: the two are one number.
+    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
+        With a free delay there is no shift: the two are one number.
     """
 
     def __init__(
         self,
         form: Form,
         segments: Sequence[Segment],
-        scene: DataSummary | None,
+        data_summary: DataSummary | None,
         limits: Limits,
         free: Sequence[str] | None = None,
         held: Collection[tuple[str, str, str]] = (),
@@ -64,17 +64,21 @@ class Problem:
     ) -> None:
         self.form = form
         self.segments = tuple(segments)
-        self.summary = scene
+        self.summary = data_summary
         self.limits = limits
         self.free = tuple(form.free if free is None else free)
         self.held = frozenset(held)
-        self.stamps = stamps or (WEAK if scene is None else DIAGNOSTIC)
-        self.floors = {} if scene is None else {n: FLOOR * min(s, _way(n, scene)) for n, s in scene.spread.items()}
+        self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
+        self.floors = (
+            {}
+            if data_summary is None
+            else {n: FLOOR * min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
+        )
         dating = max((s.dating for s in self.segments), default=0.0)
         self.dating = 0.0 if "delay" in self.free else dating
 
     @property
-    def scene(self) -> DataSummary:
+    def data_summary(self) -> DataSummary:
         """What effects are told of the runs."""
         assert self.summary is not None, "effects cannot be fitted without it"
         return self.summary
@@ -98,7 +102,7 @@ class Problem:
         low, high = self.limits.of(self.free)
         if not free_effects:
             return low, high
-        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, self.scene) for i, _ in free_effects]
+        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, self.data_summary) for i, _ in free_effects]
         pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(own, free_effects, strict=True)]
         return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
 
@@ -188,12 +192,12 @@ def label_of(own: EffectInstance, name: str) -> str:
     return f"{own.slug}@{own.place}.{name}"
 
 
-def _way(signal: str, scene: DataSummary) -> float:
+def _way(signal: str, data_summary: DataSummary) -> float:
     """Return up to where the spread of a signal counts."""
     if signal in ANGLES:
         return TURN
-    speed = float(np.hypot.reduce([scene.spread.get(v, 0.0) for v in WAYS.get(signal, ())]))
-    return STRIDE * scene.interval * speed if speed > 0.0 else np.inf
+    speed = float(np.hypot.reduce([data_summary.spread.get(v, 0.0) for v in WAYS.get(signal, ())]))
+    return STRIDE * data_summary.interval * speed if speed > 0.0 else np.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -176,8 +176,8 @@ class EffectSimulator:
     """A coupled form with effects. The shift of stamps by a difference as long as that of the effect ``input-delay``:
     the two must not look different."""
 
-    def __init__(self, simulator: ExtendedSimulator, scene: DataSummary, *, dated: bool) -> None:
-        self._simulator, self._dated, self._step = simulator, dated, STEP * horizon(scene)[1]
+    def __init__(self, simulator: ExtendedSimulator, data_summary: DataSummary, *, dated: bool) -> None:
+        self._simulator, self._dated, self._step = simulator, dated, STEP * horizon(data_summary)[1]
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -217,16 +217,18 @@ def simulator_of(
     states: Sequence[str],
     *,
     typical: Sequence[float],
-    scene: DataSummary | None,
+    data_summary: DataSummary | None,
     dated: bool,
     patience: int | None,
 ) -> SegmentSimulator:
-    """Return what simulates *form* with *effects*; with a *scene* always as one to which effects may be added."""
+    """Return what simulates *form* with *effects*; with a *data_summary* always as one that may have effects."""
     if isinstance(form, ExplicitForm):
         return AxisSimulator(form, free, states, dated=dated)
-    if scene is None:
+    if data_summary is None:
         return FormSimulator(form, free, states, dated=dated, patience=patience)
-    return EffectSimulator(ExtendedSimulator(form, effects, free, free_effects, states, typical), scene, dated=dated)
+    return EffectSimulator(
+        ExtendedSimulator(form, effects, free, free_effects, states, typical), data_summary, dated=dated
+    )
 
 
 def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment) -> tuple[str, ...]:
@@ -256,10 +258,10 @@ def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment)
     return tuple(wanted)
 
 
-def typical_of(own: EffectInstance, scene: DataSummary) -> dict[str, float]:
+def typical_of(own: EffectInstance, data_summary: DataSummary) -> dict[str, float]:
     """Return the size of each parameter of an effect: the largest of its starts, or of its value."""
     entry = EFFECTS[own.slug]
-    starts = entry.starts(own.place, scene)
+    starts = entry.starts(own.place, data_summary)
     sizes = {}
     for name in own.values:
         largest = max((abs(s.get(name, 0.0)) for s in starts), default=0.0)

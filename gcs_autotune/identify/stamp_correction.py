@@ -71,7 +71,7 @@ def switches_of(
     which = np.flatnonzero((segment.slack > 0.0) & (at > segment.start) & (at < segment.stamps[-1]))
     if len(which) > MOST:
         which = which[:0]
-    simulator = simulator_of(form, effects, (), (), (), typical=(), scene=None, dated=False, patience=None)
+    simulator = simulator_of(form, effects, (), (), (), typical=(), data_summary=None, dated=False, patience=None)
 
     def moved(j: int, by: float) -> Segment:
         t_in = segment.t_in.copy()

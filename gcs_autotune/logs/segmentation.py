@@ -140,7 +140,7 @@ FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 
 @dataclass(frozen=True, slots=True)
-class _Stretch:
+class _LogSegment:
     """From ``start`` to ``end`` [s] the craft was armed in ``mode``."""
 
     start: float
@@ -244,14 +244,14 @@ def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
     return replace(run, meta={**run.meta, "stretches_left_out": dropped})
 
 
-def _stretches(store: SampleStore) -> list[_Stretch]:
+def _stretches(store: SampleStore) -> list[_LogSegment]:
     """Cut at every change of mode or arming and around silences; without any word of arming it counts as armed."""
     start, end = store.span
     silent = store.silences(SILENCE)
     armed = store.arming or [(start, True)]
     modes = store.modes or [(start, -1)]
     cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end} | {t for gap in silent for t in gap})
-    found: list[_Stretch] = []
+    found: list[_LogSegment] = []
     for a, b in itertools.pairwise(cuts):
         is_armed = _at(armed, a)
         if not is_armed or b <= a or (a, b) in silent:
@@ -259,9 +259,9 @@ def _stretches(store: SampleStore) -> list[_Stretch]:
         number = _at(modes, a)
         mode = "armed" if number is None or number < 0 else _mode_name(store, number)
         if found and found[-1].end == a and found[-1].mode == mode:
-            found[-1] = _Stretch(found[-1].start, b, mode)
+            found[-1] = _LogSegment(found[-1].start, b, mode)
         else:
-            found.append(_Stretch(a, b, mode))
+            found.append(_LogSegment(a, b, mode))
     return found
 
 
@@ -275,14 +275,14 @@ def _mode_name(store: SampleStore, number: int) -> str:
     return store.firmware.mode_name(number) if store.firmware else f"MODE {number}"
 
 
-def _marks(store: SampleStore, stretch: _Stretch) -> tuple[Mark, ...]:
+def _marks(store: SampleStore, stretch: _LogSegment) -> tuple[Mark, ...]:
     marks = [Mark(t, "mode", {"mode": _mode_name(store, n)}) for t, n in store.modes]
     marks += [Mark(t, "armed" if on else "disarmed") for t, on in store.arming]
     marks += [Mark(t, "text", {"text": text}) for t, text in store.texts]
     return tuple(sorted((m for m in marks if stretch.start <= m.t <= stretch.end), key=lambda m: m.t))
 
 
-def _useless(run: Trial, stretch: _Stretch, doubts: list[Note]) -> str:
+def _useless(run: Trial, stretch: _LogSegment, doubts: list[Note]) -> str:
     """Return why nothing can be learnt from a run, empty when something may."""
     if stretch.end - stretch.start < SHORTEST:
         return f"shorter than {SHORTEST:g} s"

@@ -46,10 +46,6 @@ class Nomoto1:
             return cls(math.inf, math.inf, model.delay)
         return cls(1.0 / beta, model.alpha / beta, model.delay)
 
-    def to_single_dof(self, dof: str, input_unit: str, delta: float = 0.0) -> SingleDof:
-        """Return ``alpha = T/K`` and ``beta = 1/K``."""
-        return SingleDof(dof, input_unit, self.T / self.K, 1.0 / self.K, delta=delta, delay=self.delay)
-
     def transfer_function(self) -> TransferFunction:
         """Return the ratio of polynomials; ``.to_control()`` for the ``control`` library."""
         return TransferFunction((self.K,), (1.0, self.T), 0, self.delay)

@@ -52,11 +52,6 @@ class OpenWater:
     alpha: tuple[float, ...]
     beta: tuple[float, ...] = ()
 
-    def advance_number(self, n: ArrayLike, V_A: ArrayLike) -> Array:
-        """Return ``J`` of (12); *n* [rad/s]."""
-        result: Array = np.asarray(V_A, dtype=np.float64) * TURN / (np.asarray(n, dtype=np.float64) * self.D)
-        return result
-
     def K_T(self, J: ArrayLike) -> Array:  # noqa: N802 (the field's own name)
         """Return the thrust coefficient, (14)."""
         return _polynomial(self.alpha, J)

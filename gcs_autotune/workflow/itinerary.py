@@ -30,7 +30,8 @@ HOLD, RATE_STEP, SPEED_STEP = 10.0, 8.0, 22.0
 class Leg:
     """One stage: its name as the sequencer is told it, seconds, and those of turning about before it.
 
-    Stages of one ``kind`` take alike: of the first flown, the others are guessed.
+    Stages of one ``kind`` take alike: of the first flown, the others are guessed. One that was not planned is of the
+    kind its name ends with.
     """
 
     stage: str
@@ -71,8 +72,12 @@ def _first(*, dives: bool) -> list[Leg]:
 
 def _swings(dof: str, under_way: bool) -> list[Leg]:
     if dof == "surge" and under_way:
-        return [Leg(f"{n} throttle steps", LEVEL * len(LEVELS[0]), kind="throttle") for n in ("first", "second")]
-    return [Leg(f"{n} self-oscillation", RELAY, kind="relay") for n in ("first", "second")]
+        return _two("throttle steps", LEVEL * len(LEVELS[0]))
+    return _two("self-oscillation", RELAY)
+
+
+def _two(kind: str, seconds: float) -> list[Leg]:
+    return [Leg(f"{n} {kind}", seconds, kind=kind) for n in ("first", "second")]
 
 
 def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
@@ -132,7 +137,7 @@ class Itinerary:
             return
         ahead = [i for i in range(max(self._now, 0), len(self.legs)) if self.legs[i].stage == stage]
         if not ahead:
-            alike = [leg for leg in self.legs if leg.kind == "relay" and "oscillation" in stage]
+            alike = [leg for leg in self.legs if leg.kind and stage.endswith(leg.kind)]
             at = self._now if self._now >= 0 and not self._flown else self._now + 1
             self.legs.insert(at, replace(alike[-1], stage=stage) if alike else Leg(stage, 0.0))
             ahead = [at]

@@ -16,7 +16,6 @@ from sitl.autopilot.sub_motors import SubMotors
 __all__ = ["Sub"]
 
 _THROTTLE, _YAW, _FORWARD, _LATERAL = 3, 4, 5, 6
-_STICK_SPAN = 400.0
 _YAW_STICK_FULL = 4500
 _TARGET_LIFE_MS = 5000
 _STOPPING_MS = 250

@@ -58,7 +58,7 @@ def fitted(runs, slug, values):
     form = plain_form(runs, None)
     problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
     entry, place = EFFECTS[slug], "yaw"
-    own = EffectInstance(slug, place, values, entry.constants(place, problem.scene))
+    own = EffectInstance(slug, place, values, entry.constants(place, problem.data_summary))
     found = problem.fit(base.theta, (own,), base.initial, shift=base.shift)
     assert found is not None
     return problem, found

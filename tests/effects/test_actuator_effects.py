@@ -39,7 +39,7 @@ STAMPS = np.arange(0.0, 30.0, 0.1)
 FINE = 1e-3
 
 
-def scene(form: Form = YAW, *, tau: float = 1.0, **more: object) -> DataSummary:
+def data_summary(form: Form = YAW, *, tau: float = 1.0, **more: object) -> DataSummary:
     channels = {"N": (-SWING, SWING), "psi": (-1.0, 1.0), "r": (-0.5, 0.5), "u": (0.2, 1.5)}
     return DataSummary(
         form=form,
@@ -50,7 +50,7 @@ def scene(form: Form = YAW, *, tau: float = 1.0, **more: object) -> DataSummary:
         level={"psi": 0.01, "r": 0.01},
         channels=frozenset(channels),
         interval=0.1,
-        pace=tau,
+        time_constant=tau,
         duration=60.0,
         extent=channels,
         rms={"u": 1.0},
@@ -77,7 +77,7 @@ def drive_of(u: Array | None = None, **more: Array) -> Drive:
 
 
 def applied(slug: str, **values: float) -> EffectInstance:
-    return EffectInstance(slug, "N", values, dict(EFFECTS[slug].constants("N", scene(tau=0.1))))
+    return EffectInstance(slug, "N", values, dict(EFFECTS[slug].constants("N", data_summary(tau=0.1))))
 
 
 def held(drive: Drive, at: Array, name: str = "N") -> Array:
@@ -239,7 +239,7 @@ def _stall(u: float) -> float:
 def test_static_curves_keep_their_law_in_drive_and_picture(own: EffectInstance, law: Callable[[float], float]) -> None:
     entry = EFFECTS[own.slug]
     assert entry.drive(own, drive_of()).channels["N"] == pytest.approx([law(c) for c in commands()], abs=1e-12)
-    picture = entry.curve(own, scene())
+    picture = entry.curve(own, data_summary())
     assert picture is not None
     assert picture.y == pytest.approx([law(float(c)) for c in picture.x], abs=1e-12)
 
@@ -324,7 +324,7 @@ def test_stamps_are_added_after_changes_only_and_fewer_for_slow_craft(slug: str,
     u = np.where((t // 60.0) % 2 == 0, SWING, -SWING)
     counts = []
     for tau in (0.1, 20.0):
-        own = EffectInstance(slug, "N", values, EFFECTS[slug].constants("N", scene(tau=tau)))
+        own = EffectInstance(slug, "N", values, EFFECTS[slug].constants("N", data_summary(tau=tau)))
         counts.append(len(EFFECTS[slug].drive(own, Drive(t, {"N": u}, 0.0)).t) - len(t))
     assert counts[0] < 9 * 120
     assert counts[1] < 0.5 * counts[0]
@@ -388,7 +388,7 @@ def test_thrust_is_lost_with_speed_whatever_made_the_command(gain: float | str) 
     known = {"k_N": 1.6} if isinstance(gain, str) else {}
     form = Form("plain", "", ("yaw",), ("N_rdot", "N_r"), known, {"N": (("N", gain),)}, coriolis=False)
     k = {1.0: 1.0, "k_N": 1.6, "-k_N": -1.6}[gain]
-    told = scene(form)
+    told = data_summary(form)
     told = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "base": {**told.base, **known}})
     entry, loss = EFFECTS["advance-speed-loss"], 0.21
     own = EffectInstance(entry.slug, "N", {"loss": loss}, entry.constants("N", told))
@@ -415,10 +415,10 @@ def test_thrust_is_lost_with_speed_whatever_made_the_command(gain: float | str) 
 def test_lost_thrust_has_an_axis_a_unit_and_a_picture() -> None:
     entry = EFFECTS["advance-speed-loss"]
     surge = Form("plain", "", ("surge",), ("X_udot", "X_u"), {}, {"X": (("X", 1.0),)}, coriolis=False)
-    told = scene(surge)
+    told = data_summary(surge)
     assert entry.places(told) == ("X",)
     assert entry.unit_of("loss", "X", told) == "s/m"
-    assert entry.unit_of("loss", "N", scene()) == "s/rad"
+    assert entry.unit_of("loss", "N", data_summary()) == "s/rad"
     own = EffectInstance(entry.slug, "X", {"loss": 0.3}, entry.constants("X", told))
     assert entry.derivatives(own) == {"X_|X|u": -0.3}
     picture = entry.curve(own, told)
@@ -439,7 +439,7 @@ def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: f
         coriolis=False,
     )
     k = {1.0: 1.0, "-k_N": -1.6}.get(gain, 1.6)
-    told = scene(form)
+    told = data_summary(form)
     base = {"X_udot": -3.0, "X_u": -1.5, "N_rdot": -2.0, "N_r": -0.4, **known}
     told = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "base": base})
     entry = EFFECTS["speed-dependent-steering"]
@@ -475,7 +475,7 @@ def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: f
 def test_starts_lie_within_bounds_and_are_few(slug: str) -> None:
     entry = EFFECTS[slug]
     for tau in (0.05, 0.1, 1.0, 20.0, 1000.0):
-        here = scene(tau=tau)
+        here = data_summary(tau=tau)
         starts, bounds = entry.starts("N", here), entry.bounds("N", here)
         assert 1 <= len(starts) <= 5
         for start in starts:
@@ -508,8 +508,8 @@ def test_a_neutral_value_changes_nothing(slug: str) -> None:
 @pytest.mark.parametrize("slug", ACTUATORS)
 def test_every_actuator_has_a_picture_and_words(slug: str) -> None:
     entry = EFFECTS[slug]
-    own = EffectInstance(slug, "N", entry.starts("N", scene())[0], entry.constants("N", scene()))
-    picture = entry.curve(own, scene())
+    own = EffectInstance(slug, "N", entry.starts("N", data_summary())[0], entry.constants("N", data_summary()))
+    picture = entry.curve(own, data_summary())
     assert entry.family == "actuator"
     assert picture is not None and picture.plain is not None
     assert len(picture.x) == len(picture.y) == len(picture.plain)
@@ -533,7 +533,7 @@ def test_places_are_where_the_runs_can_show_an_effect() -> None:
         {"X": (("X", 1.0),), "delta": (("N", 1.0),), "left": (("X", 1.0), ("N", 0.3)), "idle": (("N", 1.0),)},
         coriolis=False,
     )
-    here = scene(twin)
+    here = data_summary(twin)
     extent = {**here.extent, "X": (0.0, 3.0), "delta": (-0.4, 0.4), "left": (-1.0, 1.0), "idle": (0.0, 0.0)}
     told = DataSummary(
         **{
@@ -558,6 +558,6 @@ def test_places_are_where_the_runs_can_show_an_effect() -> None:
 
 @pytest.mark.parametrize("tau", [0.05, 0.6, 3.0, 100.0])
 def test_the_quickest_craft_is_read_off_the_base_with_caution(tau: float) -> None:
-    assert quickest(scene(tau=tau)) == pytest.approx(min(max(tau / 3.0, 0.1), 5.0))
-    without = DataSummary(**{**{n: getattr(scene(tau=tau), n) for n in DataSummary.__slots__}, "base": {}})
-    assert quickest(without) == quickest(scene(tau=tau))
+    assert quickest(data_summary(tau=tau)) == pytest.approx(min(max(tau / 3.0, 0.1), 5.0))
+    without = DataSummary(**{**{n: getattr(data_summary(tau=tau), n) for n in DataSummary.__slots__}, "base": {}})
+    assert quickest(without) == quickest(data_summary(tau=tau))

@@ -30,7 +30,7 @@ PLANAR = {
 }
 
 
-def scene(form: dict[str, object], *signals: str, runs: tuple[str, ...] = ("a",)) -> DataSummary:
+def data_summary(form: dict[str, object], *signals: str, runs: tuple[str, ...] = ("a",)) -> DataSummary:
     made = form_from(form, "test")
     force = {"X": "N", "N": "N m", "delta": "rad", "M1": "N m"}
     return DataSummary(
@@ -42,7 +42,7 @@ def scene(form: dict[str, object], *signals: str, runs: tuple[str, ...] = ("a",)
         level=dict.fromkeys(signals, 0.01),
         channels=frozenset((*made.inputs, *signals)),
         interval=0.1,
-        pace=2.0,
+        time_constant=2.0,
         duration=60.0,
         runs=runs,
     )
@@ -55,7 +55,7 @@ def seen(**signals: np.ndarray) -> Observed:
 @pytest.mark.parametrize("slug", SLUGS)
 def test_starts_lie_within_the_bounds(slug: str) -> None:
     effect = EFFECTS[slug]
-    about = scene(PLANAR, "u", "v", "r", "psi", "x", "y")
+    about = data_summary(PLANAR, "u", "v", "r", "psi", "x", "y")
     assert effect.places(about)
     for place in effect.places(about):
         bounds = effect.bounds(place, about)
@@ -80,9 +80,9 @@ def test_a_fast_clock_is_set_right_about_the_first_stamp() -> None:
 
 def test_a_wrong_clock_needs_a_position_beside_its_velocity_to_show() -> None:
     effect = EFFECTS["time-scale"]
-    assert effect.places(scene(yaw(), "psi", "r")) == ("t",)
-    assert effect.places(scene(yaw(), "r")) == ()
-    assert effect.places(scene(PLANAR, "u", "r", "psi", "x", "y")) == ("t",)
+    assert effect.places(data_summary(yaw(), "psi", "r")) == ("t",)
+    assert effect.places(data_summary(yaw(), "r")) == ()
+    assert effect.places(data_summary(PLANAR, "u", "r", "psi", "x", "y")) == ("t",)
 
 
 def craft(effects: tuple[EffectInstance, ...], t_in: np.ndarray, stamps: np.ndarray) -> dict[str, np.ndarray]:
@@ -132,7 +132,7 @@ def test_a_slip_of_units_scales_a_signal_and_unscales_a_command() -> None:
 def test_the_factor_of_a_slip_is_chosen_not_fitted() -> None:
     effect = EFFECTS["unit-error"]
     assert effect.fixed == ("factor",)
-    about = scene(yaw(), "psi", "r")
+    about = data_summary(yaw(), "psi", "r")
     factors = [s["factor"] for s in effect.starts("psi", about)]
     assert any(f == pytest.approx(57.29578, rel=1e-6) for f in factors)
     assert all(any(f * g == pytest.approx(1.0) for g in factors) for f in factors)
@@ -140,15 +140,15 @@ def test_the_factor_of_a_slip_is_chosen_not_fitted() -> None:
 
 def test_units_are_doubted_only_where_something_checks_them() -> None:
     effect = EFFECTS["unit-error"]
-    assert effect.places(scene(yaw(), "r")) == ()
-    assert effect.places(scene(yaw(), "psi", "r")) == ("psi", "r")
+    assert effect.places(data_summary(yaw(), "r")) == ()
+    assert effect.places(data_summary(yaw(), "psi", "r")) == ("psi", "r")
     # With the inertia known the moment's unit matters, and so does a lone gyro's.
     weighed = yaw(free=["N_r"], known={"I_z": 3.0, "N_rdot": -1.0})
-    assert effect.places(scene(weighed, "r")) == ("r", "N")
+    assert effect.places(data_summary(weighed, "r")) == ("r", "N")
     two = yaw({"N": {"N": 1.0}, "M1": {"N": 0.3}})
-    assert effect.places(scene(two, "r")) == ("N", "M1")
-    assert set(effect.places(scene(PLANAR, "u", "v", "r", "psi", "x", "y"))) == {"u", "v", "r", "psi", "x", "y"}
-    assert effect.places(scene(PLANAR, "u", "v", "r")) == ()
+    assert effect.places(data_summary(two, "r")) == ("N", "M1")
+    assert set(effect.places(data_summary(PLANAR, "u", "v", "r", "psi", "x", "y"))) == {"u", "v", "r", "psi", "x", "y"}
+    assert effect.places(data_summary(PLANAR, "u", "v", "r")) == ()
 
 
 def test_a_wrong_sign_sits_in_every_run_or_in_one() -> None:
@@ -166,10 +166,10 @@ def test_a_wrong_sign_sits_in_every_run_or_in_one() -> None:
 def test_the_sign_of_a_rudder_is_fitted_anyway_unless_one_run_differs() -> None:
     effect = EFFECTS["sign-error"]
     rudder = yaw({"delta": {"N": "N_delta"}})
-    assert effect.places(scene(rudder, "psi", "r")) == ("psi", "r")
-    several = effect.places(scene(rudder, "r", runs=("a", "b")))
+    assert effect.places(data_summary(rudder, "psi", "r")) == ("psi", "r")
+    several = effect.places(data_summary(rudder, "r", runs=("a", "b")))
     assert several == ("r", "r@a", "r@b", "delta@a", "delta@b")
-    assert "N" in effect.places(scene(yaw(), "r"))
+    assert "N" in effect.places(data_summary(yaw(), "r"))
 
 
 def test_exchanged_columns_come_back_exchanged() -> None:
@@ -185,7 +185,7 @@ def test_exchanged_columns_come_back_exchanged() -> None:
 
 def test_only_columns_of_one_kind_are_taken_for_exchanged() -> None:
     effect = EFFECTS["channel-swap"]
-    assert effect.places(scene(PLANAR, "u", "v", "r", "psi", "x", "y")) == ("u+v", "x+y", "X+N")
-    assert effect.places(scene(yaw(), "psi", "r")) == ()
+    assert effect.places(data_summary(PLANAR, "u", "v", "r", "psi", "x", "y")) == ("u+v", "x+y", "X+N")
+    assert effect.places(data_summary(yaw(), "psi", "r")) == ()
     pods = yaw({"N": {"N": "k_1"}, "M1": {"N": "k_2"}}, free=["N_rdot", "N_r", "k_1", "k_2"])
-    assert effect.places(scene(pods, "r")) == ()
+    assert effect.places(data_summary(pods, "r")) == ()

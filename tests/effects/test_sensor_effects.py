@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import kurtosis, multivariate_normal, norm
 
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, Leftover, Observed
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual, Observed
 from gcs_autotune.effects.kernels import earlier
 from gcs_autotune.effects.narrow_band import Oscillator, whitened
 from gcs_autotune.effects.sensor_noise import grid_step
@@ -20,7 +20,7 @@ UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}
 BASE = {"N_rdot": -2.0, "N_r": -1.0}
 
 
-def scene(*signals: str, base: dict[str, float] | None = None) -> DataSummary:
+def data_summary(*signals: str, base: dict[str, float] | None = None) -> DataSummary:
     form = form_from({"name": "yaw", "dofs": ["yaw"], "free": ["N_rdot", "N_r"], "inputs": {"N": {"N": 1.0}}}, "test")
     return DataSummary(
         form=form,
@@ -31,17 +31,17 @@ def scene(*signals: str, base: dict[str, float] | None = None) -> DataSummary:
         level=dict.fromkeys(signals, 0.01),
         channels=frozenset(("N", *signals)),
         interval=0.1,
-        pace=2.0,
+        time_constant=2.0,
         duration=60.0,
         extent=dict.fromkeys(signals, (-1.5, 1.2)),
         base=BASE if base is None else base,
     )
 
 
-def left(error: np.ndarray, signal: str = "psi", predicted: np.ndarray | None = None, run: str = "a") -> Leftover:
+def left(error: np.ndarray, signal: str = "psi", predicted: np.ndarray | None = None, run: str = "a") -> EffectResidual:
     t = 0.1 * np.arange(len(error))
     motion = np.sin(0.3 * t) if predicted is None else predicted
-    return Leftover(run, signal, t, error, motion + error, float(np.std(error)))
+    return EffectResidual(run, signal, t, error, motion + error, float(np.std(error)))
 
 
 def begun(slug: str, place: str, about: DataSummary) -> EffectInstance:
@@ -49,7 +49,7 @@ def begun(slug: str, place: str, about: DataSummary) -> EffectInstance:
     return EffectInstance(slug, place, effect.starts(place, about)[0], effect.constants(place, about))
 
 
-def cost_of(slug: str, own: EffectInstance, rests: Sequence[Leftover]) -> tuple[float, float]:
+def cost_of(slug: str, own: EffectInstance, rests: Sequence[EffectResidual]) -> tuple[float, float]:
     """Return minus twice the log-likelihood (less n (1 + log 2 pi)) with and without the effect, one signal's."""
     raw = np.concatenate([x.error for x in rests])
     judged = [EFFECTS[slug].judge(own, x, np.zeros((len(x.error), 1))) for x in rests]
@@ -63,7 +63,7 @@ def cost_of(slug: str, own: EffectInstance, rests: Sequence[Leftover]) -> tuple[
 
 @pytest.mark.parametrize("slug", ["compass-deviation", "gyro-bias", "measurement-delay", "quantisation", "outliers"])
 def test_starts_are_within_bounds_and_every_place_has_some(slug: str) -> None:
-    effect, about = EFFECTS[slug], scene("psi", "r", "u", "v", "x", "y")
+    effect, about = EFFECTS[slug], data_summary("psi", "r", "u", "v", "x", "y")
     assert effect.places(about)
     for place in effect.places(about):
         bounds = effect.bounds(place, about)
@@ -74,10 +74,10 @@ def test_starts_are_within_bounds_and_every_place_has_some(slug: str) -> None:
 
 def test_a_misaligned_compass_is_sought_only_where_a_track_tells() -> None:
     effect = EFFECTS["compass-deviation"]
-    assert all("A" not in s for s in effect.starts("psi", scene("psi", "r")))
-    assert all("A" in s for s in effect.starts("psi", scene("psi", "r", "x", "y")))
-    assert effect.places(scene("psi", "u", "v")) == ("psi", "psi+u+v")
-    assert effect.places(scene("r")) == ()
+    assert all("A" not in s for s in effect.starts("psi", data_summary("psi", "r")))
+    assert all("A" in s for s in effect.starts("psi", data_summary("psi", "r", "x", "y")))
+    assert effect.places(data_summary("psi", "u", "v")) == ("psi", "psi+u+v")
+    assert effect.places(data_summary("r")) == ()
 
 
 def test_velocities_turned_by_a_wrong_compass_keep_their_size() -> None:
@@ -98,7 +98,7 @@ def test_velocities_turned_by_a_wrong_compass_keep_their_size() -> None:
 
 def test_a_gyro_bias_adds_to_the_rate_alone() -> None:
     effect = EFFECTS["gyro-bias"]
-    assert effect.places(scene("psi", "r")) == ("r",)
+    assert effect.places(data_summary("psi", "r")) == ("r",)
     seen = effect.observe(
         EffectInstance("gyro-bias", "r", {"bias": 0.2}),
         Observed(np.zeros(2), {"r": np.ones(2), "psi": np.ones(2)}, 0.0),
@@ -155,8 +155,8 @@ def test_a_delay_has_the_right_derivative() -> None:
 
 def test_all_signals_late_or_each_alone() -> None:
     effect = EFFECTS["measurement-delay"]
-    assert effect.places(scene("psi", "r")) == ("psi", "r", "psi+r")
-    assert effect.places(scene("psi")) == ("psi",)
+    assert effect.places(data_summary("psi", "r")) == ("psi", "r", "psi+r")
+    assert effect.places(data_summary("psi")) == ("psi",)
     t = 0.1 * np.arange(100)
     r, psi = stepped(t, 2.0)
     seen = effect.observe(
@@ -173,7 +173,7 @@ def test_all_signals_late_or_each_alone() -> None:
 def test_rounded_readings_give_the_noise_before_rounding(ratio: float) -> None:
     rng = np.random.default_rng(3)
     predicted = 2.0 * np.sin(0.05 * np.arange(900))
-    level, about = 0.01, scene("psi")
+    level, about = 0.01, data_summary("psi")
     step = ratio * level
     read = np.round((predicted + level * rng.standard_normal(900)) / step) * step
     rest = left(read - predicted, predicted=predicted)
@@ -191,7 +191,7 @@ def test_the_interval_likelihood_is_the_one_of_the_cells() -> None:
     step, level = 0.05, 0.02
     read = np.round((predicted + level * rng.standard_normal(500)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", data_summary("psi")), [rest])
     s = own.constants["level"]
     cells = norm.cdf((rest.error + step / 2) / s) - norm.cdf((rest.error - step / 2) / s)
     # Over the density's unit, less the constant, less one bit per reading that lies on the grid.
@@ -207,7 +207,7 @@ def test_a_worse_prediction_costs_more_wherever_the_noise_was_learnt() -> None:
     bad = left(read - 1.02 * predicted, predicted=1.02 * predicted)
     costs = {}
     for name, taught in (("good", good), ("bad", bad)):
-        own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [taught])
+        own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", data_summary("psi")), [taught])
         costs[name] = [cost_of("quantisation", own, [x])[0] for x in (good, bad)]
         assert costs[name][0] < costs[name][1] - 100.0
     # Each prediction is likeliest with the noise it was taught by.
@@ -221,7 +221,7 @@ def test_the_noise_drawn_from_behind_coarse_rounding_is_normal(ratio: float) -> 
     step = 0.004 * ratio
     read = np.round((predicted + 0.004 * rng.standard_normal(4000)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", data_summary("psi")), [rest])
     judged = EFFECTS["quantisation"].judge(own, rest, np.zeros((4000, 1)))[0]
     drawn = EFFECTS["quantisation"].normal(own, rest)
     assert kurtosis(judged) > 2.0 or ratio < 5.0
@@ -236,7 +236,7 @@ def test_a_grid_finer_than_the_noise_is_no_finding(step: float) -> None:
     predicted = 2.0 * np.sin(0.05 * np.arange(900))
     read = np.round((predicted + 0.01 * rng.standard_normal(900)) / step) * step
     rest = left(read - predicted, predicted=predicted)
-    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", data_summary("psi")), [rest])
     assert own["step"] == 0.0
     judged, _, penalty = EFFECTS["quantisation"].judge(own, rest, np.zeros((900, 1)))
     np.testing.assert_array_equal(judged, rest.error)
@@ -246,7 +246,7 @@ def test_a_grid_finer_than_the_noise_is_no_finding(step: float) -> None:
 def test_noise_free_readings_are_found_too() -> None:
     predicted = 2.0 * np.sin(0.05 * np.arange(600))
     rest = left(np.round(predicted / 0.1) * 0.1 - predicted, predicted=predicted)
-    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", scene("psi")), [rest])
+    own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", data_summary("psi")), [rest])
     assert own["step"] == pytest.approx(0.1)
     judged, columns, penalty = EFFECTS["quantisation"].judge(own, rest, np.ones((600, 1)))
     assert np.all(np.isfinite(judged)) and np.all(np.isfinite(columns)) and math.isfinite(penalty)
@@ -273,7 +273,7 @@ def spiky(n: int, share: float, size: float, seed: int) -> tuple[np.ndarray, np.
 def test_outliers_are_counted_and_sized(share: float, size: float) -> None:
     runs = [left(spiky(600, share, size, 10 + k)[0], run=str(k)) for k in range(3)]
     effect = EFFECTS["outliers"]
-    own = effect.learn(begun("outliers", "psi", scene("psi")), runs)
+    own = effect.learn(begun("outliers", "psi", data_summary("psi")), runs)
     std = effect.uncertainty(own, runs)
     assert abs(own["share"] - share) < 3.0 * std["share"]
     assert abs(own["size"] - size) < 3.0 * std["size"]
@@ -283,7 +283,7 @@ def test_outliers_are_counted_and_sized(share: float, size: float) -> None:
 
 def test_the_cost_of_outliers_is_that_of_their_law() -> None:
     rest = left(spiky(800, 0.05, 0.2, 4)[0])
-    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [rest])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [rest])
     level = own.constants["level"]
     broad = math.hypot(own["size"], level)
     one = np.log(own["share"]) + norm.logpdf(rest.error, scale=broad)
@@ -297,7 +297,7 @@ def test_the_cost_of_outliers_is_that_of_their_law() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_normal_noise_has_no_outliers_worth_their_price(seed: int) -> None:
     rest = left(0.01 * np.random.default_rng(seed).standard_normal(600))
-    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [rest])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [rest])
     with_it, without = cost_of("outliers", own, [rest])
     assert with_it > without - 2.0 * math.log(600)
 
@@ -310,19 +310,19 @@ def test_spikes_at_every_change_of_motion_are_a_wrong_model() -> None:
         predicted[i:] += (-1.0) ** k
     error = 0.01 * rng.standard_normal(600)
     error[at] += 0.3 * np.sign(predicted[at] - predicted[at - 1])
-    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(error, predicted=predicted)])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [left(error, predicted=predicted)])
     assert own["share"] == 0.0
     bursts = 0.01 * rng.standard_normal(600)
     for i in at[::2]:
         bursts[i : i + 3] += 0.3
-    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(bursts)])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [left(bursts)])
     assert own["share"] == 0.0
 
 
 def test_a_perfect_prediction_teaches_nothing() -> None:
     rests = [left(np.zeros(300), s) for s in ("psi", "r")]
     for slug, place in (("outliers", "psi"), ("quantisation", "psi"), ("wave-disturbance", "yaw")):
-        own = EFFECTS[slug].learn(begun(slug, place, scene("psi", "r")), rests)
+        own = EFFECTS[slug].learn(begun(slug, place, data_summary("psi", "r")), rests)
         for rest in rests:
             judged, _, penalty = EFFECTS[slug].judge(own, rest, np.ones((300, 2)))
             np.testing.assert_array_equal(judged, rest.error)
@@ -332,14 +332,16 @@ def test_a_perfect_prediction_teaches_nothing() -> None:
 def test_one_sample_off_in_noise_free_readings_is_seen() -> None:
     error = np.zeros(300)
     error[[50, 120, 200]] = (0.2, -0.3, 0.25)
-    own = EFFECTS["outliers"].learn(begun("outliers", "psi", scene("psi")), [left(error)])
+    own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [left(error)])
     assert own["share"] == pytest.approx(0.01, rel=0.1)
 
 
 # -- waves
 
 
-def wavy(n: int, frequency: float, bandwidth: float, force: float, seed: int, noise: float = 0.01) -> list[Leftover]:
+def wavy(
+    n: int, frequency: float, bandwidth: float, force: float, seed: int, noise: float = 0.01
+) -> list[EffectResidual]:
     """Return what a narrow-band moment leaves of heading and rate of ``2 r' + r = N``, by exact fine steps."""
     rng = np.random.default_rng(seed)
     w, z = frequency, bandwidth
@@ -366,7 +368,7 @@ def wavy(n: int, frequency: float, bandwidth: float, force: float, seed: int, no
 def test_waves_are_found_with_their_force_frequency_and_bandwidth(frequency: float, bandwidth: float) -> None:
     effect = EFFECTS["wave-disturbance"]
     rests = [x for k in range(3) for x in wavy(600, frequency, bandwidth, 0.1, 20 + k)]
-    own = effect.learn(begun("wave-disturbance", "yaw", scene("psi", "r")), rests)
+    own = effect.learn(begun("wave-disturbance", "yaw", data_summary("psi", "r")), rests)
     std = effect.uncertainty(own, rests)
     for name, true in (("frequency", frequency), ("bandwidth", bandwidth), ("amplitude", 0.1)):
         assert std[name] < 0.5 * true
@@ -384,7 +386,7 @@ def test_one_sine_of_unknown_phase_is_a_wave_of_no_bandwidth() -> None:
     t = 0.1 * np.arange(600)
     rng = np.random.default_rng(8)
     rest = left(0.03 * np.sin(3.0 * t + 1.0) + 0.01 * rng.standard_normal(600), "r")
-    own = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [rest])
+    own = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", data_summary("r")), [rest])
     assert own["frequency"] == pytest.approx(3.0, rel=0.01)
     assert own["bandwidth"] < 0.01
     # Of ``2 r' + r = N``: the rms of N behind a rate of 0.03 sin(3 t).
@@ -441,7 +443,7 @@ def colours(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("kind", list(colours(0)))
 def test_colours_that_are_no_narrow_band_of_their_own_are_not_waves(kind: str, seed: int) -> None:
     error, motion = colours(seed)[kind]
-    own = begun("wave-disturbance", "yaw", scene("r"))
+    own = begun("wave-disturbance", "yaw", data_summary("r"))
     learnt = EFFECTS["wave-disturbance"].learn(own, [left(error, "r", motion)])
     assert learnt["amplitude"] == 0.0
 
@@ -456,7 +458,7 @@ def test_what_is_left_of_a_smoothed_record_is_no_wave_though_each_sample_follows
     error *= 0.1 / np.std(error)
     seen = error + rng.normal(0.0, 0.01, len(error))
     found = [
-        EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(e, "r")])
+        EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", data_summary("r")), [left(e, "r")])
         for e in (error, seen)
     ]
     assert [own["amplitude"] > 0.0 for own in found] == [False, True]
@@ -465,12 +467,14 @@ def test_what_is_left_of_a_smoothed_record_is_no_wave_though_each_sample_follows
 def test_only_the_own_motion_tells_ringing_from_waves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_autotune.effects.wave_disturbance.OWN", 1.0)
     error, motion = colours(1)["ringing after its own motion"]
-    learnt = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", scene("r")), [left(error, "r", motion)])
+    learnt = EFFECTS["wave-disturbance"].learn(
+        begun("wave-disturbance", "yaw", data_summary("r")), [left(error, "r", motion)]
+    )
     assert learnt["amplitude"] > 0.0
 
 
 def test_without_the_craft_known_a_wave_has_no_force() -> None:
-    about = scene("r", base={})
+    about = data_summary("r", base={})
     own = begun("wave-disturbance", "yaw", about)
     assert "amplitude" not in own.values
     rests = [x for x in wavy(600, 2.0, 0.05, 0.1, 31) if x.signal == "r"]
@@ -480,7 +484,7 @@ def test_without_the_craft_known_a_wave_has_no_force() -> None:
 
 
 def test_curves_are_drawn_of_what_was_learnt() -> None:
-    about = scene("psi", "r")
+    about = data_summary("psi", "r")
     wave = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", about), wavy(600, 2.0, 0.1, 0.1, 5))
     spectrum = EFFECTS["wave-disturbance"].curve(wave, about)
     assert spectrum is not None

@@ -126,14 +126,14 @@ def sailed(case: Case) -> dict[str, np.ndarray]:
     return _SAILED[id(case)]
 
 
-def applied(case: Case, scene: DataSummary) -> EffectInstance:
-    found = dict(EFFECTS[case.slug].constants(case.place, scene))
+def applied(case: Case, data_summary: DataSummary) -> EffectInstance:
+    found = dict(EFFECTS[case.slug].constants(case.place, data_summary))
     return EffectInstance(case.slug, case.place, dict(case.values), {**found, **(case.constants or {})})
 
 
 def test_the_law_is_that_of_equations_written_out(case: Case) -> None:
     truth = sailed(case)
-    own = applied(case, case.craft.scene(truth))
+    own = applied(case, case.craft.data_summary(truth))
     found = ExtendedModel(case.craft.model(), (own,)).predict(case.craft.passage(truth), case.craft.start)
     assert found is not None
     plain = case.craft.sail(Water())
@@ -145,10 +145,10 @@ def test_the_law_is_that_of_equations_written_out(case: Case) -> None:
 
 def test_it_has_a_place_with_starts_within_bounds_and_no_size_does_nothing(case: Case) -> None:
     truth, entry = sailed(case), EFFECTS[case.slug]
-    scene, passage = case.craft.scene(truth), case.craft.passage(truth)
-    assert case.place in entry.places(scene)
-    bounds = entry.bounds(case.place, scene)
-    for start in entry.starts(case.place, scene):
+    data_summary, passage = case.craft.data_summary(truth), case.craft.passage(truth)
+    assert case.place in entry.places(data_summary)
+    bounds = entry.bounds(case.place, data_summary)
+    for start in entry.starts(case.place, data_summary):
         assert set(start) == set(case.values)
         for name, value in start.items():
             low, high = bounds.get(name, (-np.inf, np.inf))
@@ -157,7 +157,7 @@ def test_it_has_a_place_with_starts_within_bounds_and_no_size_does_nothing(case:
     if case.slug == "mass-change":
         nothing["ratio"] = 1.0
     plain = ExtendedModel(case.craft.model()).predict(passage, case.craft.start)
-    same = ExtendedModel(case.craft.model(), (replace(applied(case, scene), values=nothing),))
+    same = ExtendedModel(case.craft.model(), (replace(applied(case, data_summary), values=nothing),))
     found = same.predict(passage, case.craft.start)
     assert plain is not None and found is not None
     for name, values in plain.items():
@@ -166,7 +166,7 @@ def test_it_has_a_place_with_starts_within_bounds_and_no_size_does_nothing(case:
 
 def test_sensitivities_are_difference_quotients(case: Case) -> None:
     truth = sailed(case)
-    own, passage = applied(case, case.craft.scene(truth)), case.craft.passage(truth)
+    own, passage = applied(case, case.craft.data_summary(truth)), case.craft.passage(truth)
     model = case.craft.model()
     names = [(0, n) for n in own.values]
     typical = [max(abs(v), 0.1) for v in own.values.values()]
@@ -187,13 +187,13 @@ def test_sensitivities_are_difference_quotients(case: Case) -> None:
 def test_the_size_is_found_again_from_the_most_promising_starts(case: Case) -> None:
     """Base parameters, initial states and the effect fitted together to a run with a little noise."""
     truth, entry, craft = sailed(case), EFFECTS[case.slug], case.craft
-    scene, rng = craft.scene(truth), np.random.default_rng(1)
+    data_summary, rng = craft.data_summary(truth), np.random.default_rng(1)
     levels = {n: 2e-3 * float(np.std(truth[n])) for n in craft.measured}
     noisy = {n: truth[n] + rng.normal(0.0, levels[n], len(T_OUT)) for n in craft.measured}
     plain = Fit(craft, (), noisy, levels, {})
     before, enough = plain.run(), 1.3 * len(T_OUT) * len(noisy)
-    bounds, own = entry.bounds(case.place, scene), applied(case, scene)
-    starts = [replace(own, values=dict(start)) for start in entry.starts(case.place, scene)]
+    bounds, own = entry.bounds(case.place, data_summary), applied(case, data_summary)
+    starts = [replace(own, values=dict(start)) for start in entry.starts(case.place, data_summary)]
     tries = [Fit(craft, (start,), noisy, levels, bounds, plain.x) for start in starts]
     promises = [fit.promise() for fit in tries]
     likely = [i for i in np.argsort(promises)[:3].tolist() if np.isfinite(promises[i])]

@@ -16,11 +16,11 @@ SLUGS = (
 )  # fmt: skip
 
 CRAFT = {"boat": BOAT, "spinner": SPINNER, "diver": DIVER, "hoverer": HOVERER, "coaster": COASTER}
-SCENES = {n: c.scene(c.sail(Water())) for n, c in CRAFT.items()}
+SCENES = {n: c.data_summary(c.sail(Water())) for n, c in CRAFT.items()}
 
 
-def without(scene: DataSummary, *signals: str) -> DataSummary:
-    return replace(scene, signals={n: u for n, u in scene.signals.items() if n not in signals})
+def without(data_summary: DataSummary, *signals: str) -> DataSummary:
+    return replace(data_summary, signals={n: u for n, u in data_summary.signals.items() if n not in signals})
 
 
 def test_the_book_holds_them_in_the_order_they_are_told() -> None:
@@ -79,9 +79,9 @@ def test_depth_has_to_change_by_more_than_its_noise() -> None:
      ("sway-yaw-coupling", "boat", "N_v"), ("steady-current", "boat", "V_y"), ("coriolis-coupling", "boat", "N_uv")],
 )  # fmt: skip
 def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: str, there: str) -> None:
-    scene = SCENES[name]
-    before = EFFECTS[slug].places(scene)
-    after = EFFECTS[slug].places(replace(scene, form=scene.form.freeing(there)))
+    data_summary = SCENES[name]
+    before = EFFECTS[slug].places(data_summary)
+    after = EFFECTS[slug].places(replace(data_summary, form=data_summary.form.freeing(there)))
     assert len(after) < len(before)
 
 
@@ -108,8 +108,8 @@ def test_units(slug: str, name: str, place: str, units: dict[str, str]) -> None:
 
 
 def test_units_where_thrust_is_a_share_of_full_output() -> None:
-    scene = SCENES["spinner"]
-    shares = replace(scene, form=replace(scene.form, normalised=True), inputs={"N": "1"})
+    data_summary = SCENES["spinner"]
+    shares = replace(data_summary, form=replace(data_summary.form, normalised=True), inputs={"N": "1"})
     assert EFFECTS["wind-moment"].unit_of("strength", "yaw", shares) == "1"
     assert EFFECTS["quadratic-drag"].unit_of("coefficient", "yaw", shares) == "s^2/rad^2"
 
@@ -117,7 +117,7 @@ def test_units_where_thrust_is_a_share_of_full_output() -> None:
 def reversed_rudder() -> DataSummary:
     """A boat whose positive rudder turns it to port: inertia and drag are negative in units of rudder."""
     ship = craft(("yaw",), {"r": -2.0}, {"r": -1.5}, {"delta": levels(0.4)}, {"psi": 0.0, "r": 0.0}, ("psi", "r"))
-    return replace(ship.scene(ship.sail(Water())), form=form(("yaw",), {"N_rdot": 2.0, "N_r": 1.5}, ("delta",)))
+    return replace(ship.data_summary(ship.sail(Water())), form=form(("yaw",), {"N_rdot": 2.0, "N_r": 1.5}, ("delta",)))
 
 
 @pytest.mark.parametrize(
@@ -132,20 +132,22 @@ def reversed_rudder() -> DataSummary:
 def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back(
     slug: str, values: dict[str, float], forces: dict[str, float]
 ) -> None:
-    scene, entry = reversed_rudder(), EFFECTS[slug]
-    own = EffectInstance(slug, "yaw", values, dict(entry.constants("yaw", scene)))
+    data_summary, entry = reversed_rudder(), EFFECTS[slug]
+    own = EffectInstance(slug, "yaw", values, dict(entry.constants("yaw", data_summary)))
     assert entry.derivatives(own) == pytest.approx(forces)
-    assert entry.unit_of(next(iter(values)), "yaw", scene).startswith("rad")
+    assert entry.unit_of(next(iter(values)), "yaw", data_summary).startswith("rad")
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name: str) -> None:
-    scene, pictures = SCENES[name], 0
+    data_summary, pictures = SCENES[name], 0
     for slug in SLUGS:
         entry = EFFECTS[slug]
-        for place in entry.places(scene):
-            own = EffectInstance(slug, place, dict(entry.starts(place, scene)[0]), dict(entry.constants(place, scene)))
-            drawn = entry.curve(own, scene)
+        for place in entry.places(data_summary):
+            own = EffectInstance(
+                slug, place, dict(entry.starts(place, data_summary)[0]), dict(entry.constants(place, data_summary))
+            )
+            drawn = entry.curve(own, data_summary)
             if drawn is None:
                 continue
             assert len(drawn.x) == len(drawn.y)

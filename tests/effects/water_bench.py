@@ -103,7 +103,7 @@ class Craft:
     def passage(self, signals: Mapping[str, np.ndarray]) -> Passage:
         return passage_of("run", T_IN, self.commands, dict.fromkeys(self.measured, T_OUT), self.channels(signals))
 
-    def scene(self, signals: Mapping[str, np.ndarray]) -> DataSummary:
+    def data_summary(self, signals: Mapping[str, np.ndarray]) -> DataSummary:
         channels = self.channels(signals)
         return DataSummary(
             form=self.form,
@@ -114,7 +114,7 @@ class Craft:
             level=dict.fromkeys(self.measured, 1e-3),
             channels=frozenset(channels),
             interval=0.2,
-            pace=max((self.inertia[n] / self.drag[n] for n in self.drag if self.drag[n]), default=5.0),
+            time_constant=max((self.inertia[n] / self.drag[n] for n in self.drag if self.drag[n]), default=5.0),
             duration=float(T_OUT[-1]),
             extent={n: (float(c.values.min()), float(c.values.max())) for n, c in channels.items()},
             rms={n: float(np.sqrt(np.mean(c.values**2))) for n, c in channels.items()},

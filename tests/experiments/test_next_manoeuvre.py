@@ -11,7 +11,7 @@ from experiment_plants import BOAT, Steps, circle, recorded, sail
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.experiments.next_manoeuvre import RankedManoeuvre, plan_next
 from gcs_autotune.experiments.pictures import proposal_picture
-from gcs_autotune.experiments.preview import helm_of
+from gcs_autotune.experiments.preview import allocation_of
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.information import fitted_model_of
 from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
@@ -95,17 +95,17 @@ def test_the_promised_standard_errors_come_true() -> None:
     flight = proposal.best.flight
     step = flight.t[1] - flight.t[0]
 
-    def helm(t: float, _: np.ndarray) -> tuple[float, float]:
+    def allocation(t: float, _: np.ndarray) -> tuple[float, float]:
         X, N = flight.inputs[min(round(t / step), len(flight.t) - 1)]
         return float(X), float(N)
 
-    t, S, _ = sail(BOAT, helm, 30.0)
+    t, S, _ = sail(BOAT, allocation, 30.0)
     assert np.interp(t, flight.record.signals["psi"].t, flight.record.signals["psi"].values) == pytest.approx(
         S[:, 2], abs=2e-3
     )
     misses, kept = [], []
     for seed in range(4):
-        runs = [recorded(circle(wobble=0.02), 60.0, 100 + seed, after=10.0), recorded(helm, 30.0, 500 + seed)]
+        runs = [recorded(circle(wobble=0.02), 60.0, 100 + seed, after=10.0), recorded(allocation, 30.0, 500 + seed)]
         parameters = fit(runs, form, delay=0.0).parameters
         misses.append([parameters[n].value - BOAT[n] for n in proposal.names])
         kept.append([parameters[n].std for n in proposal.names])
@@ -131,10 +131,10 @@ def test_differential_thrust_steers_and_drives() -> None:
     run = recorded(Steps(1), 10.0, 1)
     record = replace(fitted_model_of(fit(run, dof="yaw", delay=0.0), run).records[0])
     both = replace(record, t_in=np.array([0.0, 1.0]), inputs=np.array([[-5.0, 8.0], [8.0, -5.0]]))
-    helm = helm_of(form, np.array([-20.0, -2.0, -3.0, -3.0]), [both])
-    assert helm.inputs({"thrust": 1.0}) == pytest.approx([8.0, 8.0])
-    assert helm.inputs({"steer": 1.0}) == pytest.approx([8.0, -8.0])
-    assert np.all(np.abs(helm.inputs({"thrust": 1.0, "steer": 1.0})) <= 8.0)
+    allocation = allocation_of(form, np.array([-20.0, -2.0, -3.0, -3.0]), [both])
+    assert allocation.inputs({"thrust": 1.0}) == pytest.approx([8.0, 8.0])
+    assert allocation.inputs({"steer": 1.0}) == pytest.approx([8.0, -8.0])
+    assert np.all(np.abs(allocation.inputs({"thrust": 1.0, "steer": 1.0})) <= 8.0)
 
 
 def test_unknown_manoeuvres_and_senseless_lengths_are_refused(

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from gcs_autotune.effects import DataSummary, EffectInstance, Leftover
+from gcs_autotune.effects import DataSummary, EffectInstance, EffectResidual
 from gcs_autotune.identify.likelihood import (
     LAGGED,
     REMEMBERED,
@@ -206,11 +206,11 @@ def test_the_first_input_is_the_one_in_force_when_the_segment_begins() -> None:
 
 
 def test_the_level_told_to_disturbances_is_the_learnt_then_the_known_then_one() -> None:
-    scene = DataSummary(
+    data_summary = DataSummary(
         FORM, {"N": "N m"}, {"psi": "rad", "r": "rad/s"}, {"N": 0.5}, {"psi": 1.0, "r": 0.5}, {"psi": 0.03},
         frozenset({"psi", "r", "N"}), 0.1, 1.0, 8.0,
     )  # fmt: skip
-    own = Objective(Problem(FORM, [segment(1)], scene, Limits({}, {}), FREE), TRUE, [np.zeros(2)])
+    own = Objective(Problem(FORM, [segment(1)], data_summary, Limits({}, {}), FREE), TRUE, [np.zeros(2)])
     own.levels = {"r": 0.2}
     assert [own._level(n) for n in ("psi", "r", "u")] == [0.03, 0.2, 1.0]
     assert objective()._level("psi") == 1.0
@@ -218,7 +218,7 @@ def test_the_level_told_to_disturbances_is_the_learnt_then_the_known_then_one() 
 
 def test_only_disturbances_judge_a_residual() -> None:
     error = np.array([0.1, -0.2, 0.3])
-    left = Leftover("run", "psi", np.arange(3.0), error, error, 0.1)
+    left = EffectResidual("run", "psi", np.arange(3.0), error, error, 0.1)
     columns = np.eye(3)
     judged, same, fee = judged_by([EffectInstance("gyro-bias", "r", {"bias": 0.1})], left, columns)
     assert judged is error

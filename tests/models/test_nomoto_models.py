@@ -14,8 +14,6 @@ def test_first_order_and_single_dof_are_the_same_craft() -> None:
     craft = SingleDof("yaw", "N m", alpha=0.36, beta=0.12, delay=0.1)
     nomoto = Nomoto1.from_single_dof(craft)
     assert (nomoto.K, nomoto.T, nomoto.delay) == pytest.approx((1.0 / 0.12, 3.0, 0.1))
-    back = nomoto.to_single_dof("yaw", "N m")
-    assert (back.alpha, back.beta, back.delay) == pytest.approx((0.36, 0.12, 0.1))
     fast = Nomoto1.from_single_dof(SingleDof("yaw", "N m", 0.36, 0.12, 0.3), amplitude=1.0)
     assert fast.K == pytest.approx(1.0 / (0.12 + 8.0 / (3.0 * math.pi) * 0.3))
     assert Nomoto1.from_single_dof(SingleDof("yaw", "N m", 0.36, 0.0)).K == math.inf

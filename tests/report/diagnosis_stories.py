@@ -90,7 +90,7 @@ SCENE = DataSummary(
     level={"psi": NOISE, "r": NOISE},
     channels=frozenset({"psi", "r", "N"}),
     interval=DT,
-    pace=INERTIA / DRAG,
+    time_constant=INERTIA / DRAG,
     duration=60.0,
 )
 

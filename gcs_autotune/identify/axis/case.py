@@ -42,7 +42,7 @@ class Case:
     @property
     def relay_flown(self) -> bool:
         """Whether a relay was flown: a zig-zag by hand also switches at two headings, but nobody ran a relay there."""
-        return any(t.meta.get("manoeuvre") == "relay" or any(m.kind == "switch" for m in t.marks) for t in self.trials)
+        return any(t.by_relay for t in self.trials)
 
     @property
     def more_levels(self) -> str:

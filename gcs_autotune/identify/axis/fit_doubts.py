@@ -14,7 +14,7 @@ from gcs_autotune.identify.axis.start import Bounds
 from gcs_autotune.identify.axis.structure import Selection
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance
 from gcs_autotune.identify.doubts import delay_fitted, solution_doubts
-from gcs_autotune.identify.odd_run import CraftEstimate, apart_doubts, runs_apart
+from gcs_autotune.identify.odd_run import CraftEstimate, odd_run_doubts, odd_runs
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
@@ -112,7 +112,7 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
 
     if len(case.names) < 2 or not all(stretches):
         return []
-    return apart_doubts(runs_apart(case.names, estimate))
+    return odd_run_doubts(odd_runs(case.names, estimate))
 
 
 def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution | None:

@@ -104,10 +104,12 @@ def _solution(case: ExtendedCase, problem: Problem, fitted: Fitted) -> Solution:
 
 
 def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Solution, notes: Sequence[Doubt]) -> Fit:
-    parameters, covariance = _parameters(problem.scene, solution)
+    parameters, covariance = _parameters(problem.data_summary, solution)
     doubts = [*notes, *solution_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
     base = CoupledModel(solution.form, dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True)))
-    model = ExtendedModel(base, solution.effects, amplitude=problem.scene.full, units=problem.scene.inputs)
+    model = ExtendedModel(
+        base, solution.effects, amplitude=problem.data_summary.full, units=problem.data_summary.inputs
+    )
     return Fit(
         dof="+".join(solution.form.dofs),
         structure=" + ".join((solution.form.name, *(f"{e.slug}@{e.place}" for e in solution.effects))),
@@ -122,8 +124,8 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Soluti
         traces=traces_of(problem.segments, solution),
         extra={
             "signals": list(solution.noise),
-            "inputs": dict(problem.scene.inputs),
-            "swing": dict(problem.scene.full),
+            "inputs": dict(problem.data_summary.inputs),
+            "swing": dict(problem.data_summary.full),
             "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,
@@ -134,18 +136,20 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Soluti
     )
 
 
-def _parameters(scene: DataSummary, solution: Solution) -> tuple[Mapping[str, Parameter], Array]:
+def _parameters(data_summary: DataSummary, solution: Solution) -> tuple[Mapping[str, Parameter], Array]:
     """Return all numbers with units, standard errors and Cramer-Rao bounds, and their covariance (p, p)."""
     form = solution.form
-    normalised = form.normalised or set(scene.inputs.values()) == {"1"}
+    normalised = form.normalised or set(data_summary.inputs.values()) == {"1"}
     values = dict(zip(form.parameters, solution.theta.tolist(), strict=True))
-    units = {n: unit_of(n, scene.inputs, normalised=normalised, per_inertia=form.per_inertia) for n in form.parameters}
+    units = {
+        n: unit_of(n, data_summary.inputs, normalised=normalised, per_inertia=form.per_inertia) for n in form.parameters
+    }
     learnt = []
     for own in solution.effects:
         entry = EFFECTS[own.slug]
         for name, value in own.values.items():
             label = label_of(own, name)
-            values[label], units[label] = value, entry.unit_of(name, own.place, scene)
+            values[label], units[label] = value, entry.unit_of(name, own.place, data_summary)
             if entry.is_disturbance:
                 learnt.append(label)
     names = list(values)

@@ -19,7 +19,7 @@ class EffectSpec:
     slug: str
     place: str | None = None
 
-    def candidates(self, scene: DataSummary) -> Iterator[EffectInstance]:
+    def candidates(self, data_summary: DataSummary) -> Iterator[EffectInstance]:
         """Yield the effect at every place and with every start these runs allow.
 
         Raises
@@ -28,14 +28,14 @@ class EffectSpec:
             These runs cannot show it, or not there.
         """
         entry = EFFECTS[self.slug]
-        places = entry.places(scene)
+        places = entry.places(data_summary)
         if not places:
             raise UsageError(f"these runs cannot show '{self.slug}' ({entry.meaning}); leave it out")
         if self.place is not None and self.place not in places:
             raise UsageError(f"'{self.slug}' cannot sit at '{self.place}' in these runs; it can at {', '.join(places)}")
         for place in places if self.place is None else (self.place,):
-            constants = entry.constants(place, scene)
-            for start in entry.starts(place, scene):
+            constants = entry.constants(place, data_summary)
+            for start in entry.starts(place, data_summary):
                 yield EffectInstance(self.slug, place, dict(start), dict(constants))
 
 

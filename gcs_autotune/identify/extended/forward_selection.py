@@ -41,7 +41,7 @@ def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) 
 def _best(problem: Problem, fitted: Fitted, others: Sequence[EffectInstance], spec: EffectSpec) -> Fitted:
     best: Fitted | None = None
     taken = {(e.slug, e.place) for e in others}
-    for own in spec.candidates(problem.scene):
+    for own in spec.candidates(problem.data_summary):
         if (own.slug, own.place) in taken:
             continue
         found = problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FIRST_TRIALS, shift=fitted.shift)

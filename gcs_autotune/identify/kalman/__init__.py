@@ -2,7 +2,7 @@
 
 ================  ===========================================================================
 start             motion smoothed without a model, and the regression on it that begins
-bank              records made ready, one pass over them, noise levels of greatest likelihood
+filter_bank       records made ready, one pass over them, noise levels of greatest likelihood
 transition        compiled: from stamp to stamp with inputs that jump, outputs
 sigma             compiled: the same by sigma points
 sweep             compiled: the filter forwards, its adjoint backwards

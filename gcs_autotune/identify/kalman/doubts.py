@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.identify.doubts import COLOUR
-from gcs_autotune.identify.kalman.bank import Passed
+from gcs_autotune.identify.kalman.filter_bank import FilterResult
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models import CoupledModel
@@ -23,7 +23,7 @@ UNSEEN = 0.5
 """Standard error over prior spread above which a run has told next to nothing of a parameter."""
 
 
-def filter_doubts(task: Task, last: Passed, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:
+def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:
     """Return the doubts about a fit whose last pass and last parameter moves (p,) are given."""
     doubts = [*_consistency(task, last)]
     names = [n for n in task.bank.free if not task.is_shift(n)]
@@ -59,7 +59,7 @@ def filter_doubts(task: Task, last: Passed, moved: Array, std: Array, model: Cou
     return tuple(doubts)
 
 
-def _consistency(task: Task, last: Passed) -> list[Doubt]:
+def _consistency(task: Task, last: FilterResult) -> list[Doubt]:
     e, S = last.innovations
     doubts = []
     for j, name in enumerate(task.bank.signals):

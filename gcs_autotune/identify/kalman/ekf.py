@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.kalman.bank import Levels, Passed, Prior, Smoothed
+from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Prior, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.smoother import SETTLED, iterate, positive_inertia, settled
 from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_states, task_of
@@ -62,12 +62,12 @@ def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
         raise UsageError(f"passes must be 1 or more and parameter_walk not negative, not {passes} and {walk}")
     drift = (walk * task.start.scale) ** 2
     ended = _passes(task, task.prior, replace(task.start.levels, walk=drift), passes, sigma=sigma)
-    rescued = passes > 1 and (ended is None or not positive_inertia(task, ended.passed.parameters))
+    rescued = passes > 1 and (ended is None or not positive_inertia(task, ended.result.parameters))
     if rescued:
         smooth = iterate(task, passes)
         first = task.prior
         states, spread = first_states(smooth.smoothed, first.spread)
-        near = Prior(states, spread, smooth.passed.parameters, REPEAT**2 * smooth.passed.covariance)
+        near = Prior(states, spread, smooth.result.parameters, REPEAT**2 * smooth.result.covariance)
         ended = _passes(task, near, replace(smooth.levels, walk=drift), passes, sigma=sigma) or ended
     if ended is None:
         raise NotInformative(
@@ -76,13 +76,13 @@ def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
         )
     std = np.sqrt(np.diag(ended.covariance))
     found = Found(
-        ended.passed.parameters,
+        ended.result.parameters,
         ended.covariance,
         std if walk == 0.0 else np.full(len(std), np.nan),
         ended.levels,
-        ended.passed,
+        ended.result,
         ended.moved,
-        extra={"passes": ended.count, "rescued": rescued, "history": _history(task, ended.passed)},
+        extra={"passes": ended.count, "rescued": rescued, "history": _history(task, ended.result)},
     )
     return report(task, method, found)
 
@@ -91,7 +91,7 @@ def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
 class _Ended:
     """The last pass, the covariance of the parameters by the data alone, levels, last moves, how many passes."""
 
-    passed: Passed
+    result: FilterResult
     covariance: Array
     levels: Levels
     moved: Array
@@ -105,34 +105,34 @@ def _passes(task: Task, prior: Prior, levels: Levels, passes: int, *, sigma: boo
         now = _survived(task, prior, levels, sigma=sigma)
         if now is None:
             break
-        passed, levels = now
-        smoothed = task.bank.smooth(passed, levels)
+        result, levels = now
+        smoothed = task.bank.smooth(result, levels)
         after = task.tuned(levels, smoothed)
-        covariance = passed.covariance if count == 1 else _alone(passed.covariance, prior.covariance)
-        moved = np.abs(passed.parameters - prior.parameters) / np.sqrt(np.diag(covariance))
+        covariance = result.covariance if count == 1 else _alone(result.covariance, prior.covariance)
+        moved = np.abs(result.parameters - prior.parameters) / np.sqrt(np.diag(covariance))
         moved = moved if count > 1 else np.zeros_like(moved)
-        ended = _Ended(passed, covariance, levels, moved, count)
+        ended = _Ended(result, covariance, levels, moved, count)
         if count > 1 and bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed):
             break
-        if count >= HOPELESS and not positive_inertia(task, passed.parameters):
+        if count >= HOPELESS and not positive_inertia(task, result.parameters):
             break
         levels = after
         close = close or bool(count > 1 and np.all(moved < CLOSE))
-        prior = _next(task, passed, covariance, smoothed, close=close)
+        prior = _next(task, result, covariance, smoothed, close=close)
     return ended
 
 
-def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple[Passed, Levels] | None:
+def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple[FilterResult, Levels] | None:
     """Run a pass; when the motion runs away, with ever more process noise, which ties the states to the samples."""
     for _ in range(6):
-        passed = task.bank.run(task.theta(prior.parameters), prior, levels, sigma=sigma, full=True)
-        if passed is not None:
-            return passed, levels
+        result = task.bank.run(task.theta(prior.parameters), prior, levels, sigma=sigma, full=True)
+        if result is not None:
+            return result, levels
         levels = replace(levels, drive=np.maximum(task.loose, 10.0 * levels.drive))
     return None
 
 
-def _next(task: Task, passed: Passed, covariance: Array, smoothed: Smoothed, *, close: bool) -> Prior:
+def _next(task: Task, result: FilterResult, covariance: Array, smoothed: Smoothed, *, close: bool) -> Prior:
     """Return the prior of the next pass: where this one ended, wide again, but not wider than at first.
 
     close : the parameters are near their end, so that the first states seen from the end can be trusted.
@@ -140,7 +140,7 @@ def _next(task: Task, passed: Passed, covariance: Array, smoothed: Smoothed, *, 
     first = task.prior
     wide = np.minimum(REPEAT, np.sqrt(np.diag(first.covariance) / np.diag(covariance)))
     states, spread = first_states(smoothed, first.spread)
-    return Prior(states, spread if close else first.spread, passed.parameters, covariance * np.outer(wide, wide))
+    return Prior(states, spread if close else first.spread, result.parameters, covariance * np.outer(wide, wide))
 
 
 def _alone(after: Array, before: Array) -> Array:
@@ -154,18 +154,18 @@ def _alone(after: Array, before: Array) -> Array:
     return alone
 
 
-def _history(task: Task, passed: Passed) -> dict[str, Any]:
+def _history(task: Task, result: FilterResult) -> dict[str, Any]:
     """Return every parameter over the last pass, run by run: stamps, value, standard deviation, thinned."""
     n = len(task.bank.states)
     runs = []
-    for track, tape in zip(task.bank.tracks, passed.tapes, strict=True):
+    for track, history in zip(task.bank.tracks, result.histories, strict=True):
         at = thinned(np.arange(len(track.stamps)))
-        std = np.sqrt(np.diagonal(tape.covariance[at], axis1=1, axis2=2))
+        std = np.sqrt(np.diagonal(history.covariance[at], axis1=1, axis2=2))
         runs.append(
             {
                 "run": track.record.name,
                 "t": track.stamps[at].tolist(),
-                "value": {f: tape.mean[at, n + i].tolist() for i, f in enumerate(task.bank.free)},
+                "value": {f: history.mean[at, n + i].tolist() for i, f in enumerate(task.bank.free)},
                 "std": {f: std[:, n + i].tolist() for i, f in enumerate(task.bank.free)},
             }
         )

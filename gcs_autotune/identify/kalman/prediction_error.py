@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.kalman.bank import Bank, Levels, Passed, Prior
+from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.report import Found, report
 from gcs_autotune.identify.kalman.smoother import iterate
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
@@ -59,7 +59,7 @@ class _Likelihood:
 
     def __init__(self, task: Task, levels: Levels, states: Array, spread: Array) -> None:
         self.task, self.levels = task, levels
-        self.bank: Bank = task.bank.with_free(())
+        self.bank: FilterBank = task.bank.with_free(())
         nothing = np.zeros(0)
         self.prior = Prior(states, spread, nothing, np.zeros((0, 0)))
         m = len(levels.noise)
@@ -79,13 +79,13 @@ class _Likelihood:
         noise = np.maximum(together[:m], self.task.start.floors)
         return Levels(noise, together[m:], np.zeros(0))
 
-    def at(self, point: _Point, *, full: bool = False) -> Passed | None:
+    def at(self, point: _Point, *, full: bool = False) -> FilterResult | None:
         """Return the filter's pass at *point*, what is known of a shift of stamps in its log likelihood."""
-        passed = self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
-        if passed is None or self.task.stamps is None:
-            return passed
+        result = self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
+        if result is None or self.task.stamps is None:
+            return result
         off, weight = self._shift(point)
-        return replace(passed, log_likelihood=passed.log_likelihood - 0.5 * weight * off**2)
+        return replace(result, log_likelihood=result.log_likelihood - 0.5 * weight * off**2)
 
     def _shift(self, point: _Point) -> tuple[float, float]:
         """Return how far a shift of stamps is from none, and the information known of it beforehand."""
@@ -93,7 +93,7 @@ class _Likelihood:
         std = self.task.spread * float(self.task.start.scale[at])
         return float(point.parameters[at]) - float(self.task.stamps or 0.0), std**-2
 
-    def score(self, point: _Point, here: Passed, steps: Array) -> tuple[Array, Array]:
+    def score(self, point: _Point, here: FilterResult, steps: Array) -> tuple[Array, Array]:
         """Return gradient and information by parameters and levels; *steps* (p + l,) are difference lengths."""
         e, S = here.innovations
         seen = ~np.isnan(S)
@@ -131,13 +131,13 @@ def fit_by_prediction_error(case: CoupledCase) -> Fit:
     ended = iterate(task, SMOOTHER_ROUNDS)
     prior = first_states(ended.smoothed, task.start.spread)
     likelihood = _Likelihood(task, _thresholded(ended.levels, ended.smoothed.by_drive), *prior)
-    point = likelihood.start(ended.passed.parameters)
+    point = likelihood.start(ended.result.parameters)
     here = likelihood.at(point)
     if here is None:
-        return report(task, "prediction-error", _as_it_was(ended.passed, ended.levels))
+        return report(task, "prediction-error", _as_it_was(ended.result, ended.levels))
     p = len(point.parameters)
-    std = np.concatenate([np.sqrt(np.diag(ended.passed.covariance)), np.full(len(point.logs), 0.2)])
-    moved, covariance, count = np.zeros(p), ended.passed.covariance, 0
+    std = np.concatenate([np.sqrt(np.diag(ended.result.covariance)), np.full(len(point.logs), 0.2)])
+    moved, covariance, count = np.zeros(p), ended.result.covariance, 0
     while count < rounds:
         count += 1
         gradient, information = likelihood.score(point, here, STEP * std)
@@ -177,7 +177,9 @@ def _moved(point: _Point, p: int, i: int, by: float) -> _Point:
     return _Point(parameters, logs)
 
 
-def _line(likelihood: _Likelihood, point: _Point, here: Passed, step: Array) -> tuple[Passed | None, _Point, float]:
+def _line(
+    likelihood: _Likelihood, point: _Point, here: FilterResult, step: Array
+) -> tuple[FilterResult | None, _Point, float]:
     """Return the first point along *step*, halved if need be, that is more likely; None when there is none."""
     p, length = len(point.parameters), 1.0
     for _ in range(12):
@@ -195,6 +197,6 @@ def _thresholded(levels: Levels, by_drive: Array) -> Levels:
     return replace(levels, drive=np.where(share > ACTIVE, levels.drive, 0.0))
 
 
-def _as_it_was(passed: Passed, levels: Levels) -> Found:
-    std = np.sqrt(np.diag(passed.covariance))
-    return Found(passed.parameters, passed.covariance, std, levels, passed, np.full(len(std), np.inf))
+def _as_it_was(result: FilterResult, levels: Levels) -> Found:
+    std = np.sqrt(np.diag(result.covariance))
+    return Found(result.parameters, result.covariance, std, levels, result, np.full(len(std), np.inf))

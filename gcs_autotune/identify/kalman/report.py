@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
-from gcs_autotune.identify.kalman.bank import Levels, Passed
 from gcs_autotune.identify.kalman.doubts import filter_doubts
+from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels
 from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
 from gcs_autotune.models import CoupledModel
@@ -35,7 +35,7 @@ class Found:
     covariance: Array
     bounds: Array
     levels: Levels
-    last: Passed
+    last: FilterResult
     moved: Array
     doubts: tuple[Doubt, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -91,18 +91,18 @@ def report(task: Task, method: str, found: Found) -> Fit:
     )
 
 
-def _innovations(task: Task, last: Passed) -> dict[str, Any]:
+def _innovations(task: Task, last: FilterResult) -> dict[str, Any]:
     """Return one-step prediction errors per run and signal, with the standard deviations the filter expects."""
     runs: dict[str, Any] = {}
-    for track, tape in zip(task.bank.tracks, last.tapes, strict=True):
+    for track, history in zip(task.bank.tracks, last.histories, strict=True):
         own = {}
         for j, name in enumerate(task.bank.signals):
-            seen = np.flatnonzero(~np.isnan(tape.S[:, j]))
+            seen = np.flatnonzero(~np.isnan(history.S[:, j]))
             at = thinned(seen)
             own[name] = {
                 "t": track.stamps[at].tolist(),
-                "error": tape.e[at, j].tolist(),
-                "std": np.sqrt(tape.S[at, j]).tolist(),
+                "error": history.e[at, j].tolist(),
+                "std": np.sqrt(history.S[at, j]).tolist(),
             }
         runs[track.record.name] = own
     return runs

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.kalman.bank import Levels, Passed, Smoothed
+from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
 from gcs_autotune.identify.result import Fit
@@ -49,7 +49,7 @@ class Ended:
     """Where the rounds ended: last pass, smoothed states, levels, last moves (p,) in standard errors, how many rounds,
     and whether parameters and levels stood still."""
 
-    passed: Passed
+    result: FilterResult
     smoothed: Smoothed
     levels: Levels
     moved: Array
@@ -64,13 +64,13 @@ def fit_by_smoother(case: CoupledCase) -> Fit:
     if rounds < 1:
         raise UsageError(f"rounds must be 1 or more, not {rounds}")
     ended = iterate(task, rounds)
-    passed = ended.passed
+    result = ended.result
     found = Found(
-        passed.parameters,
-        passed.covariance,
-        np.sqrt(np.diag(passed.covariance)),
+        result.parameters,
+        result.covariance,
+        np.sqrt(np.diag(result.covariance)),
         ended.levels,
-        passed,
+        result,
         ended.moved,
         extra={"rounds": ended.rounds, "smoothed": _smoothed(task, ended.smoothed)},
     )
@@ -99,7 +99,7 @@ def iterate(task: Task, rounds: int) -> Ended:
 
 
 def _rank(ended: Ended) -> tuple[bool, float]:
-    return ended.settled, ended.passed.log_likelihood
+    return ended.settled, ended.result.log_likelihood
 
 
 def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
@@ -109,19 +109,19 @@ def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
     here, paths, levels = theta[bank.places], task.start.paths, task.start.levels
     ended, last, retreats = None, here, 0
     for count in range(1, rounds + 1):
-        passed = bank.run(task.theta(here), prior, levels, about=paths, full=True)
-        if passed is None:
+        result = bank.run(task.theta(here), prior, levels, about=paths, full=True)
+        if result is None:
             if ended is None or retreats == RETREATS:
                 break
             here, retreats = 0.5 * (here + last), retreats + 1
             continue
         last = here
-        smoothed = bank.smooth(passed, levels)
-        there = _within(task, here, passed.parameters)
-        moved = np.abs(there - here) / np.sqrt(np.diag(passed.covariance))
+        smoothed = bank.smooth(result, levels)
+        there = _within(task, here, result.parameters)
+        moved = np.abs(there - here) / np.sqrt(np.diag(result.covariance))
         after = task.tuned(levels, smoothed)
         done = bool(np.all(moved < SETTLED)) and settled(levels, after, smoothed)
-        ended = Ended(replace(passed, parameters=there), smoothed, levels, moved, count, done)
+        ended = Ended(replace(result, parameters=there), smoothed, levels, moved, count, done)
         if done:
             break
         n = len(bank.states)

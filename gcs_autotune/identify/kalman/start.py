@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.free_run import first_state
 from gcs_autotune.identify.initial_guess import SPECIAL_START, RecordedMotion, regression_of
-from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, tuned
+from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, tuned
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models import (
@@ -61,7 +61,7 @@ class Start:
     cautious: Array
 
 
-def begin(bank: Bank, given: Mapping[str, float]) -> Start:
+def begin(bank: FilterBank, given: Mapping[str, float]) -> Start:
     """Return where to begin; *given* overrides the regression's values."""
     form = bank.form
     walked = [_walked(form, track.record, bank.signals) for track in bank.tracks]
@@ -114,7 +114,7 @@ def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Record
         inputs={},
         coriolis=False,
     )
-    bank = Bank(walk, [record], ())
+    bank = FilterBank(walk, [record], ())
     k, names = len(form.dofs), bank.states
     first, spread = first_state(record, names), _spread_of(names, record)
     prior = Prior(first[None, :], spread[None, :], np.zeros(0), np.zeros((0, 0)))
@@ -124,10 +124,10 @@ def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Record
     theta = np.array([walk.known[n] for n in walk.parameters])
     found = None
     for _ in range(ROUNDS):
-        passed = bank.run(theta, prior, levels, full=True)
-        if passed is None:
+        result = bank.run(theta, prior, levels, full=True)
+        if result is None:
             break
-        found = bank.smooth(passed, levels)
+        found = bank.smooth(result, levels)
         levels = tuned(levels, found, 0.25 * noise)
     t = bank.tracks[0].stamps
     n = len(states_of(form))

@@ -18,18 +18,19 @@ from gcs_autotune.identify.kalman.sigma import sigma_step
 from gcs_autotune.identify.kalman.transition import inertia, measure, step
 from gcs_autotune.models import Program, Scratch
 
-__all__ = ["Tape", "backward", "forward", "new_tape"]
+__all__ = ["FilterHistory", "backward", "forward", "new_history"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-class Tape(NamedTuple):
+class FilterHistory(NamedTuple):
     """What a forward pass leaves behind, for s stamps, m signals, n states, N = n + free parameters.
 
     ``mean`` (s, N), ``covariance`` (s, N, N) after each stamp's samples; ``F`` (s, n, N), ``late`` (s, n, n) the
     transition into each stamp; ``e``, ``S`` (s, m) innovations and their variances (NaN where no sample);
-    ``K``, ``H`` (s, m, N) gains and output derivatives.
+    ``K``, ``H`` (s, m, N) gains and output derivatives, those of :func:`measure` (numba's cache keeps this class by
+    name: who renames it clears ``__pycache__``).
     """
 
     mean: Array
@@ -42,10 +43,10 @@ class Tape(NamedTuple):
     H: Array
 
 
-def new_tape(s: int, m: int, n: int, N: int, *, full: bool) -> Tape:
+def new_history(s: int, m: int, n: int, N: int, *, full: bool) -> FilterHistory:
     """Return room for a pass; without *full* only the innovations are kept."""
     k = s if full else 0
-    return Tape(
+    return FilterHistory(
         np.zeros((k, N)),
         np.zeros((k, N, N)),
         np.zeros((k, n, N)),
@@ -126,7 +127,7 @@ def forward(
     reference: Array,
     sigma: bool,
     max_rate: float,
-    tape: Tape,
+    history: FilterHistory,
     W: Scratch,
 ) -> float:
     """Filter one record; *mean* (N,) and *cov* (N, N) go in as the prior at ``stamps[0]`` and come out at the end.
@@ -150,7 +151,7 @@ def forward(
         for i in range(p):
             theta[places[i]] = mean[n + i]
     positive = inertia(P, theta, M, M_inverse)
-    full = len(tape.mean) > 0
+    full = len(history.mean) > 0
     F, late, H, K, g = np.zeros((n, N)), np.zeros((n, n)), np.zeros(N), np.zeros(N), np.zeros(N)
     x, before, moved = np.zeros(n), np.zeros(n), mean.copy()
     delay = theta[P.delay] if P.delay >= 0 else 0.0
@@ -191,8 +192,8 @@ def forward(
             for i in range(n):
                 mean[i] = x[i]
             if full:
-                tape.F[s] = F
-                tape.late[s] = late
+                history.F[s] = F
+                history.late[s] = late
         for i in range(len(codes)):
             if np.isnan(Y[s, i]):
                 continue
@@ -221,14 +222,14 @@ def forward(
                 mean[j] = moved[j]
                 if not abs(mean[j]) < 1e9:
                     return -1.0 - s
-            tape.e[s, i] = error
-            tape.S[s, i] = variance
+            history.e[s, i] = error
+            history.S[s, i] = variance
             if full:
-                tape.K[s, i] = K
-                tape.H[s, i] = H
+                history.K[s, i] = K
+                history.H[s, i] = H
         if full:
-            tape.mean[s] = mean
-            tape.covariance[s] = cov
+            history.mean[s] = mean
+            history.covariance[s] = cov
     return fastest
 
 
@@ -263,7 +264,7 @@ def _move_parameters(
 def backward(
     stamps: Array,
     r: Array,
-    tape: Tape,
+    history: FilterHistory,
     adjoint: Array,
     information: Array,
     smoothed: Array,
@@ -271,30 +272,30 @@ def backward(
     by_noise: Array,
     by_drive: Array,
 ) -> None:
-    """Run the adjoint over a full *tape*.
+    """Run the adjoint over a full *history*.
 
     adjoint : (N,), information : (N, N), in: those of the records after this one (states zero), out: at its start.
     smoothed : (s, N) filled with smoothed means; variances : (s, N) likewise. by_noise : (2, m) and by_drive : (2, n)
     are added to: twice the derivative of the log likelihood by a variance is row 0 minus row 1.
     """
-    m, N = tape.K.shape[1], tape.K.shape[2]
-    n = tape.F.shape[1]
+    m, N = history.K.shape[1], history.K.shape[2]
+    n = history.F.shape[1]
     carried = np.zeros((N, N))
     for s in range(len(stamps) - 1, -1, -1):
-        cov = tape.covariance[s]
+        cov = history.covariance[s]
         down = np.dot(cov, adjoint)
         second = np.dot(cov, information)
         for i in range(N):
-            smoothed[s, i] = tape.mean[s, i] - down[i]
+            smoothed[s, i] = history.mean[s, i] - down[i]
             value = cov[i, i]
             for j in range(N):
                 value -= second[i, j] * cov[j, i]
             variances[s, i] = max(value, 0.0)
         for i in range(m - 1, -1, -1):
-            S = tape.S[s, i]
+            S = history.S[s, i]
             if np.isnan(S):
                 continue
-            K, H, e = tape.K[s, i], tape.H[s, i], tape.e[s, i]
+            K, H, e = history.K[s, i], history.H[s, i], history.e[s, i]
             LK = np.dot(information, K)
             push, weight = np.dot(K, adjoint), np.dot(K, LK)
             u = e / S + push
@@ -307,7 +308,7 @@ def backward(
                     information[j, o] += H[j] * H[o] * (1.0 / S + weight) - H[j] * LK[o] - LK[j] * H[o]
         if s == 0:
             return
-        F, late, h = tape.F[s], tape.late[s], (stamps[s] - stamps[s - 1]) / 6.0
+        F, late, h = history.F[s], history.late[s], (stamps[s] - stamps[s - 1]) / 6.0
         F_adjoint = np.dot(np.ascontiguousarray(F.T), adjoint[:n])
         F_information = np.dot(np.ascontiguousarray(F.T), information[:n])
         whole = np.dot(np.ascontiguousarray(F_information[:, :n]), F)

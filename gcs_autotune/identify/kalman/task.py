@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior, Smoothed, tuned
+from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
 from gcs_autotune.identify.likelihood import WEAK
 from gcs_autotune.models import Form
@@ -43,7 +43,7 @@ class Task:
 
     case: CoupledCase
     form: Form
-    bank: Bank
+    bank: FilterBank
     start: Start
     spread: float
     tune_noise: bool
@@ -105,7 +105,7 @@ def task_of(case: CoupledCase) -> Task:
     stamps = form.known.get("delay", 0.0) if dating > 0.0 and "delay" not in form.free else None
     asked = form
     form = form if stamps is None else form.freeing("delay")
-    bank = Bank(form, case.records, form.free)
+    bank = FilterBank(form, case.records, form.free)
     given = {**form.start, **_numbers(case.options, "start")}
     unknown = set(given) - set(asked.parameters)
     if unknown:
@@ -139,7 +139,7 @@ def _numbers(options: Mapping[str, Any], name: str) -> dict[str, float]:
         raise UsageError(f"option '{name}' wants numbers by name, such as {{'u': 0.1}}, not {given!r}") from error
 
 
-def _drive(bank: Bank, given: Any) -> Array:
+def _drive(bank: FilterBank, given: Any) -> Array:
     velocities = [s for s in bank.states if s in "uvwpqr"]
     values = dict.fromkeys(velocities, float(given)) if isinstance(given, (int, float)) else dict(given)
     if set(values) - set(velocities) or any(float(v) < 0.0 for v in values.values()):

@@ -228,8 +228,7 @@ def settled_cycles(trial: Trial, record: Segment) -> list[Settled]:
     told = trial.meta.get("x_a")
     x_a = float(told) if isinstance(told, (int, float)) else None
     marked = [m.t for m in trial.marks if m.kind == "switch"]
-    declared = bool(marked) or trial.meta.get("manoeuvre") == "relay"
-    return cycles_of(record, x_a, marked, declared=declared)
+    return cycles_of(record, x_a, marked, declared=trial.by_relay)
 
 
 def cycles_of(

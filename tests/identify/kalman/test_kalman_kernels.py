@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman import sweep, transition
 from gcs_autotune.identify.kalman.sigma import sigma_step
-from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
+from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
 from gcs_autotune.identify.kalman.transition import inertia, measure, step
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.kernel import INPUT, NU, NU_SIZE, Program, Scratch, carry
@@ -312,16 +312,16 @@ READ = np.array(
 )
 
 
-def passed(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, Tape, Array, Array]:
-    """Run the filter with two free parameters; return what it returns, its tape, and where it ended."""
+def result(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, FilterHistory, Array, Array]:
+    """Run the filter with two free parameters; return what it returns, its history, and where it ended."""
     reference = options.get("reference", np.zeros((0, 6)))
     mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
-    tape = new_tape(5, 3, 6, 8, full=True)
+    history = new_history(5, 3, 6, 8, full=True)
     rate = forward(
         BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS,
-        options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, tape, scratch(8),
+        options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, history, scratch(8),
     )  # fmt: skip
-    return rate, tape, mean, cov
+    return rate, history, mean, cov
 
 
 def filtered(reference: Array | None = None, *, sigma: bool = False) -> tuple[list[Any], Array, Array]:
@@ -371,22 +371,22 @@ PATH = np.array([moved(X, 0.05, s) if s > 0.05 else X for s in STAMPS])
 )
 def test_a_pass_is_predict_and_correct_sample_by_sample(about: Array | None, sigma: bool) -> None:
     samples, means, covs = filtered(about, sigma=sigma)
-    rate, tape, mean, cov = passed(reference=np.zeros((0, 6)) if about is None else about, sigma=sigma)
+    rate, history, mean, cov = result(reference=np.zeros((0, 6)) if about is None else about, sigma=sigma)
     assert 0.3 < rate < 5.0
-    assert {at for at, *_ in samples} == {tuple(at) for at in np.argwhere(np.isfinite(tape.e)).tolist()}
+    assert {at for at, *_ in samples} == {tuple(at) for at in np.argwhere(np.isfinite(history.e)).tolist()}
     for (s, i), error, S, K, H in samples:
-        assert tape.e[s, i] == pytest.approx(error, abs=1e-6)
-        assert tape.S[s, i] == pytest.approx(S, rel=1e-6)
-        assert tape.K[s, i] == pytest.approx(K, abs=1e-6)
-        assert tape.H[s, i] == pytest.approx(H, abs=1e-6)
-    assert tape.mean == pytest.approx(means, abs=1e-6)
-    assert tape.covariance == pytest.approx(covs, abs=1e-7)
-    assert np.array_equal(mean, tape.mean[-1]) and np.array_equal(cov, tape.covariance[-1])
+        assert history.e[s, i] == pytest.approx(error, abs=1e-6)
+        assert history.S[s, i] == pytest.approx(S, rel=1e-6)
+        assert history.K[s, i] == pytest.approx(K, abs=1e-6)
+        assert history.H[s, i] == pytest.approx(H, abs=1e-6)
+    assert history.mean == pytest.approx(means, abs=1e-6)
+    assert history.covariance == pytest.approx(covs, abs=1e-7)
+    assert np.array_equal(mean, history.mean[-1]) and np.array_equal(cov, history.covariance[-1])
 
 
 def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
-    _, full, mean, _ = passed()
-    lean = new_tape(5, 3, 6, 8, full=False)
+    _, full, mean, _ = result()
+    lean = new_history(5, 3, 6, 8, full=False)
     end, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
     forward(
         BOAT, THETA, FREE_PLACES, FREE, end, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
@@ -401,7 +401,7 @@ def test_a_pass_that_runs_away_says_at_which_stamp() -> None:
     for s, i in ((0, 0), (2, 1), (4, 0)):
         read = READ.copy()
         read[s, i] = 1e14
-        assert passed(read=read)[0] == -1.0 - s if s == 4 else passed(read=read)[0] <= -1.0 - s
+        assert result(read=read)[0] == -1.0 - s if s == 4 else result(read=read)[0] <= -1.0 - s
 
 
 def test_parameters_stop_short_of_an_inertia_that_is_not_positive() -> None:
@@ -417,27 +417,27 @@ def test_parameters_stop_short_of_an_inertia_that_is_not_positive() -> None:
 
 
 def likelihood(r: Array = R, q: Array = Q_STATES) -> float:
-    _, tape, _, _ = passed(r, q, reference=PATH)
-    seen = np.isfinite(tape.e)
-    return float(-0.5 * np.sum(tape.e[seen] ** 2 / tape.S[seen] + np.log(tape.S[seen])))
+    _, history, _, _ = result(r, q, reference=PATH)
+    seen = np.isfinite(history.e)
+    return float(-0.5 * np.sum(history.e[seen] ** 2 / history.S[seen] + np.log(history.S[seen])))
 
 
 def test_the_adjoint_smooths_as_rauch_tung_and_striebel_and_gives_the_derivatives_by_every_noise() -> None:
-    _, tape, _, _ = passed(reference=PATH)
+    _, history, _, _ = result(reference=PATH)
     adjoint, information = np.zeros(8), np.zeros((8, 8))
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
     by_noise, by_drive = np.ones((2, 3)), np.ones((2, 6))
-    backward(STAMPS, R, tape, adjoint, information, smoothed, variances, by_noise, by_drive)
-    x, P = tape.mean[-1], tape.covariance[-1]
+    backward(STAMPS, R, history, adjoint, information, smoothed, variances, by_noise, by_drive)
+    x, P = history.mean[-1], history.covariance[-1]
     assert smoothed[-1] == pytest.approx(x, abs=1e-12)
     for s in range(3, -1, -1):
-        F = np.vstack([tape.F[s + 1], np.eye(2, 8, 6)])
-        ahead, given = tape.covariance[s].copy(), np.concatenate([PATH[s], THETA[FREE_PLACES]])
-        sweep._time_update(ahead, tape.F[s + 1], tape.late[s + 1], Q_STATES, WALK, STAMPS[s + 1] - STAMPS[s])
+        F = np.vstack([history.F[s + 1], np.eye(2, 8, 6)])
+        ahead, given = history.covariance[s].copy(), np.concatenate([PATH[s], THETA[FREE_PLACES]])
+        sweep._time_update(ahead, history.F[s + 1], history.late[s + 1], Q_STATES, WALK, STAMPS[s + 1] - STAMPS[s])
         before = np.concatenate([moved(PATH[s], STAMPS[s], STAMPS[s + 1]), THETA[FREE_PLACES]])
-        G = tape.covariance[s] @ F.T @ np.linalg.inv(ahead)
-        x = tape.mean[s] + G @ (x - before - F @ (tape.mean[s] - given))
-        P = tape.covariance[s] + G @ (P - ahead) @ G.T
+        G = history.covariance[s] @ F.T @ np.linalg.inv(ahead)
+        x = history.mean[s] + G @ (x - before - F @ (history.mean[s] - given))
+        P = history.covariance[s] + G @ (P - ahead) @ G.T
         assert smoothed[s] == pytest.approx(x, abs=3e-6)  # halves of a long step are shorter steps
         assert variances[s] == pytest.approx(np.diag(P), abs=1e-8)
     for i in range(3):
@@ -452,13 +452,13 @@ def test_the_adjoint_smooths_as_rauch_tung_and_striebel_and_gives_the_derivative
 
 def test_the_adjoint_of_a_later_record_reaches_back_through_the_parameters() -> None:
     """Two records of one craft: the first's smoothed parameters are those that both leave behind."""
-    _, tape, mean, cov = passed(reference=PATH)
+    _, history, mean, cov = result(reference=PATH)
     seen, r = np.array([[0.0] * 6 + [1.0, 0.4]]), 0.01
     S = float(seen[0] @ cov @ seen[0] + r)
     e = 0.3
     adjoint, information = -seen[0] * e / S, np.outer(seen[0], seen[0]) / S
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
-    backward(STAMPS, R, tape, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6)))
+    backward(STAMPS, R, history, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6)))
     K = cov @ seen[0] / S
     assert smoothed[-1] == pytest.approx(mean + K * e, abs=1e-12)
     assert variances[-1] == pytest.approx(np.diag(cov - np.outer(K, seen[0] @ cov)), abs=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from gcs_autotune.identify.kalman.bank import Bank, Levels, Prior
+from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.trial import Channel, Trial
@@ -84,7 +84,7 @@ def textbook(rec, inertia: float = INERTIA, drag: float = DRAG, q: float = Q):
 
 
 def ours(rec, theta=THETA, r=R, q: float = Q, *, full: bool = True):
-    bank = Bank(FORM, [rec], ())
+    bank = FilterBank(FORM, [rec], ())
     order = [("r", "psi").index(s) for s in bank.signals]
     levels = Levels(r[order], np.array([0.0, q]), np.zeros(0))
     prior = Prior(FIRST[None, :], SPREAD[None, :], np.zeros(0), np.zeros((0, 0)))
@@ -93,19 +93,19 @@ def ours(rec, theta=THETA, r=R, q: float = Q, *, full: bool = True):
 
 def test_likelihood_filter_and_smoother_are_those_of_the_textbook():
     rec = record()
-    bank, levels, passed = ours(rec)
+    bank, levels, result = ours(rec)
     total, filtered, smoothed = textbook(rec)
-    path = bank.smooth(passed, levels).trajectories[0]
+    path = bank.smooth(result, levels).trajectories[0]
     at = np.isin(bank.tracks[0].stamps, rec.stamps)
-    assert passed.log_likelihood == pytest.approx(total, abs=2e-3)
-    assert passed.tapes[0].mean[at] == pytest.approx(filtered, abs=2e-5)
+    assert result.log_likelihood == pytest.approx(total, abs=2e-3)
+    assert result.histories[0].mean[at] == pytest.approx(filtered, abs=2e-5)
     assert path[at] == pytest.approx(smoothed, abs=2e-5)
 
 
 def test_the_score_of_every_noise_level_is_the_derivative_of_the_likelihood():
     rec = record(1)
-    bank, levels, passed = ours(rec)
-    seen = bank.smooth(passed, levels)
+    bank, levels, result = ours(rec)
+    seen = bank.smooth(result, levels)
     h = 1e-4
     for j, name in enumerate(bank.signals):
         i = ("r", "psi").index(name)
@@ -120,14 +120,14 @@ def test_the_score_of_every_noise_level_is_the_derivative_of_the_likelihood():
 def test_an_augmented_pass_about_a_fixed_path_is_linear_least_squares():
     """With the path held, the parameters after the pass are the Gauss-Newton step of the dense problem."""
     rec = record(2)
-    bank = Bank(FORM, [rec], FORM.free)
+    bank = FilterBank(FORM, [rec], FORM.free)
     order = [("r", "psi").index(s) for s in bank.signals]
     levels = Levels(R[order], np.zeros(2), np.zeros(2))
     wide = np.diag([50.0**2, 50.0**2])
     prior = Prior(FIRST[None, :], SPREAD[None, :], THETA, wide)
     plain, calm, run = ours(rec, q=0.0)
     path = plain.smooth(run, calm).trajectories
-    passed = bank.run(THETA, prior, levels, about=path, full=True)
+    result = bank.run(THETA, prior, levels, about=path, full=True)
 
     def residuals(z: np.ndarray) -> np.ndarray:
         inertia, drag = -z[2], -z[3]
@@ -150,5 +150,5 @@ def test_an_augmented_pass_about_a_fixed_path_is_linear_least_squares():
     base = residuals(z)
     J = np.column_stack([(residuals(z + 1e-5 * e) - residuals(z - 1e-5 * e)) / 2e-5 for e in np.eye(4)])
     step = -np.linalg.lstsq(J, base, rcond=None)[0]
-    assert passed.parameters - THETA == pytest.approx(step[2:], rel=2e-3)
-    assert np.sqrt(np.diag(passed.covariance)) == pytest.approx(np.sqrt(np.diag(np.linalg.inv(J.T @ J)))[2:], rel=2e-3)
+    assert result.parameters - THETA == pytest.approx(step[2:], rel=2e-3)
+    assert np.sqrt(np.diag(result.covariance)) == pytest.approx(np.sqrt(np.diag(np.linalg.inv(J.T @ J)))[2:], rel=2e-3)

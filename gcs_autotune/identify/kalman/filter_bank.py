@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.kalman.sweep import Tape, backward, forward, new_tape
+from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, program_of, scratch, states_of
 
-__all__ = ["Bank", "FilterRecord", "Levels", "Passed", "Prior", "Smoothed"]
+__all__ = ["FilterBank", "FilterRecord", "FilterResult", "Levels", "Prior", "Smoothed"]
 
 Array = NDArray[np.float64]
 
@@ -57,18 +57,18 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passed:
-    """One pass: free parameters (p,) and their covariance at the end, log likelihood, a tape per record."""
+class FilterResult:
+    """One pass: free parameters (p,) and their covariance at the end, log likelihood, a history per record."""
 
     parameters: Array
     covariance: Array
     log_likelihood: float
-    tapes: tuple[Tape, ...]
+    histories: tuple[FilterHistory, ...]
 
     @property
     def innovations(self) -> tuple[Array, Array]:
         """All innovations (records' stamps, m) and their variances, NaN where there is no sample."""
-        return np.vstack([t.e for t in self.tapes]), np.vstack([t.S for t in self.tapes])
+        return np.vstack([t.e for t in self.histories]), np.vstack([t.S for t in self.histories])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class Smoothed:
     by_drive: Array
 
 
-class Bank:
+class FilterBank:
     """A form and its records, ready for filters.
 
     Parameters
@@ -105,9 +105,9 @@ class Bank:
         self._codes = np.array([_CODES.index(x) for x in self.signals], dtype=np.int64)
         self._max_rates = [1.0] * len(self.tracks)
 
-    def with_free(self, free: Sequence[str]) -> Bank:
+    def with_free(self, free: Sequence[str]) -> FilterBank:
         """Return a bank of the same records with other parameters in the state."""
-        return Bank(self.form, [t.record for t in self.tracks], free)
+        return FilterBank(self.form, [t.record for t in self.tracks], free)
 
     def run(
         self,
@@ -118,7 +118,7 @@ class Bank:
         about: Sequence[Array] | None = None,
         sigma: bool = False,
         full: bool = False,
-    ) -> Passed | None:
+    ) -> FilterResult | None:
         """Filter all records one after the other; None when the motion runs away.
 
         Parameters
@@ -131,11 +131,11 @@ class Bank:
         """
         n, p = len(self.states), len(self.free)
         parameters, covariance = prior.parameters.copy(), prior.covariance.copy()
-        tapes, total = [], 0.0
+        histories, total = [], 0.0
         for i, track in enumerate(self.tracks):
             mean, cov = np.concatenate([prior.states[i], parameters]), np.zeros((n + p, n + p))
             cov[:n, :n], cov[n:, n:] = np.diag(prior.spread[i] ** 2), covariance
-            tape = new_tape(len(track.stamps), len(self.signals), n, n + p, full=full)
+            history = new_history(len(track.stamps), len(self.signals), n, n + p, full=full)
             fastest = forward(
                 self.program,
                 np.asarray(theta, dtype=np.float64),
@@ -154,34 +154,34 @@ class Bank:
                 np.zeros((0, n)) if about is None else np.ascontiguousarray(about[i][:, :n]),
                 sigma,
                 self._max_rates[i],
-                tape,
+                history,
                 scratch(n, n + p),
             )
             if fastest < 0.0:
                 return None
             if not self.free:
                 self._max_rates[i] = max(self._max_rates[i], float(2.0 ** np.ceil(np.log2(max(fastest, 1e-3)) + 0.2)))
-            seen = ~np.isnan(tape.S)
-            e, S = tape.e[seen], tape.S[seen]
+            seen = ~np.isnan(history.S)
+            e, S = history.e[seen], history.S[seen]
             if not np.all(np.isfinite(e)) or not np.all(S > 0.0):
                 return None
             total -= 0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S)))
             parameters, covariance = mean[n:], cov[n:, n:].copy()
-            tapes.append(tape)
-        return Passed(parameters, covariance, total, tuple(tapes))
+            histories.append(history)
+        return FilterResult(parameters, covariance, total, tuple(histories))
 
-    def smooth(self, passed: Passed, levels: Levels) -> Smoothed:
+    def smooth(self, result: FilterResult, levels: Levels) -> Smoothed:
         """Run a full pass backwards."""
         n, p, m = len(self.states), len(self.free), len(self.signals)
         adjoint, information = np.zeros(n + p), np.zeros((n + p, n + p))
         by_noise, by_drive = np.zeros((2, m)), np.zeros((2, n))
         trajectories: list[Array] = []
         variances: list[Array] = []
-        for track, tape in zip(reversed(self.tracks), reversed(passed.tapes), strict=True):
+        for track, history in zip(reversed(self.tracks), reversed(result.histories), strict=True):
             adjoint[:n] = 0.0
             information[:n], information[:, :n] = 0.0, 0.0
             path, var = np.empty((len(track.stamps), n + p)), np.empty((len(track.stamps), n + p))
-            backward(track.stamps, levels.noise, tape, adjoint, information, path, var, by_noise, by_drive)
+            backward(track.stamps, levels.noise, history, adjoint, information, path, var, by_noise, by_drive)
             trajectories.insert(0, path)
             variances.insert(0, var)
         return Smoothed(tuple(trajectories), tuple(variances), by_noise, by_drive)
