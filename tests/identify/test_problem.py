@@ -17,7 +17,7 @@ FORM = ExplicitForm.of(DOFS["yaw"])
 TRUE = np.array([2.0, 0.8, 0.0, 0.1, 0.0])
 FREE = ("b", "a", "d")
 SPREAD = {"psi": 5.0, "r": 0.4, "x": 80.0, "u": 0.3, "v": 0.4, "z": 9.0}
-SCENE = DataSummary(
+SUMMARY = DataSummary(
     FORM, {"N": "N m"}, dict.fromkeys(SPREAD, "1"), {"N": 0.5}, SPREAD, dict.fromkeys(SPREAD, 0.01),
     frozenset(SPREAD), 0.1, 1.2, 10.0,
 )  # fmt: skip
@@ -35,8 +35,11 @@ def segment(seed: int, noise: float = 1e-3, dating: float = 0.0) -> Segment:
     return Segment(f"run{seed}", f"run{seed}", t_in, N[:, None], ("N",), ("N m",), signals, dating=dating)
 
 
-def problem(dating: float = 0.0, scene: DataSummary | None = SCENE) -> Problem:
-    return Problem(FORM, [segment(1, dating=dating), segment(2, dating=0.5 * dating)], scene, Limits({}, {}), FREE)
+def problem(dating: float = 0.0, data_summary: DataSummary | None = SUMMARY) -> Problem:
+    segments = [segment(1, dating=dating), segment(2, dating=0.5 * dating)]
+    return Problem(FORM, segments, data_summary, Limits({}, {}), FREE)
+        FORM, [segment(1, dating=dating), segment(2, dating=0.5 * dating)], data_summary, Limits({}, {}), FREE
+    )
 
 
 def test_floors_are_shares_of_the_spread_that_counts() -> None:
@@ -45,7 +48,7 @@ def test_floors_are_shares_of_the_spread_that_counts() -> None:
     assert floors["psi"] == pytest.approx(FLOOR * TURN), "a heading that goes round counts up to two radians"
     assert floors["x"] == pytest.approx(FLOOR * STRIDE * 0.1 * 0.5), "and a position up to some samples' way"
     assert floors["z"] == pytest.approx(FLOOR * 9.0), "where its velocity is not measured it counts whole"
-    assert problem(scene=None).floors == {}
+    assert problem(data_summary=None).floors == {}
 
 
 def test_stamps_are_as_doubtful_as_those_of_the_worst_run_and_weigh_by_what_is_looked_for() -> None:
@@ -60,7 +63,7 @@ def test_stamps_are_as_doubtful_as_those_of_the_worst_run_and_weigh_by_what_is_l
 
 
 def test_edges_are_those_of_the_parameters_then_of_the_effects_in_their_order() -> None:
-    own = Problem(FORM, [segment(1)], SCENE, Limits({"a": 0.0}, {"b": 9.0}), FREE)
+    own = Problem(FORM, [segment(1)], SUMMARY, Limits({"a": 0.0}, {"b": 9.0}), FREE)
     limit = EffectInstance("saturation", "N", {"limit": 0.3})
     low, high = own.edges([limit], [(0, "limit")])
     assert low[:3].tolist() == [-np.inf, 0.0, -np.inf]
@@ -103,7 +106,7 @@ def test_a_given_model_is_judged_by_its_initial_states_alone() -> None:
 
 
 def test_a_fit_is_moved_in_the_order_of_its_jacobian_and_stays_within_limits() -> None:
-    own = Problem(FORM, [segment(1)], SCENE, Limits({}, {"b": 2.05}), FREE)
+    own = Problem(FORM, [segment(1)], SUMMARY, Limits({}, {"b": 2.05}), FREE)
     fitted = own.fit(TRUE, [], [np.zeros(2)])
     assert fitted is not None
     theta, _, initial = own.moved(fitted, np.array([0.5, 0.1, -0.2, 0.3, 0.4]))

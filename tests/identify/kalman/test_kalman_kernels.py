@@ -472,7 +472,7 @@ def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> Non
         mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
         forward(
             boat, prompt, FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
-            np.zeros((0, 6)), False, PACE, new_tape(5, 3, 6, 8, full=False), scratch(8),
+            np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
         )  # fmt: skip
         means.append(mean)
     assert means[0] == pytest.approx(means[1], abs=1e-12)
