@@ -38,8 +38,6 @@ def segment(seed: int, noise: float = 1e-3, dating: float = 0.0) -> Segment:
 def problem(dating: float = 0.0, data_summary: DataSummary | None = SUMMARY) -> Problem:
     segments = [segment(1, dating=dating), segment(2, dating=0.5 * dating)]
     return Problem(FORM, segments, data_summary, Limits({}, {}), FREE)
-        FORM, [segment(1, dating=dating), segment(2, dating=0.5 * dating)], data_summary, Limits({}, {}), FREE
-    )
 
 
 def test_floors_are_shares_of_the_spread_that_counts() -> None:
