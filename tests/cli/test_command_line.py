@@ -56,14 +56,19 @@ def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, 
     assert "will arm the vehicle" in err
 
 
-@pytest.mark.slow
-def test_identify_gives_the_same_model_from_the_run_directory_as_the_tune_did(capsys, tmp_path):
-    out = tmp_path / "run"
+@pytest.fixture(scope="module")
+def dry_run(tmp_path_factory) -> Path:
+    """The directory that a dry run of a simulated ROV leaves."""
+    out = tmp_path_factory.mktemp("dry") / "run"
     assert main(["tune", "heading", "--connect", "sitl:automarine", "--dry-run", "--out", str(out)]) == 0
-    capsys.readouterr()
-    code, text, _ = run(capsys, "identify", out, "--json")
+    return out
+
+
+@pytest.mark.slow
+def test_identify_gives_the_same_model_from_the_run_directory_as_the_tune_did(capsys, dry_run):
+    code, text, _ = run(capsys, "identify", dry_run, "--json")
     assert code == 0
-    again, tuned = json.loads(text), json.loads((out / "fit.json").read_text())
+    again, tuned = json.loads(text), json.loads((dry_run / "fit.json").read_text())
     assert again["structure"] == tuned["structure"]
     for name, p in tuned["parameters"].items():
         # The record knows the commands of the lead-in as well, the tune at the time only those since the relay began.
@@ -246,11 +251,8 @@ def test_restoring_never_guesses_a_vehicle(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_undo_line_of_the_report_finds_the_vehicle_in_the_journal(capsys, tmp_path):
-    out = tmp_path / "run"
-    assert main(["tune", "heading", "--connect", "sitl:automarine", "--dry-run", "--out", str(out)]) == 0
-    capsys.readouterr()
-    code, text, err = run(capsys, "params", "restore", out / "parameters_before.param", "--yes")
+def test_the_undo_line_of_the_report_finds_the_vehicle_in_the_journal(capsys, dry_run):
+    code, text, err = run(capsys, "params", "restore", dry_run / "parameters_before.param", "--yes")
     assert code == 0, err
     assert "link: sitl:automarine" in err
     assert "0 parameters changed" in text
