@@ -227,3 +227,23 @@ def test_a_write_that_was_echoed_and_undone_at_once_is_written_again(
     parameters.write("ATC_STR_RAT_P", 0.7)
     assert boat.parameters["ATC_STR_RAT_P"] == pytest.approx(0.7)
     assert boat.count("PARAM_SET") == 2
+
+
+def test_a_list_that_comes_whole_is_asked_for_once_and_of_one_with_gaps_only_these_are_asked_for(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    assert len(parameters.read_full()) == len(boat.parameters)
+    assert (boat.count("PARAM_REQUEST_LIST"), boat.count("PARAM_REQUEST_READ")) == (1, 0)
+    lost = {3, 7, 20}
+
+    def lose(message: object) -> object:
+        index = getattr(message, "param_index", -1)
+        if index in lost:
+            lost.discard(index)
+            return None
+        return message
+
+    boat.edit = lose  # type: ignore[assignment]
+    assert len(parameters.read_full()) == len(boat.parameters)
+    assert boat.count("PARAM_REQUEST_LIST") == 2
+    assert sorted(m.param_index for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ") == [3, 7, 20]

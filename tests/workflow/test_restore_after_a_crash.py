@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,13 +14,13 @@ import pytest
 
 from benchmarks.faults import Berth, Case, Fault, Killed, play
 from benchmarks.faults.case import FLEET
-from gcs_autotune.errors import LinkLost, NotAsFound, OperatorStopped, PreconditionFailed, WrongVehicle
+from gcs_autotune.errors import LinkLost, NotAsFound, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, Journal, Parameters, ParameterTransaction, Session
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
 from gcs_autotune.workflow import restore as restore_module
-from gcs_autotune.workflow.restore import _Restoring
+from gcs_autotune.workflow.restore import _Restoring, is_settled, link_of
 
 pytestmark = pytest.mark.usefixtures("plainly")
 
@@ -262,3 +263,40 @@ def test_what_is_tried_is_tried_once_more_when_the_vehicle_comes_back(lost: int,
     restoring._try("mode", act)
     assert restoring._differences == ({} if done else {"mode": "silent"})
     assert len(tried) == (min(lost, 1) + 1 if returns else 1)
+
+
+def journal_in(folder: Path, *, link: str = "udp:1.2.3.4:5", settled: bool = False) -> Path:
+    folder.mkdir(parents=True)
+    rows = [{"event": "opened", "vehicle": {"system": 1, "autopilot": 3, "vehicle_type": 11}, "link": link}]
+    rows += [{"event": "closed"}] if settled else []
+    path = folder / "journal.jsonl"
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return path
+
+
+def test_the_link_of_a_run_is_told_by_its_journal_named_whole_by_itself_or_by_a_file_beside_it(tmp_path: Path) -> None:
+    path = journal_in(tmp_path / "run")
+    beside = tmp_path / "run" / "parameters_before.param"
+    for named in (tmp_path / "run", path, beside):
+        assert link_of(named) == "udp:1.2.3.4:5"
+    (tmp_path / "else").mkdir()
+    silent = journal_in(tmp_path / "silent", link="")
+    for nowhere in (tmp_path / "else", tmp_path / "else" / "a.param", silent):
+        with pytest.raises(UsageError, match="no journal tells"):
+            link_of(nowhere)
+
+
+def test_without_a_name_the_newest_run_that_is_not_settled_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert is_settled(None), "there is none"
+    for age, (name, settled) in enumerate((("new", True), ("open", False), ("old", False))):
+        path = journal_in(tmp_path / "runs" / name, link=name, settled=settled)
+        os.utime(path, (1e9 - age, 1e9 - age))
+    assert link_of(None) == "open"
+    assert not is_settled(None)
+    assert is_settled(tmp_path / "runs" / "new")
+    assert not is_settled(tmp_path / "runs" / "old" / "journal.jsonl")
+    with pytest.raises(UsageError, match="does not exist"):
+        is_settled(tmp_path / "runs" / "none")
