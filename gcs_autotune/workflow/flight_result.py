@@ -117,7 +117,8 @@ def read_flight(
     page = record.path / "report.html"
     tracks = [(planned.name, trial) for planned, trial in flown]
     predicted = runs[0].preview.trial if len(runs) == 1 else None
-    title = f"{plan.title}: {common.connection.uri}"
+    asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
+    title = f"{asked}: {common.connection.uri}"
     page.write_text(
         render_flight(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)), encoding="utf-8"
     )

@@ -303,10 +303,9 @@ class _Flight:
         until = self._plan.until
         if until is None:
             return []
-        asked = ", ".join(f"{name} is known to {100.0 * share:.2g} %" for name, share in until.wanted.items())
         return [
-            f"then fly what tells most about it, each previewed first and inside the same limits, until {asked}, for "
-            f"at most {until.seconds / 60.0:.0f} min of runs"
+            f"then fly what tells most about it, each previewed first and inside the same limits, until {until.title} "
+            f"is known, for at most {until.seconds / 60.0:.0f} min of runs"
         ]
 
     def _movements(self) -> str:

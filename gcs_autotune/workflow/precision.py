@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import derivative_names
@@ -22,11 +22,15 @@ _ITEM = re.compile(r"\s*([A-Za-z][A-Za-z_0-9|]*)\s*[= ]\s*([0-9.]+)\s*%\s*")
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """What is asked for: parameter -> standard error over value, of a ``form``, within ``seconds`` of runs."""
+    """What is asked for: parameter -> standard error over value, of a ``form``, within ``seconds`` of runs.
+
+    ``typed``: what the user calls a parameter that the fit calls otherwise.
+    """
 
     wanted: Mapping[str, float]
     form: str
     seconds: float
+    typed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def dofs(self) -> tuple[str, ...]:
@@ -39,7 +43,18 @@ class Precision:
 
     def told(self, relative: Mapping[str, float]) -> str:
         """Return where each stands, in words."""
-        return ", ".join(f"{n} {_shown(relative[n])} (wanted {_shown(share)})" for n, share in self.wanted.items())
+        return ", ".join(
+            f"{self.called(n)} {_shown(relative[n])} (wanted {_shown(share)})" for n, share in self.wanted.items()
+        )
+
+    def called(self, name: str) -> str:
+        """Return a parameter by the user's name and the fit's."""
+        return f"{self.typed[name]} = {name}" if name in self.typed else name
+
+    @property
+    def title(self) -> str:
+        """What is asked for, in words."""
+        return ", ".join(f"{self.called(n)} to {_shown(share)}" for n, share in self.wanted.items())
 
 
 def precision_of(text: str, form: str, seconds: float) -> Precision:
@@ -63,14 +78,20 @@ def precision_of(text: str, form: str, seconds: float) -> Precision:
         raise UsageError(f"the precision of {wrong[0]} is above 0 and at most {MOST_PERCENT:g} %")
     if form:
         known = {name: name for name in (*DOFS, *FORMS_FLOWN)}
-        return Precision({_name_in(lookup(known, form, "form"), n): s for n, s in asked.items()}, form, seconds)
+        chosen = lookup(known, form, "form")
+        return _asked({_name_in(chosen, n): n for n in asked}, asked, form, seconds)
     for candidate in (*DOFS, *FORMS_FLOWN):
         if all(n in _names(candidate) for n in asked):
-            return Precision({_names(candidate)[n]: s for n, s in asked.items()}, candidate, seconds)
+            return _asked({_names(candidate)[n]: n for n in asked}, asked, candidate, seconds)
     everything = {n: n for candidate in (*DOFS, *FORMS_FLOWN) for n in _names(candidate)}
     for name in asked:
         lookup(everything, name, "parameter")
     raise UsageError(f"no one form has all of {', '.join(asked)}; ask for those of one: {', '.join(FORMS_FLOWN)}")
+
+
+def _asked(typed: Mapping[str, str], asked: Mapping[str, float], form: str, seconds: float) -> Precision:
+    wanted = {name: asked[said] for name, said in typed.items()}
+    return Precision(wanted, form, seconds, {name: said for name, said in typed.items() if name != said})
 
 
 def _names(form: str) -> Mapping[str, str]:

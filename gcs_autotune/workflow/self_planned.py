@@ -298,12 +298,13 @@ class SelfPlanner:
         away = [shortfall(s.outlook.relative, until.wanted) for s in self.steps] + [
             shortfall(seen.relative, until.wanted)
         ]
-        if len(away) > IN_VAIN and min(away[-IN_VAIN:]) > min(away[:-IN_VAIN]) - WORTH_IT:
+        best = min(away[:-IN_VAIN], default=math.inf)
+        if min(away[-IN_VAIN:]) > best - _noticed(best):
             return None, (
                 f"not reached: the last {IN_VAIN} runs brought it no nearer, for the model misses something that they "
                 "show (see what to doubt; gcs-autotune diagnose looks for the cause)"
             )
-        worth = [c for c in seen.choices if c.gain >= min(WORTH_IT, 0.5 * away[-1])]
+        worth = [c for c in seen.choices if c.gain >= _noticed(away[-1])]
         if not worth:
             hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
             what = f" about {' and '.join(hopeless)}" if hopeless else ""
@@ -321,6 +322,11 @@ class SelfPlanner:
                 return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: nothing that would help can be flown: {troubles[0]}"
+
+
+def _noticed(away: float) -> float:
+    """Return the least step nearer that counts, where one is so far *away*."""
+    return min(WORTH_IT, 0.5 * away)
 
 
 def _beyond(choice: Choice, envelope: Envelope) -> str:

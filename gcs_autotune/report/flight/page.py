@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gcs_autotune.identify import Fit, Validation
 from gcs_autotune.report.study.study import structure_title
 from gcs_autotune.report.study.tables import parameter_table, unseen_table
@@ -164,17 +166,17 @@ def _picture(kind: str, caption: str, figure: Figure | None) -> list[Picture]:
 
 
 def _signals(trial: Trial, name: str = "") -> list[Picture]:
-    names = [n for n in ("psi", "z", "u") if n in trial and len(trial[n]) > 1][:2]
+    names = [n for n in ("psi", "z", "u") if n in trial and len(trial[n]) > 1 and np.ptp(trial[n].values) > 0.0][:2]
     inputs = [n for n in ("N", "X", "Z", "Y") if n in trial and len(trial[n]) > 1 and trial[n].values.any()]
     if not names or not inputs:
         return []
     with pens("signals"):
         figure, axes = new_axes((1.7,) * len(names) + (0.9,))
-        for ax, name in zip(axes, names, strict=False):
-            unit, factor = to_people(trial[name].unit)
-            few = thin(finite(trial[name].t - trial.start, factor * trial[name].values))
+        for ax, signal in zip(axes, names, strict=False):
+            unit, factor = to_people(trial[signal].unit)
+            few = thin(finite(trial[signal].t - trial.start, factor * trial[signal].values))
             ax.plot(few.t, few.y, color=AFTER, lw=1.2)
-            ax.set_ylabel(f"{name} [{unit}]")
+            ax.set_ylabel(f"{signal} [{unit}]")
         draw_inputs(axes[-1], trial, inputs, trial.start, trial.end)
         axes[-1].set_xlabel("time [s]")
     told = "hat it did, and what drove it."
