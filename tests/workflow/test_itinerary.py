@@ -37,10 +37,10 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
         "second self-oscillation",
         "step with new gains",
     ]
-    assert itinerary.legs[1].seconds == pytest.approx(28.0)
+    assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
     told = how_long(itinerary)
-    assert told.startswith("take about 7 min of the vehicle's time: sign check 25 s, step with present gains 28 s")
+    assert told.startswith("take about 7 min of the vehicle's time: sign check 25 s, step with present gains 30 s")
     assert "turning about 3 times 32 s" in told
 
 
