@@ -24,8 +24,8 @@ class Observation:
     """The craft at one moment of its own time. Unknown numbers are NaN. SI and radians.
 
     ``t`` is the vehicle's time stamp [s] of the attitude that made this observation; ``psi`` is unwrapped
-    (continuous from the first one). ``output`` holds the *measured* actuator demand per force name
-    (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
+    (continuous from the first one); ``d`` is the distance to a wall ahead [m]. ``output`` holds the *measured* actuator
+    demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
     ``output_t`` its stamp. ``age`` is seconds of link-clock time since the last message.
     """
 
@@ -41,6 +41,7 @@ class Observation:
     v: float = math.nan
     w: float = math.nan
     speed: float = math.nan
+    d: float = math.nan
     output: Mapping[str, float] = field(default_factory=dict)
     output_t: float = math.nan
     armed: bool = False

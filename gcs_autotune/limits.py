@@ -420,6 +420,26 @@ _MANOEUVRED = (
         )
     ),
     Limit(
+        "wall-hysteresis",
+        "distance at which the relay before a wall switches",
+        "m",
+        0.02,
+        2.0,
+        "below it the rangefinder's steps switch it, and beyond it the wall is out of reach",
+        0.1,
+        slips=(_CM,),
+    ),
+    Limit(
+        "least-distance",
+        "nearest to the wall ahead",
+        "m",
+        0.0,
+        50.0,
+        "a wall is not to be touched",
+        0.3,
+        slips=(_CM,),
+    ),
+    Limit(
         "levels",
         "levels to either side",
         "",

@@ -4,7 +4,7 @@ A data file is TOML; every number in it is a table ``{ value, unit, source }``. 
 ``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
 takes from a vehicle of the table what the file does not say. With ``[sway]`` (inertia, drag, on vectored frames
 ``authority``) it slips sideways; ``[coupling]`` then holds SNAME derivatives between surge, sway and yaw, and
-``coriolis``: whether Coriolis' forces follow from the inertia.
+``coriolis``: whether Coriolis' forces follow from the inertia. With ``[rangefinder]`` it faces a wall.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sitl.actuators import (
     YawSchedule,
 )
 from sitl.hull import AxisDynamics, Body, Coupling, World, coupling_of
-from sitl.sensors import SensorData
+from sitl.sensors import Rangefinder, SensorData
 
 __all__ = ["VEHICLES", "BadVehicle", "UnknownVehicle", "VehicleData", "load_vehicle"]
 
@@ -43,6 +43,7 @@ VEHICLES: Mapping[str, str] = {
     "blueboat-sway": "blueboat_sway.toml",
     "charlie-sway": "charlie_sway.toml",
     "cybership2": "cybership2.toml",
+    "videoray-wall": "videoray_wall.toml",
 }
 """Name -> data file in ``vehicles/``."""
 
@@ -102,6 +103,14 @@ class VehicleData:
         if "sway" in self.tables:
             body.couple(_axis(self.tables["sway"]), self._coupling())
         return body
+
+    def make_rangefinder(self, seed: int) -> Rangefinder | None:
+        """Return what looks at the wall ahead; None when it has none."""
+        if "rangefinder" not in self.tables:
+            return None
+        at = _values(self.tables["rangefinder"])
+        heading = _values(self.tables["start"])["heading"]
+        return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed)
 
     def _coupling(self) -> Coupling:
         derivatives = _values(self.tables["coupling"])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from sitl.hull import Body
 
-__all__ = ["SensorData", "SensorReading", "Sensors"]
+__all__ = ["Rangefinder", "SensorData", "SensorReading", "Sensors"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +48,28 @@ class SensorReading:
     z: float = 0.0
     w: float = 0.0
     az: float = 0.0
+    d: float = math.nan
+
+
+class Rangefinder:
+    """Looks ahead at a flat wall that stands square to *heading* [rad], *wall* [m] from the origin.
+
+    A new distance comes every *period* [s], with *noise* [m], and is held in between; NaN while the wall is not ahead.
+    """
+
+    def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int) -> None:
+        self._wall, self._heading, self._period = wall, heading, period
+        self._noise = functools.partial(random.Random(f"{seed}/distance").gauss, 0.0, noise)
+        self._next, self._held = 0.0, math.nan
+
+    def measure(self, t: float, body: Body) -> float:
+        """Return the distance [m] it tells at *t* [s]."""
+        if t >= self._next:
+            self._next = t + self._period
+            towards = math.cos(body.psi - self._heading)
+            gone = body.x * math.cos(self._heading) + body.y * math.sin(self._heading)
+            self._held = (self._wall - gone) / towards + self._noise() if towards > 0.1 else math.nan
+        return self._held
 
 
 class Sensors:

@@ -63,6 +63,7 @@ class Vehicle:
         self._boot_tick = 0
         self._reading = SensorReading()
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
+        self.rangefinder = data.make_rangefinder(seed)
         self.autopilot = self._boot()
         self.plant.begin(str(seed))
 
@@ -97,6 +98,8 @@ class Vehicle:
         if new:
             self.battery.drain(pwm, slowly * dt)
         self._sensors.sample(self.body, self._reading, new=new)
+        if self.rangefinder is not None:
+            self._reading.d = self.rangefinder.measure(t, self.body)
         self.plant.alter(t, self._reading)
 
     def control(self) -> None:

@@ -38,7 +38,7 @@ DEFAULT_CONNECTION = "sitl:charlie"
 OPTIONS = (
     "heading", "rudder", "full-rudder", "steering", "executes", "turn", "levels", "astern", "duration", "f-start",
     "f-stop", "fade-in", "fade-out", "shortest", "push", "set-point", "hysteresis", "second-set-point",
-    "second-hysteresis",
+    "second-hysteresis", "wall-hysteresis", "least-distance",
 )  # fmt: skip
 """What one manoeuvre or another takes."""
 

@@ -38,6 +38,7 @@ HELD_MEANWHILE: Mapping[str, tuple[HoldGains, ...]] = {
     "z": (_HEADING,),
     "x": (_HEADING, _DEPTH),
     "y": (_HEADING, _DEPTH),
+    "d": (_HEADING, _DEPTH),
 }
 """Signal that is being swung -> what is kept meanwhile."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}

@@ -51,6 +51,7 @@ class ManoeuvreKind:
     room : the free water it takes, in words; the preview says it in metres.
     identifies : whether its record is for identification. turns : whether the bow goes right round.
     needs_way : for craft that steer under way only. stays : for craft that stay where they are, and push either way.
+    needs : a signal it cannot do without, that not every vehicle tells.
     tied : for a craft that is tied up: nothing is checked by its motion before, and it comes back from nowhere.
     presets : what `identify --plan-next` weighs.
     command : what flies it when ``gcs-autotune fly`` does not.
@@ -68,6 +69,7 @@ class ManoeuvreKind:
     turns: bool = False
     needs_way: bool = False
     stays: bool = False
+    needs: str = ""
     tied: bool = False
     presets: tuple[Preset, ...] = ()
     command: str = "fly"

@@ -30,6 +30,8 @@ TICK, INSIDE = 0.1, 5
 LONGEST = 3600.0
 LOOP_RATE = 0.5
 """Chosen [rad/s]: turn rate wanted per heading error, where the autopilot steers."""
+WALL = 5.0
+"""Chosen [m]: distance to a wall ahead, where one is needed."""
 SPEED_TIME = 3.0
 """Chosen [s]: time constant with which a craft of a few metres gains its speed."""
 
@@ -107,6 +109,7 @@ def preview(
         output = {"N": command.N, "X": command.X, "Y": command.Y, "Z": command.Z}
         return Observation(
             t=t, psi=psi, r=r, phi=tilt, theta=tilt, x=x, y=y, z=z, u=u, v=v, w=w, speed=math.hypot(u, v),
+            d=WALL - x,
             output=output, armed=True,
         )  # fmt: skip
 

@@ -24,7 +24,7 @@ from gcs_autotune.watch import Progress
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["Relay", "RelaySettings"]
+__all__ = ["Relay", "RelaySettings", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
@@ -51,7 +51,8 @@ class RelaySettings:
 
     Attributes
     ----------
-    signal, force : what is watched (``psi``, ``z``; ``x`` and ``y`` for integrated surge and sway speed) and driven.
+    signal, force : what is watched (``psi``, ``z``, ``d``; ``x``, ``y`` for integrated surge and sway speed) and what
+        is driven.
     output : relay output C; None lets it start at ``first_output`` and grow by ``growth`` up to ``most_output``.
     hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
     throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
@@ -61,6 +62,7 @@ class RelaySettings:
     unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
         given is widened by ``growth``, so many times at most.
     patience : longest time without a switching [s].
+    least_distance : nearest to a wall ahead [m], of a relay on ``d``.
     least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
 
     Raises
@@ -87,6 +89,7 @@ class RelaySettings:
     most_widenings: int = 2
     patience: float = 30.0
     least_period: float = 0.0
+    least_distance: float = 0.0
 
     def __post_init__(self) -> None:
         """See that a relay can be made of it: it switches, and pushes no harder than there is."""
@@ -159,6 +162,9 @@ class Relay(Manoeuvre):
 
     def _tick(self, observation: Observation) -> Command:
         x = self._watched(observation)
+        if self._settings.signal == "d" and not -x >= self._settings.least_distance:
+            self._give_up(messages.no_wall(-x, self._settings.least_distance))
+            return self._command(0.0, observation)
         self._time_ticks(observation.t)
         if not self._approach.done:
             self._approach.update(observation.t, x, observation.speed)
@@ -192,6 +198,8 @@ class Relay(Manoeuvre):
         self._last_tick = t
 
     def _watched(self, observation: Observation) -> float:
+        if self._settings.signal == "d":
+            return -observation.d  # ahead is nearer
         if self._settings.signal not in INTEGRATED:
             return observation.value(self._settings.signal)
         dt = observation.t - self._last_t
@@ -321,3 +329,9 @@ class Relay(Manoeuvre):
         s = self._settings
         command = hold(Actuate(X=s.throttle), self._holds, observation)
         return replace(command, **{s.force: getattr(command, s.force) + output})
+
+
+class WallRelay(Relay):
+    """A relay on the distance to a wall ahead."""
+
+    kind = "wall-relay"

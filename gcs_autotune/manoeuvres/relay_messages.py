@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -70,3 +71,10 @@ def improper(output: float) -> str:
         f"the oscillation stayed improper (condition (7.12), x_a* + |x_0| < X_m) up to relay output "
         f"{output:.2f}; give a larger --relay-output or a smaller --relay-hysteresis"
     )
+
+
+def no_wall(distance: float, least: float) -> str:
+    """Why a relay on the distance to a wall ends: too near, or nothing seen."""
+    if math.isfinite(distance):
+        return f"the wall ahead is {distance:.2f} m away, nearer than {least:g} m (--least-distance): begin further off"
+    return "the rangefinder tells no distance ahead any more: face the wall squarely, within its reach"

@@ -10,7 +10,7 @@ from gcs_autotune.axes import EXCITATIONS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import hand_released, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
+from gcs_autotune.manoeuvres.relay import Relay, RelaySettings, WallRelay
 
 __all__ = ["MANOEUVRES"]
 
@@ -60,6 +60,30 @@ def _relay_of(force: str) -> ManoeuvreKind:
 
 
 _RELAY = _relay_of("N")
+
+
+def _wall_relay(options: Mapping[str, float]) -> WallRelay:
+    settings = RelaySettings(
+        "d",
+        "X",
+        hysteresis=options["wall-hysteresis"],
+        keep_still=bool(options["keep-still"]),
+        least_distance=options["least-distance"],
+    )
+    return WallRelay(settings, "wall-relay")
+
+
+_WALL_RELAY = ManoeuvreKind(
+    name="wall-relay",
+    help="self-oscillation ahead and astern on the distance to a wall, by the vehicle's rangefinder (DISTANCE_SENSOR)",
+    excites=frozenset({"surge"}),
+    drives=frozenset({"X"}),
+    make=_wall_relay,
+    options=("wall-hysteresis", "least-distance"),
+    room="some times the hysteresis, in front of a flat wall",
+    stays=True,
+    needs="d",
+)
 _STEP = ManoeuvreKind(
     name="step",
     help="step and step back under the autopilot's own loop: the proof of gains",
@@ -134,6 +158,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         set_point_relay.KIND,
         hand_released.KIND,
         _RELAY,
+        _WALL_RELAY,
         _THROTTLE_STEPS,
         _STEP,
         _SIGN_CHECK,

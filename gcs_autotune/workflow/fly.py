@@ -16,7 +16,6 @@ from gcs_autotune.firmware import Firmware
 from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
 from gcs_autotune.manoeuvres import (
     DOF_OF,
-    MANOEUVRES,
     Area,
     CalmCheck,
     ComeBack,
@@ -40,7 +39,14 @@ from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.paper_craft import paper_craft
-from gcs_autotune.workflow.preflight import STAGE, see_depth_is_told, see_signs, sign_check_for
+from gcs_autotune.workflow.preflight import (
+    STAGE,
+    see_depth_is_told,
+    see_it_suits,
+    see_it_tells,
+    see_signs,
+    sign_check_for,
+)
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out
 from gcs_autotune.workflow.runner import ManoeuvreRunner
@@ -175,7 +181,8 @@ class _Flight:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
         self._area = self._water()
         for run in self._plan.runs:
-            _see_it_suits(run.settings, craft)
+            see_it_suits(run.settings, craft)
+            see_it_tells(run.settings.kind, craft)
             leg = self._leg_of(run)
             seen, assumed = leg.preview, leg.preview.craft.assumed
             self.legs.append(leg)
@@ -409,24 +416,6 @@ COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
 """Stages between two runs."""
 
 
-def _see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
-    kind, firmware = settings.kind, craft.firmware
-    if not kind.suits(firmware):
-        other = "thrust either way" if kind.stays else "way on"
-        wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
-        fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
-        raise WrongVehicle(
-            f"this vehicle ({firmware.name}) cannot fly {kind.name}, which takes {wanted}; it can: {fits}"
-        )
-    idle = [force for force in sorted(kind.drives) if not craft.servos.driving(force)]
-    if idle:
-        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} takes")
-    if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
-        raise UsageError(
-            "this vehicle steers by its thrusters and has no rudder: give --steering, a share of full output"
-        )
-
-
 def _cruise(settings: FlySettings, firmware: Firmware, present: Mapping[str, float]) -> tuple[float, float]:
     """Return throttle [fraction] and speed [m/s]: the vehicle's own cruise unless told otherwise."""
     s = settings.common
@@ -442,5 +431,9 @@ def _envelope(settings: FlySettings, speed: float) -> Envelope:
 
 
 def _checked(kind: ManoeuvreKind) -> str:
-    """Return the degree of freedom whose actuator is checked before."""
-    return "" if kind.tied else next((_DOF[force] for force in sorted(kind.drives) if force in _DOF), "")
+    """Return the degree of freedom whose actuator is checked before.
+
+    None of a craft that is tied up, or before a wall: the relay there tells itself when it is driven the wrong way.
+    """
+    unchecked = kind.tied or kind.needs
+    return "" if unchecked else next((_DOF[force] for force in sorted(kind.drives) if force in _DOF), "")

@@ -7,18 +7,20 @@ has a position, most of a minute after boot: measured 23 s and 42 s on ArduPilot
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.clock import Deadline
 from gcs_autotune.craft import Actuate
-from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
     Flown,
     Manoeuvre,
+    ManoeuvreKind,
     Outlet,
     SignCheck,
     SignCheckSettings,
@@ -26,12 +28,15 @@ from gcs_autotune.manoeuvres import (
     ThrustCheckSettings,
 )
 from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.flight_plan import FlySettings
 
 __all__ = [
     "STAGE",
     "make_ready",
     "remarks_on",
     "see_depth_is_told",
+    "see_it_suits",
+    "see_it_tells",
     "see_signs",
     "see_throttle_is_free",
     "sign_check_for",
@@ -287,3 +292,57 @@ def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
 def _reasons(craft: MavlinkCraft) -> str:
     said = dict.fromkeys(t.text for t in craft.session.texts if t.text.startswith("PreArm:"))
     return f" (it says: {quoted(list(said)[-3:])})" if said else ""
+
+
+def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
+    """See that the craft has what a manoeuvre drives, and steers by what it was told.
+
+    Raises
+    ------
+    WrongVehicle
+        It has not. UsageError: a rudder is meant, and there is none.
+    """
+    kind, firmware = settings.kind, craft.firmware
+    if not kind.suits(firmware):
+        other = "thrust either way" if kind.stays else "way on"
+        wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
+        fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
+        raise WrongVehicle(
+            f"this vehicle ({firmware.name}) cannot fly {kind.name}, which takes {wanted}; it can: {fits}"
+        )
+    idle = [force for force in sorted(kind.drives) if not craft.servos.driving(force)]
+    if idle:
+        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} takes")
+    if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
+        raise UsageError(
+            "this vehicle steers by its thrusters and has no rudder: give --steering, a share of full output"
+        )
+
+
+_TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
+"""Signal that not every vehicle tells -> its message, and the rate [Hz] asked for."""
+_WAITING = 5.0
+"""Chosen [s]: for the first of them."""
+
+
+def see_it_tells(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
+    """Ask for the signal that *kind* cannot do without, and see that it comes.
+
+    Raises
+    ------
+    PreconditionFailed
+        It does not.
+    """
+    if not kind.needs:
+        return
+    message, rate = _TOLD_BY[kind.needs]
+    craft.rates.request({message: rate})
+    now = craft.observe()
+    until = now.t + _WAITING
+    while not math.isfinite(now.value(kind.needs)):
+        if now.t > until:
+            raise PreconditionFailed(
+                f"{kind.name} needs a rangefinder that looks ahead, and the vehicle tells no distance ({message}, "
+                "orientation 0) within its reach; nothing was armed"
+            )
+        now = craft.observe()

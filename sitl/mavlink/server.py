@@ -53,7 +53,7 @@ class Server:
         self.parameters = ParameterProtocol(self)
         self.fence: list[FencePoint] = []
         """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
-        self.streams = Streams(available_messages(vehicle.autopilot), vehicle.rate)
+        self.streams = Streams(available_messages(vehicle), vehicle.rate)
         self._announce()
 
     @property
@@ -132,7 +132,7 @@ class Server:
         self._reboots = False
         self.vehicle.reboot()
         self.parameters = ParameterProtocol(self)
-        self.streams = Streams(available_messages(self.vehicle.autopilot), self.vehicle.rate)
+        self.streams = Streams(available_messages(self.vehicle), self.vehicle.rate)
         self._announce()
 
     def _hear(self, data: bytes) -> None:

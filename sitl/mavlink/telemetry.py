@@ -9,7 +9,7 @@ import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from sitl.autopilot import Autopilot, Pid, Rover, Sub
+from sitl.autopilot import Pid, Rover, Sub
 from sitl.mavlink.dialect import Message, fit_float, mavlink
 from sitl.vehicle import Vehicle
 
@@ -148,6 +148,20 @@ def _water_pressure(vehicle: Vehicle) -> Message:
     return mavlink.MAVLink_scaled_pressure2_message(vehicle.ms, fit_float(pressure), 0.0, 2000)
 
 
+_NEAREST_CM, _FURTHEST_CM = 10, 1000
+"""Chosen: reach of the rangefinder; beyond it the distance told is one centimetre more."""
+_LASER, _AHEAD = 0, 0
+
+
+def _distance(vehicle: Vehicle) -> Iterable[Message]:
+    distance = vehicle.autopilot.estimate.distance
+    if vehicle.rangefinder is None:
+        return ()
+    cm = max(0, min(_FURTHEST_CM + 1, round(100.0 * distance))) if math.isfinite(distance) else _FURTHEST_CM + 1
+    told = mavlink.MAVLink_distance_sensor_message(vehicle.ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, 0, _AHEAD, 0)
+    return (told,)
+
+
 def _estimator(vehicle: Vehicle) -> Message:
     flags = _ESTIMATOR_READY if vehicle.autopilot.position_ok else _ESTIMATOR_ALIGNED
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.05, 0.05, 0.05, 0.0)
@@ -182,6 +196,7 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: (_one(_rc_channels), 1.0),
     mavlink.MAVLINK_MSG_ID_VFR_HUD: (_one(_vfr_hud), 2.0),
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: (_distance, 0.0),
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: (_one(_estimator), 1.0),
     mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
@@ -189,6 +204,8 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
 """Message id -> (builder, rate [Hz] at boot; 0: only on request)."""
 
 
-def available_messages(autopilot: Autopilot) -> Iterable[int]:
-    """Return the ids this firmware sends: water pressure is Sub's alone."""
-    return [m for m in MESSAGES if m != _SUB_ONLY or isinstance(autopilot, Sub)]
+def available_messages(vehicle: Vehicle) -> Iterable[int]:
+    """Return the ids this craft sends: water pressure is Sub's alone, a distance that of one with a rangefinder."""
+    without = set() if isinstance(vehicle.autopilot, Sub) else {_SUB_ONLY}
+    without |= set() if vehicle.rangefinder is not None else {mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR}
+    return [m for m in MESSAGES if m not in without]

@@ -62,6 +62,7 @@ class PondCraft:
             theta=self.tilt(),
             u=self.speed,
             speed=self.speed,
+            d=self.distance(),
             output={"N": self._demand()[0], "Z": self._demand()[1], "X": self._demand()[2]},
             armed=self.armed,
             mode=self.mode,
@@ -72,6 +73,9 @@ class PondCraft:
 
     def tilt(self) -> float:
         return 0.0
+
+    def distance(self) -> float:
+        return math.nan
 
     def send(self, command: Command) -> None:
         self.command = command
@@ -138,6 +142,20 @@ class PondCraft:
         self.psi += dt * self.r
         self.z += dt * self.w
         self.speed += dt * (X - 0.5 * self.speed)
+
+
+class BeforeWall(PondCraft):
+    """Faces a wall 5 m ahead, which its rangefinder sees until ``blind_at`` [s]."""
+
+    blind_at = math.inf
+    gone = 0.0
+
+    def _advance(self, dt: float) -> None:
+        super()._advance(dt)
+        self.gone += dt * self.speed
+
+    def distance(self) -> float:
+        return 5.0 - self.gone if self.clock.now() < self.blind_at else math.nan
 
 
 class Pushed(PondCraft):

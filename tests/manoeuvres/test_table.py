@@ -36,7 +36,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Progress, SilentWatcher
 
-from .pond import PondCraft, Pushed
+from .pond import BeforeWall, PondCraft, Pushed
 
 FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf)
 SHORT = {"duration": 6.0, "executes": 2.0, "levels": 2.0, "turn": 2.0, "push": 2.0, "f-start": 0.3, "fade-in": 1.0}
@@ -96,6 +96,8 @@ def at_sea(name: str) -> tuple[PondCraft, bool]:
     boat = MANOEUVRES[name].needs_way
     if name == "hand-release":
         return Pushed(), False
+    if name == "wall-relay":
+        return BeforeWall(), False
     return PondCraft(firmware="ardurover" if boat else "ardusub"), boat
 
 
@@ -161,3 +163,19 @@ def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
 def test_a_row_that_steers_takes_no_other_force() -> None:
     with pytest.raises(UsageError, match="takes no --force Z"):
         MANOEUVRES["spiral"].of("Z")
+
+
+@pytest.mark.parametrize(("least", "blind_at", "said"), [(0.3, 12.0, "tells no distance"), (4.9, math.inf, "nearer")])
+def test_before_a_wall_a_relay_ends_when_it_sees_none_or_comes_too_near(
+    least: float, blind_at: float, said: str
+) -> None:
+    kind = MANOEUVRES["wall-relay"]
+    assert kind.make is not None
+    craft = BeforeWall()
+    craft.blind_at = blind_at
+    craft.arm()
+    manoeuvre = kind.make({**options(kind, 0.0), "least-distance": least})
+    ended = Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    assert ended.outcome.ending == "aborted"
+    assert said in ended.outcome.reason
+    assert craft.command == Actuate()

@@ -70,3 +70,19 @@ def test_heading_is_wrapped():
     reading = SensorReading()
     Sensors(QUIET, 0, floats=False).sample(body, reading)
     assert reading.psi == pytest.approx(10.0 - 4 * math.pi)
+
+
+def test_a_rangefinder_tells_the_wall_ahead_once_a_period_and_nothing_when_turned_away() -> None:
+    vehicle = load_vehicle("videoray-wall")
+    body, finder = vehicle.make_body(), vehicle.make_rangefinder(1)
+    assert finder is not None
+    first = finder.measure(0.0, body)
+    assert first == pytest.approx(2.0, abs=0.015)
+    body.x, body.y = 0.5 * math.cos(body.psi), 0.5 * math.sin(body.psi)
+    assert finder.measure(0.9, body) == first
+    assert finder.measure(1.0, body) == pytest.approx(1.5, abs=0.015)
+    body.psi += math.radians(60.0)
+    assert finder.measure(2.0, body) == pytest.approx(3.0, abs=0.015)
+    body.psi += math.radians(60.0)
+    assert math.isnan(finder.measure(3.0, body))
+    assert load_vehicle("videoray").make_rangefinder(1) is None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from gcs_autotune.errors import WrongVehicle
+from gcs_autotune.errors import PreconditionFailed, WrongVehicle
 from gcs_autotune.experiments import eliminate
-from gcs_autotune.identify import fit
+from gcs_autotune.identify import find_cycles, fit
 from gcs_autotune.logs import load_runs
 from gcs_autotune.models import FORMS
 
@@ -61,6 +62,30 @@ def test_a_relay_to_the_sides_tells_the_sway_of_a_vectored_rov(tmp_path: Path) -
     assert result.fit.model.alpha == pytest.approx(20.62 / thrust, rel=0.05)
     assert result.fit.model.beta_quadratic == pytest.approx(217.0 / thrust, rel=0.05)
     harbour.assert_neutral()
+
+
+@pytest.mark.slow
+def test_a_relay_before_a_wall_tells_the_surge_of_an_rov_by_its_rangefinder(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "videoray-wall", **SLOW_LOOP)
+    result = flown(harbour, {"wall-hysteresis": 0.09}, "wall-relay")
+    trial, authority = result.trial, harbour.vehicle.actuators.full_X
+    assert result.fit.model.alpha * authority == pytest.approx(8.2372, rel=0.05)
+    assert result.fit.model.beta_quadratic * authority == pytest.approx(70.0, rel=0.05)
+    # Miskovic2010, 7.6: one sample a second locks the oscillation to whole seconds, here as there to sixteen
+    seen = replace(trial, channels={n: trial[n] for n in ("d", "X", "psi")})
+    (cycle,) = find_cycles(seen, "surge")
+    assert cycle.omega == pytest.approx(0.393, rel=0.01)
+    assert cycle.x_a_star == pytest.approx(0.1233, rel=0.08)
+    assert cycle.X_m == pytest.approx(0.1622, rel=0.08)
+    assert min(trial["d"].values) > 1.5
+    harbour.assert_neutral()
+
+
+def test_before_no_wall_nothing_is_armed(tmp_path: Path) -> None:
+    harbour = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
+    with pytest.raises(PreconditionFailed, match="needs a rangefinder that looks ahead"):
+        flown(harbour, {}, "wall-relay")
+    assert not harbour.vehicle.autopilot.armed
 
 
 def test_a_force_that_no_output_drives_is_refused(tmp_path: Path) -> None:

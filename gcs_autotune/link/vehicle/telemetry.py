@@ -127,6 +127,7 @@ class Telemetry:
         """Depth below the estimator's origin less depth below home [m]; the two are centimetres or more apart."""
         self._local_z = (math.nan, math.nan)
         self.output_ticks = 0
+        self.distance_t = math.nan
         self.t = math.nan
         self.ticks = 0
         for name, reader in self._readers().items():
@@ -142,6 +143,7 @@ class Telemetry:
             "SCALED_PRESSURE2": self._pressure,
             "SYS_STATUS": self._sys_status,
             "NAMED_VALUE_FLOAT": self._named_value,
+            "DISTANCE_SENSOR": self._distance,
         }
 
     def value(self, name: str) -> float:
@@ -261,6 +263,15 @@ class Telemetry:
         if m.name.rstrip("\0") == "PilotGain":
             self.latest["pilot_gain"] = m.value
 
+    def _distance(self, m: Message) -> None:
+        """Take the distance ahead; beyond the sensor's reach there is none."""
+        if m.orientation != 0:
+            return
+        known = m.min_distance <= m.current_distance <= m.max_distance
+        t = self._clock.from_ms(m.time_boot_ms)
+        self.distance_t = t
+        self._take(t, {"d": m.current_distance * 1e-2 if known else math.nan})
+
     def _sys_status(self, m: Message) -> None:
         values = {}
         if m.voltage_battery not in (0, _UNKNOWN_VOLTAGE):
@@ -280,6 +291,8 @@ def _prearm_ok(m: Message) -> float:
     return 1.0 if m.onboard_control_sensors_health & bit else 0.0
 
 
+_OLD = 3.0
+"""Chosen [s]: a distance that has not come for so long is none."""
 _TICK_TIMEOUT = 3.0
 _UNHEARD = 2.0
 """Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
@@ -324,6 +337,7 @@ def observation(session: Session, telemetry: Telemetry, mode: str) -> Observatio
         v=value("v"),
         w=value("w"),
         speed=value("U"),
+        d=value("d") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
         output=telemetry.outputs,
         output_t=telemetry.output_t,
         armed=session.armed,
