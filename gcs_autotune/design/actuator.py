@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NoGainsMeetSpec
 
-__all__ = ["PERFECT", "Actuator"]
+__all__ = ["PERFECT", "Actuator", "ActuatorStep"]
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,24 @@ USED = 0.5
 """Chosen [fraction of full output]: margins are to hold up to this size, however large the relays were that told the
 curve. The gain of a square law at most doubles from here to full output, which is passed through and not dwelt at: the
 gain margin of 2.5 leaves 1.25 there."""
+
+
+class ActuatorStep(NamedTuple):
+    """An :class:`Actuator` moved on by one loop: as there, but ``rate`` a loop, ``lag`` the share of the way to a new
+    output that is gone in one loop, ``play`` half of it, and ``acts`` 0 where nothing is to be done. All are floats.
+    """
+
+    acts: float
+    limit: float
+    rate: float
+    lag: float
+    play: float
+    dead_zone: float
+    square: float
+    reference: float
+    ahead: float
+    astern: float
+    lost: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,24 +136,22 @@ class Actuator:
         found = {round(w * s * g, 6) for w in {1.0, self.weakest} for s in sizes for g in {self.ahead, self.astern}}
         return tuple(sorted({max(g, MIN_SLOPE) for g in found}))
 
-    def vector(self, dt: float) -> Array:
-        """Return what :func:`.laws.kernel.actuate` needs, for steps of *dt* [s]; the first number 0: nothing to do."""
+    def step(self, dt: float) -> ActuatorStep:
+        """Return what :func:`.laws.kernel.actuate` needs, for steps of *dt* [s]."""
         share = 1.0 if self.lag <= 0.0 else -math.expm1(-dt / self.lag)
         most = 1e300
-        return np.array(
-            [
-                0.0 if self.is_perfect else 1.0,
-                min(self.limit, most),
-                min(self.rate * dt, most),
-                share,
-                0.5 * self.play,
-                self.dead_zone,
-                self.square,
-                self.reference,
-                self.ahead,
-                self.astern,
-                self.lost,
-            ]
+        return ActuatorStep(
+            acts=0.0 if self.is_perfect else 1.0,
+            limit=min(self.limit, most),
+            rate=min(self.rate * dt, most),
+            lag=share,
+            play=0.5 * self.play,
+            dead_zone=self.dead_zone,
+            square=self.square,
+            reference=self.reference,
+            ahead=self.ahead,
+            astern=self.astern,
+            lost=self.lost,
         )
 
 

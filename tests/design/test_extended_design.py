@@ -43,8 +43,8 @@ def on(slug: str, place: str = "N", **values: float) -> EffectInstance:
 
 def acted(actuator: Actuator, outputs: Array, dt: float = 0.02) -> Array:
     """Return the forces (n,) an actuator makes of outputs (n,) in turn."""
-    memory, vector = np.zeros(4), actuator.vector(dt)
-    return np.array([actuate(float(u), vector, memory) for u in outputs])
+    memory, step = np.zeros(4), actuator.step(dt)
+    return np.array([actuate(float(u), step, memory) for u in outputs])
 
 
 def proposed(*effects: EffectInstance) -> Proposal:

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import butter
 
-from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design.actuator import Actuator, ActuatorStep
 from gcs_autotune.design.laws import Scenario, kernel
 from gcs_autotune.models import SingleDof
 
@@ -45,10 +45,8 @@ def test_a_low_pass_takes_its_share_of_each_new_sample() -> None:
     assert kernel._smoothing(5.0, 0.02) == pytest.approx(0.02 / (0.02 + 1.0 / (2.0 * math.pi * 5.0)))
 
 
-def plant(dt: float, substeps: int) -> np.ndarray:
-    found = kernel.plant_vector(CRAFT, Scenario(1.0, 5.0), dt, 0.0)
-    found[5] = substeps
-    return found
+def plant(dt: float, substeps: int) -> kernel.LoopPlant:
+    return kernel.plant_of(CRAFT, Scenario(1.0, 5.0), dt, 0.0)._replace(substeps=substeps)
 
 
 @pytest.mark.parametrize("velocity", [0.8, -0.8])
@@ -64,13 +62,19 @@ def test_the_craft_moves_as_its_equation_says(velocity: float, force: float) -> 
     assert kernel._advance(0.1, velocity, force, plant(0.2, 2)) == pytest.approx(halves, abs=1e-12)
 
 
-def test_the_craft_and_the_scenario_are_told_in_the_order_the_kernels_read() -> None:
+def test_the_craft_and_the_scenario_are_told_in_loops_as_the_kernels_read_them() -> None:
     scenario = Scenario(step=0.5, duration=9.0, push=0.07, push_at=2.0, lead=0.5, back_at=4.0)
-    found = kernel.plant_vector(CRAFT, scenario, 0.02, 0.05)
-    assert found == pytest.approx([0.4, 0.3, 0.2, 0.05, 0.02, 1, 8.0, 0.5, 0.07, 100.0, 25, 0.0, 200])
-    settled = kernel.plant_vector(CRAFT, Scenario(step=0.5, duration=9.0), 0.02, 0.05, Actuator(ahead=2.0, astern=0.5))
-    assert settled[8:] == pytest.approx([0.0, 1e12, 0, 0.1, 1e12]), "its constant force is worked off, astern"
-    assert kernel.plant_vector(CRAFT, scenario, 0.02, -0.5)[6] == 0.0, "no output acts before it is sent"
+    found = kernel.plant_of(CRAFT, scenario, 0.02, 0.05)
+    assert found == pytest.approx(
+        kernel.LoopPlant(
+            alpha=0.4, beta=0.3, beta_quadratic=0.2, delta=0.05, dt=0.02, substeps=1, late=8.0,
+            step=0.5, push=0.07, push_at=100.0, step_at=25, settled=0.0, back_at=200,
+        )
+    )  # fmt: skip
+    settled = kernel.plant_of(CRAFT, Scenario(step=0.5, duration=9.0), 0.02, 0.05, Actuator(ahead=2.0, astern=0.5))
+    assert (settled.push, settled.push_at, settled.step_at, settled.back_at) == (0.0, 1e12, 0.0, 1e12)
+    assert settled.settled == pytest.approx(0.1), "its constant force is worked off, astern"
+    assert kernel.plant_of(CRAFT, scenario, 0.02, -0.5).late == 0.0, "no output acts before it is sent"
 
 
 @pytest.mark.parametrize(
@@ -80,36 +84,34 @@ def test_the_craft_and_the_scenario_are_told_in_the_order_the_kernels_read() -> 
 def test_fast_craft_are_moved_in_more_substeps(alpha: float, beta: float, dt: float, substeps: int) -> None:
     quadratic = 0.2 if beta == 4.0 else 0.0
     craft = SingleDof("yaw", "1", alpha, beta, quadratic)
-    assert kernel.plant_vector(craft, Scenario(1.0, 5.0), dt, 0.0)[5] == substeps
+    assert kernel.plant_of(craft, Scenario(1.0, 5.0), dt, 0.0).substeps == substeps
 
 
-def vector(**shape: float) -> np.ndarray:
+def moved(**shape: float) -> ActuatorStep:
     """Return an actuator as the kernel reads it: perfect but for *shape*."""
-    names = ("is_there", "limit", "rate", "lag", "play", "dead", "square", "reference", "ahead", "astern", "lost")
-    usual = dict(zip(names, (1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0), strict=True))
-    return np.array([{**usual, **shape}[n] for n in names])
+    return ActuatorStep(1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0)._replace(**shape)
 
 
 def acted(outputs: list[float], **shape: float) -> list[float]:
     memory = np.zeros(4)
-    return [kernel._actuate(u, vector(**shape), memory) for u in outputs]
+    return [kernel._actuate(u, moved(**shape), memory) for u in outputs]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("outputs", "shape", "forces"),
     [
-        ([0.5, 2.0], {"is_there": 0.0, "limit": 0.1}, [0.5, 2.0]),
+        ([0.5, 2.0], {"acts": 0.0, "limit": 0.1}, [0.5, 2.0]),
         ([0.5, 2.0, 0.7], {"limit": 0.6}, [0.5, 0.6, 0.6]),
         ([0.0, 1.0, 1.0, 0.5, 0.5], {"rate": 0.4}, [0.0, 0.4, 0.8, 0.5, 0.5]),
         ([0.2, 1.0, 1.0], {"lag": 0.5}, [0.2, 0.6, 0.8]),
         ([0.5, 0.6, 0.4, 0.1, 0.2], {"play": 0.1}, [0.4, 0.5, 0.5, 0.2, 0.2]),
         ([0.05, 0.5], {"play": 0.1}, [0.0, 0.4]),
-        ([0.05, 0.1, 0.3], {"dead": 0.1, "lost": 0.1}, [0.0, 0.0, 0.2]),
-        ([0.05, 0.1, 0.3], {"dead": 0.1, "lost": 0.04}, [0.0, 0.0, 0.26]),
+        ([0.05, 0.1, 0.3], {"dead_zone": 0.1, "lost": 0.1}, [0.0, 0.0, 0.2]),
+        ([0.05, 0.1, 0.3], {"dead_zone": 0.1, "lost": 0.04}, [0.0, 0.0, 0.26]),
         ([0.5, 1.0], {"square": 1.0}, [0.25, 1.0]),
         ([0.5], {"square": 0.4, "reference": 0.8}, [0.5 * (0.6 + 0.4 * 0.5 / 0.8)]),
-        ([0.5], {"dead": 0.1, "lost": 0.1, "square": 1.0}, [0.16]),
+        ([0.5], {"dead_zone": 0.1, "lost": 0.1, "square": 1.0}, [0.16]),
     ],
     ids=[
         "none",
@@ -149,4 +151,4 @@ def test_a_gyro_filter_is_a_butterworth_low_pass_and_nothing_near_half_the_rate(
         b, a = butter(2, cutoff, fs=rate)
         assert kernel.gyro_coefficients(cutoff, rate) == pytest.approx([*b, *a[1:]])
     for cutoff in (0.0, -1.0, 22.5, 30.0):
-        assert kernel.gyro_coefficients(cutoff, 50.0).tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
+        assert kernel.gyro_coefficients(cutoff, 50.0) == (1.0, 0.0, 0.0, 0.0, 0.0)

@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.actuator import PERFECT, Actuator, ActuatorStep
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.models import SingleDof
 
 __all__ = [
     "MAX_STANDING_ERROR",
+    "Cutoffs",
+    "GyroFilter",
+    "HeldVelocity",
+    "LoopPlant",
     "actuate",
     "advance",
     "clip",
@@ -28,7 +32,7 @@ __all__ = [
     "delayed",
     "gyro_coefficients",
     "mixed",
-    "plant_vector",
+    "plant_of",
     "smoothing",
     "sqrt_control",
     "wrap",
@@ -44,6 +48,55 @@ FINEST = 0.1
 MAX_SUBSTEPS = 50
 HELD = 0.5
 """Loops by which an output that is held for one acts late on the mean."""
+
+
+class LoopPlant(NamedTuple):
+    """What the kernels need of craft and scenario, all floats.
+
+    ``alpha``, ``beta``, ``beta_quadratic``, ``delta`` of the craft, moved in ``substeps`` each loop of ``dt`` [s];
+    ``late`` the delay in loops; the ``step`` at loop ``step_at``, taken back at ``back_at``; a ``push`` (fraction) from
+    ``push_at`` on; ``settled`` constant force already worked off.
+    """
+
+    alpha: float
+    beta: float
+    beta_quadratic: float
+    delta: float
+    dt: float
+    substeps: float
+    late: float
+    step: float
+    push: float
+    push_at: float
+    step_at: float
+    settled: float
+    back_at: float
+
+
+class GyroFilter(NamedTuple):
+    """Coefficients of a second-order low-pass: ``y = b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2``."""
+
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
+
+
+class Cutoffs(NamedTuple):
+    """Cut-offs [Hz] of the low-passes on target, error and the error's slope; 0: none."""
+
+    target: float
+    error: float
+    slope: float
+
+
+class HeldVelocity(NamedTuple):
+    """How a loop on a velocity begins: the ``velocity`` kept, the ``output`` that keeps it, for ``before`` loops."""
+
+    velocity: float
+    output: float
+    before: float
 
 
 def _clip(value: float, low: float, high: float) -> float:
@@ -73,11 +126,11 @@ def _smoothing(cutoff: float, dt: float) -> float:
     return dt / (dt + 1.0 / (2.0 * math.pi * cutoff))
 
 
-def _advance(position: float, velocity: float, force: float, plant: NDArray[np.float64]) -> tuple[float, float]:
-    """Move the craft one loop period under constant *force* (fraction); plant as in :func:`plant_vector`."""
-    alpha, beta, quadratic, delta, dt = plant[0], plant[1], plant[2], plant[3], plant[4]
-    steps = int(plant[5])
-    h = dt / steps
+def _advance(position: float, velocity: float, force: float, plant: LoopPlant) -> tuple[float, float]:
+    """Move the craft one loop period under constant *force* (fraction)."""
+    alpha, beta, quadratic, delta = plant.alpha, plant.beta, plant.beta_quadratic, plant.delta
+    steps = int(plant.substeps)
+    h = plant.dt / steps
     for _ in range(steps):
         a1 = (force + delta - (beta + quadratic * abs(velocity)) * velocity) / alpha
         middle = velocity + 0.5 * h * a1
@@ -104,24 +157,24 @@ smoothing = compiled(_smoothing)
 advance = compiled(_advance)
 
 
-def _actuate(output: float, actuator: NDArray[np.float64], memory: NDArray[np.float64]) -> float:
-    """Return the force that *output* gives; *actuator* as ``Actuator.vector``.
+def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64]) -> float:
+    """Return the force that *output* gives.
 
     memory : (4,) whether it has begun, and where limiter, lag and play are; changed. It begins settled at *output*.
     """
-    if actuator[0] == 0.0:
+    if actuator.acts == 0.0:
         return output
-    wish = clip(output, -actuator[1], actuator[1])
+    wish = clip(output, -actuator.limit, actuator.limit)
     if memory[0] == 0.0:
         memory[0], memory[1], memory[2] = 1.0, wish, wish
-        memory[3] = wish - clip(wish, -actuator[4], actuator[4])
-    memory[1] = clip(wish, memory[1] - actuator[2], memory[1] + actuator[2])
-    memory[2] += actuator[3] * (memory[1] - memory[2])
-    memory[3] = min(max(memory[3], memory[2] - actuator[4]), memory[2] + actuator[4])
+        memory[3] = wish - clip(wish, -actuator.play, actuator.play)
+    memory[1] = clip(wish, memory[1] - actuator.rate, memory[1] + actuator.rate)
+    memory[2] += actuator.lag * (memory[1] - memory[2])
+    memory[3] = min(max(memory[3], memory[2] - actuator.play), memory[2] + actuator.play)
     u = memory[3]
-    size = abs(u) - actuator[10] if abs(u) > actuator[5] else 0.0
-    size *= 1.0 - actuator[6] + actuator[6] * size / actuator[7]
-    return float(actuator[8] * size if u >= 0.0 else -actuator[9] * size)
+    size = abs(u) - actuator.lost if abs(u) > actuator.dead_zone else 0.0
+    size *= 1.0 - actuator.square + actuator.square * size / actuator.reference
+    return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
 
 
 actuate = compiled(_actuate)
@@ -141,46 +194,41 @@ def _delayed(sent: NDArray[np.float64], k: int, late: float, before: float) -> f
 delayed = compiled(_delayed)
 
 
-def plant_vector(
-    model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT
-) -> NDArray[np.float64]:
+def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:
     """Return what the kernels need of craft and scenario.
 
-    ``(alpha, beta, beta_quadratic, delta, dt, substeps, delay in loops, step, push, loop at which it starts, loop at
-    which the step comes, constant force already worked off, loop at which the step is taken back)``. Holding an output
-    for a loop delays it by half a loop, which is part of *delay* and happens by itself here: it is taken out.
+    Holding an output for a loop delays it by half a loop, which is part of *delay* and happens by itself here: it is
+    taken out.
     """
     fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
     rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
     substeps = min(max(math.ceil(dt * rate / FINEST), 1), MAX_SUBSTEPS)
     push_at = scenario.push_at / dt if math.isfinite(scenario.push_at) else 1e12
-    return np.array(
-        [
-            model.alpha,
-            model.beta,
-            model.beta_quadratic,
-            model.delta,
-            dt,
-            substeps,
-            max((model.delay + delay) / dt - HELD, 0.0),
-            scenario.step,
-            scenario.push,
-            push_at,
-            round(scenario.lead / dt),
-            -actuator.output_for(-model.delta) if scenario.lead == 0.0 else 0.0,
-            round(scenario.back_at / dt) if math.isfinite(scenario.back_at) else 1e12,
-        ]
+    return LoopPlant(
+        alpha=model.alpha,
+        beta=model.beta,
+        beta_quadratic=model.beta_quadratic,
+        delta=model.delta,
+        dt=dt,
+        substeps=substeps,
+        late=max((model.delay + delay) / dt - HELD, 0.0),
+        step=scenario.step,
+        push=scenario.push,
+        push_at=push_at,
+        step_at=round(scenario.lead / dt),
+        settled=-actuator.output_for(-model.delta) if scenario.lead == 0.0 else 0.0,
+        back_at=round(scenario.back_at / dt) if math.isfinite(scenario.back_at) else 1e12,
     )
 
 
-def gyro_coefficients(cutoff: float, rate: float) -> NDArray[np.float64]:
-    """Return (b0, b1, b2, a1, a2) of a Butterworth low-pass of *cutoff* [Hz] sampled at *rate* [Hz].
+def gyro_coefficients(cutoff: float, rate: float) -> GyroFilter:
+    """Return a Butterworth low-pass of *cutoff* [Hz] sampled at *rate* [Hz].
 
     Bilinear with pre-warping; transparent when the cut-off is zero or too near half the rate.
     """
     if cutoff <= 0.0 or cutoff >= 0.45 * rate:
-        return np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+        return GyroFilter(1.0, 0.0, 0.0, 0.0, 0.0)
     w = math.tan(math.pi * cutoff / rate)
     scale = 1.0 / (1.0 + math.sqrt(2.0) * w + w * w)
     b0 = w * w * scale
-    return np.array([b0, 2.0 * b0, b0, 2.0 * (w * w - 1.0) * scale, (1.0 - math.sqrt(2.0) * w + w * w) * scale])
+    return GyroFilter(b0, 2.0 * b0, b0, 2.0 * (w * w - 1.0) * scale, (1.0 - math.sqrt(2.0) * w + w * w) * scale)

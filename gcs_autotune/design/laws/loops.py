@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.design.laws.kernel import gyro_coefficients, plant_vector
+from gcs_autotune.design.laws.kernel import Cutoffs, HeldVelocity, gyro_coefficients, plant_of
 from gcs_autotune.design.laws.law import LoopMotion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.reference_model import wanted_step
@@ -34,15 +34,18 @@ class Loop(ABC):
 
     Attributes
     ----------
-    kernel : the compiled loop (a ``staticmethod``). It takes gains, limits, the gyro's filter if there is one, the
-        craft, the actuator, for velocities the start, and fills position (n,) and output (n,).
-    vector : the gains in the order the kernel takes them.
-    filters : parameters with the filters of target, error and slope, last in its limits.
+    kernel : the compiled loop (a ``staticmethod``). It takes gains, limits, cut-offs, the gyro's filter if there is
+        one, the craft, the actuator, for velocities the start, all named tuples, which it gets as records of floats,
+        and fills position (n,) and output (n,).
+    gains : named tuple of the gains the kernel takes; ``vector`` their parameters in its order.
+    cutoffs : named tuple of the cut-offs the kernel takes; ``filters`` their parameters in its order.
     gyro : parameter with the gyro filter's cut-off [Hz]; empty when the velocity does not come from the gyro.
     """
 
     kernel: ClassVar[Callable[..., Any]]
+    gains: ClassVar[Callable[..., Any]]
     vector: Sequence[str]
+    cutoffs: ClassVar[Callable[..., Any]] = Cutoffs
     filters: Sequence[str]
     gyro: str = ""
     defaults: Settings
@@ -68,20 +71,31 @@ class Loop(ABC):
         return actuator.slopes()
 
     @abstractmethod
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
-        """Return what the kernel takes as limits before the filters; *dt* is the loop period [s]."""
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> Any:
+        """Return what the kernel takes as limits, a named tuple of floats; *dt* is the loop period [s]."""
 
-    def fly(self, settings: Settings, speed: float | None, duration: float, *vectors: Array) -> LoopMotion:
-        """Run the kernel for *duration* [s]; *vectors* are craft, actuator and, for velocities, the start."""
+    def fly(self, settings: Settings, speed: float | None, duration: float, *tuples: tuple[float, ...]) -> LoopMotion:
+        """Run the kernel for *duration* [s]; *tuples* are craft, actuator and, for velocities, the start."""
         dt = self.loop_period(settings)
         count = round(duration / dt) + 1
         position, output = np.empty(count), np.empty(count)
-        gains = np.array([settings.get(name, 0.0) for name in self.vector])
-        cutoffs = (self._get(settings, name) for name in self.filters)
-        limits = np.array([*self.limits(settings, speed, dt), *cutoffs])
+        kind = type(self)
+        gains = kind.gains(*(settings.get(name, 0.0) for name in self.vector))
+        cutoffs = kind.cutoffs(*(self._get(settings, name) for name in self.filters))
+        limits = self.limits(settings, speed, dt)
         sensor = [gyro_coefficients(self._get(settings, self.gyro), 1.0 / dt)] if self.gyro else []
-        type(self).kernel(gains, limits, *sensor, *vectors, position, output)
+        kind.kernel(*(_record(t) for t in (gains, limits, cutoffs, *sensor, *tuples)), position, output)
         return LoopMotion(dt * np.arange(count, dtype=np.float64), position, output)
+
+
+@lru_cache(maxsize=64)
+def _dtype(fields: tuple[str, ...]) -> np.dtype[Any]:
+    return np.dtype([(name, np.float64) for name in fields])
+
+
+def _record(values: Any) -> Any:
+    """Return a named tuple as a record of the same fields: numba looks at a named tuple's every item at each call."""
+    return np.array(values, _dtype(values._fields))[()]
 
 
 def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, float]:
@@ -129,8 +143,8 @@ class PositionLoop(Loop):
     ) -> LoopMotion:
         """Fly *scenario*."""
         dt = self.loop_period(settings)
-        craft = plant_vector(model, scenario, dt, delay, actuator)
-        return self.fly(settings, speed, scenario.duration, craft, actuator.vector(dt))
+        craft = plant_of(model, scenario, dt, delay, actuator)
+        return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt))
 
 
 MIN_ROOM = 0.05
@@ -207,9 +221,10 @@ class VelocityLoop(Loop):
         dt = self.loop_period(settings)
         velocity = start_of(scenario.step, self.base(scenario.step, speed))
         before = round(self.hold / dt) if scenario.lead == 0.0 else 0
-        start = np.array([velocity, self.holding_output(model, actuator, settings, velocity), before])
-        craft = plant_vector(model, scenario, dt, delay)
-        return self.fly(settings, speed, scenario.duration, craft, actuator.vector(dt), start)
+        held = self.holding_output(model, actuator, settings, velocity)
+        start = HeldVelocity(velocity, held, before)
+        craft = plant_of(model, scenario, dt, delay)
+        return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt), start)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return measured velocity to output: here the same as :meth:`controller`."""

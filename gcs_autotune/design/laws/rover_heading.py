@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.kernel import (
     MAX_STANDING_ERROR,
+    Cutoffs,
+    GyroFilter,
+    LoopPlant,
     actuate,
     advance,
     clip,
@@ -47,28 +52,51 @@ BARELY = 1.1
 """ATC_STR_ANG_P up to this is held back by the least that is documented, 1."""
 
 
+class _Gains(NamedTuple):
+    """In the order of ``vector``."""
+
+    kff: float
+    kp: float
+    ki: float
+    kd: float
+    ang: float
+
+
+class _Limits(NamedTuple):
+    """See ``limits``; a switch acts above 0."""
+
+    imax: float
+    rate_max: float
+    acc_max: float
+    stop_acc: float
+    scale: float
+    grows: float
+    throttle: float
+
+
 def _fly(
-    gains: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-    plant: NDArray[np.float64],
-    actuator: NDArray[np.float64],
+    gains: _Gains,
+    limits: _Limits,
+    cutoffs: Cutoffs,
+    gyro: GyroFilter,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
     position: NDArray[np.float64],
     output: NDArray[np.float64],
 ) -> None:
-    kff, kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3], gains[4]
+    kff, kp, ki, kd, ang = gains.kff, gains.kp, gains.ki, gains.kd, gains.ang
     imax, rate_max, acc_max, stop_acc, scale, grows, throttle = (
-        limits[0],
-        limits[1],
-        limits[2],
-        limits[3],
-        limits[4],
-        limits[5] > 0.0,
-        limits[6],
+        limits.imax,
+        limits.rate_max,
+        limits.acc_max,
+        limits.stop_acc,
+        limits.scale,
+        limits.grows > 0.0,
+        limits.throttle,
     )
-    dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
-    step_at, rest, back_at = plant[10], plant[11], plant[12]
-    f_t, f_e, f_d = smoothing(limits[7], dt), smoothing(limits[8], dt), smoothing(limits[9], dt)
+    dt, late, step, push, push_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at
+    step_at, rest, back_at = plant.step_at, plant.settled, plant.back_at
+    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
     r = slope = x1 = x2 = y1 = y2 = 0.0
     integral = clip(-rest / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
     demand = -(rest / scale + integral) / max(kff + kp, 1e-9)
@@ -80,7 +108,7 @@ def _fly(
     for k in range(len(position)):
         position[k] = psi
         aim = step if step_at <= k < back_at else 0.0
-        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        measured = gyro.b0 * r + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
         x2, x1, y2, y1 = x1, r, y1, measured
         e = wrap(aim - psi)
         wish = ang * e
@@ -116,6 +144,7 @@ class RoverHeading(PositionLoop):
     usual_step = math.radians(30.0)
     defaults: Settings = steering.DEFAULTS
     kernel = staticmethod(compiled(_fly))
+    gains = _Gains
     vector: Sequence[str] = (FF, P, I, D, ANG)
     filters: Sequence[str] = steering.FILTERS
     gyro = steering.GYRO
@@ -128,19 +157,19 @@ class RoverHeading(PositionLoop):
         """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
         return steering.turn_limit(settings, speed)
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
         """Return IMAX, turn rate, acceleration, deceleration, scale, whether the integral grows, and the
         throttle beside."""
         acc = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         stop = math.radians(self._get(settings, "ATC_STR_DEC_MAX"))
-        return (
-            self._get(settings, "ATC_STR_RAT_IMAX"),
-            steering.turn_limit(settings, speed),
-            acc,
-            stop if stop > 0.0 else acc,
-            steering.scale(settings, speed),
-            float(steering.integral_grows(settings, speed)),
-            steering.beside(settings),
+        return _Limits(
+            imax=self._get(settings, "ATC_STR_RAT_IMAX"),
+            rate_max=steering.turn_limit(settings, speed),
+            acc_max=acc,
+            stop_acc=stop if stop > 0.0 else acc,
+            scale=steering.scale(settings, speed),
+            grows=float(steering.integral_grows(settings, speed)),
+            throttle=steering.beside(settings),
         )
 
     def starts(

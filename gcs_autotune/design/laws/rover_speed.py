@@ -8,12 +8,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing
+from gcs_autotune.design.actuator import Actuator, ActuatorStep
+from gcs_autotune.design.laws.kernel import (
+    Cutoffs,
+    HeldVelocity,
+    LoopPlant,
+    actuate,
+    advance,
+    clip,
+    compiled,
+    delayed,
+    smoothing,
+)
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop, holding, local_drag
 from gcs_autotune.design.laws.rover_throttle import pulse_of, shape, throttle_of, throttle_shape
@@ -32,22 +43,46 @@ NUDGE = 0.01
 Array = NDArray[np.float64]
 
 
+class _Gains(NamedTuple):
+    """In the order of ``vector``."""
+
+    kp: float
+    ki: float
+    kd: float
+    kff: float
+
+
+class _Limits(NamedTuple):
+    """See ``limits``; a switch acts above 0."""
+
+    imax: float
+    up: float
+    down: float
+    brakes: float
+    slew: float
+    most: float
+    least: float
+    expo: float
+    cruise: float
+
+
 def _fly(
-    gains: Array,
-    limits: Array,
-    plant: Array,
-    actuator: Array,
-    start: Array,
+    gains: _Gains,
+    limits: _Limits,
+    cutoffs: Cutoffs,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
+    start: HeldVelocity,
     position: Array,
     output: Array,
 ) -> None:
-    kp, ki, kd, kff = gains[0], gains[1], gains[2], gains[3]
-    imax, up, down, brakes, slew = limits[0], limits[1], limits[2], limits[3] > 0.0, limits[4]
-    most, least, expo, cruise = limits[5], limits[6], limits[7], limits[8]
-    dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
-    back_at = plant[12]
-    f_t, f_e, f_d = smoothing(limits[9], dt), smoothing(limits[10], dt), smoothing(limits[11], dt)
-    v0, throttle, before = start[0], start[1], int(start[2])
+    kp, ki, kd, kff = gains.kp, gains.ki, gains.kd, gains.kff
+    imax, up, down, brakes, slew = limits.imax, limits.up, limits.down, limits.brakes > 0.0, limits.slew
+    most, least, expo, cruise = limits.most, limits.least, limits.expo, limits.cruise
+    dt, late, step, push, push_at, step_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at, plant.step_at
+    back_at = plant.back_at
+    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
+    v0, throttle, before = start.velocity, start.output, int(start.before)
     v = desired = target = v0
     x = error = slope = 0.0
     trim = shape(throttle, least, expo)
@@ -112,6 +147,7 @@ class RoverSpeed(VelocityLoop):
     hold = 15.0
     defaults: Settings = DEFAULTS
     kernel = staticmethod(compiled(_fly))
+    gains = _Gains
     vector: Sequence[str] = (P, I, D, FF)
     filters: Sequence[str] = ("ATC_SPEED_FLTT", "ATC_SPEED_FLTE", "ATC_SPEED_FLTD")
 
@@ -163,17 +199,19 @@ class RoverSpeed(VelocityLoop):
         """Return :meth:`throttle_for`: the loop's output is throttle, not force."""
         return self.throttle_for(model, actuator, settings, velocity)
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
         """Return IMAX, both accelerations, whether it brakes, slew a loop, most and least throttle, bend, cruise."""
-        return (
-            self._get(settings, "ATC_SPEED_IMAX"),
-            self._get(settings, "ATC_ACCEL_MAX"),
-            self._get(settings, "ATC_DECEL_MAX"),
-            self._get(settings, "ATC_BRAKE"),
-            self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
-            self._get(settings, "MOT_THR_MAX") / 100.0,
-            *throttle_shape(settings),
-            self.cruise(settings),
+        least, expo = throttle_shape(settings)
+        return _Limits(
+            imax=self._get(settings, "ATC_SPEED_IMAX"),
+            up=self._get(settings, "ATC_ACCEL_MAX"),
+            down=self._get(settings, "ATC_DECEL_MAX"),
+            brakes=self._get(settings, "ATC_BRAKE"),
+            slew=self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
+            most=self._get(settings, "MOT_THR_MAX") / 100.0,
+            least=least,
+            expo=expo,
+            cruise=self.cruise(settings),
         )
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:

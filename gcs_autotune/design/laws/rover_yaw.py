@@ -8,12 +8,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.laws import rover_steering as steering
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, mixed, smoothing
+from gcs_autotune.design.laws.kernel import (
+    Cutoffs,
+    GyroFilter,
+    HeldVelocity,
+    LoopPlant,
+    actuate,
+    advance,
+    clip,
+    compiled,
+    delayed,
+    mixed,
+    smoothing,
+)
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
@@ -27,23 +41,50 @@ DEFAULTS: Settings = {n: v for n, v in steering.DEFAULTS.items() if n != "ATC_ST
 Array = NDArray[np.float64]
 
 
+class _Gains(NamedTuple):
+    """In the order of ``vector``."""
+
+    kff: float
+    kp: float
+    ki: float
+    kd: float
+
+
+class _Limits(NamedTuple):
+    """See ``limits``; a switch acts above 0."""
+
+    imax: float
+    rate_max: float
+    acc_max: float
+    scale: float
+    grows: float
+    throttle: float
+
+
 def _fly(
-    gains: Array,
-    limits: Array,
-    gyro: Array,
-    plant: Array,
-    actuator: Array,
-    start: Array,
+    gains: _Gains,
+    limits: _Limits,
+    cutoffs: Cutoffs,
+    gyro: GyroFilter,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
+    start: HeldVelocity,
     position: Array,
     output: Array,
 ) -> None:
-    kff, kp, ki, kd = gains[0], gains[1], gains[2], gains[3]
-    imax, rate_max, acc_max, scale, grows = limits[0], limits[1], limits[2], limits[3], limits[4] > 0.0
-    throttle = limits[5]
-    dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
-    back_at = plant[12]
-    f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
-    v0, trim, before = start[0], start[1], int(start[2])
+    kff, kp, ki, kd = gains.kff, gains.kp, gains.ki, gains.kd
+    imax, rate_max, acc_max, scale, grows = (
+        limits.imax,
+        limits.rate_max,
+        limits.acc_max,
+        limits.scale,
+        limits.grows > 0.0,
+    )
+    throttle = limits.throttle
+    dt, late, step, push, push_at, step_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at, plant.step_at
+    back_at = plant.back_at
+    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
+    v0, trim, before = start.velocity, start.output, int(start.before)
     r = x1 = x2 = y1 = y2 = demand = target = v0
     psi = slope = error = 0.0
     integral = clip(trim / scale - kff * v0, -imax, imax) if (before > 0 and grows and ki > 0.0) else 0.0
@@ -54,7 +95,7 @@ def _fly(
         k = j - before
         if k >= 0:
             position[k] = r - v0
-        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        measured = gyro.b0 * r + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
         x2, x1, y2, y1 = x1, r, y1, measured
         wish = v0 + step if step_at <= k < back_at else v0
         if acc_max > 0.0:
@@ -88,6 +129,7 @@ class RoverYaw(VelocityLoop):
     hold = 8.0
     defaults: Settings = DEFAULTS
     kernel = staticmethod(compiled(_fly))
+    gains = _Gains
     vector: Sequence[str] = (FF, P, I, D)
     filters: Sequence[str] = steering.FILTERS
     gyro = steering.GYRO
@@ -101,15 +143,15 @@ class RoverYaw(VelocityLoop):
         most = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         return most if most > 0.0 else math.inf
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
         """Return IMAX, turn rate, acceleration, scale, whether the integral grows, and the throttle beside."""
-        return (
-            self._get(settings, "ATC_STR_RAT_IMAX"),
-            steering.turn_limit(settings, speed),
-            math.radians(self._get(settings, "ATC_STR_ACC_MAX")),
-            steering.scale(settings, speed),
-            float(steering.integral_grows(settings, speed)),
-            steering.beside(settings),
+        return _Limits(
+            imax=self._get(settings, "ATC_STR_RAT_IMAX"),
+            rate_max=steering.turn_limit(settings, speed),
+            acc_max=math.radians(self._get(settings, "ATC_STR_ACC_MAX")),
+            scale=steering.scale(settings, speed),
+            grows=float(steering.integral_grows(settings, speed)),
+            throttle=steering.beside(settings),
         )
 
     def starts(

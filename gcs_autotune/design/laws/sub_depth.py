@@ -7,12 +7,15 @@ the autopilot's 0.001 per cm/s^2, times 100 cm, times 2 because throttle 0..1 me
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.laws.kernel import (
     MAX_STANDING_ERROR,
+    LoopPlant,
     actuate,
     advance,
     clip,
@@ -52,19 +55,49 @@ THROTTLE_CUTOFF = 2.0
 """POSCONTROL_THROTTLE_CUTOFF_FREQ_HZ [Hz]."""
 
 
+class _Gains(NamedTuple):
+    """In the order of ``vector``."""
+
+    pos: float
+    vel: float
+    vel_i: float
+    acc: float
+    acc_i: float
+    acc_ff: float
+
+
+class _Limits(NamedTuple):
+    """See ``limits``; a switch acts above 0."""
+
+    v_max: float
+    a_max: float
+    vel_imax: float
+    imax: float
+    hover: float
+
+
+class _Cutoffs(NamedTuple):
+    """In the order of ``filters`` [Hz]."""
+
+    velocity: float
+    target: float
+    error: float
+
+
 def _fly(
-    gains: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    plant: NDArray[np.float64],
-    actuator: NDArray[np.float64],
+    gains: _Gains,
+    limits: _Limits,
+    cutoffs: _Cutoffs,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
     position: NDArray[np.float64],
     output: NDArray[np.float64],
 ) -> None:
-    pos, vel, vel_i, acc, acc_i, acc_ff = gains[0], gains[1], gains[2], gains[3], gains[4], gains[5]
-    v_max, a_max, vel_imax, imax, hover = limits[0], limits[1], limits[2], limits[3], limits[4]
-    dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
-    step_at, rest, back_at = plant[10], plant[11], plant[12]
-    f_v, f_t, f_e = smoothing(limits[5], dt), smoothing(limits[6], dt), smoothing(limits[7], dt)
+    pos, vel, vel_i, acc, acc_i, acc_ff = gains.pos, gains.vel, gains.vel_i, gains.acc, gains.acc_i, gains.acc_ff
+    v_max, a_max, vel_imax, imax, hover = limits.v_max, limits.a_max, limits.vel_imax, limits.imax, limits.hover
+    dt, late, step, push, push_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at
+    step_at, rest, back_at = plant.step_at, plant.settled, plant.back_at
+    f_v, f_t, f_e = smoothing(cutoffs.velocity, dt), smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt)
     f_u = smoothing(THROTTLE_CUTOFF, dt)
     w = a = v_integral = 0.0
     integral = clip(-rest + hover, -imax, imax) if acc_i > 0.0 else 0.0
@@ -122,6 +155,8 @@ class SubDepth(PositionLoop):
     usual_step = 1.0
     defaults: Settings = DEFAULTS
     kernel = staticmethod(compiled(_fly))
+    gains = _Gains
+    cutoffs = _Cutoffs
     vector: Sequence[str] = (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF)
     filters: Sequence[str] = ("PSC_VELZ_FLTE", "PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE")
 
@@ -144,15 +179,15 @@ class SubDepth(PositionLoop):
         gentle = {POS: 2.0 / wanted.a1, VEL: 8.0 / wanted.a1, ACC: 1.0, ACC_I: 1.0, ACC_FF: 0.0}
         return [*(f for f in found if f), gentle]
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
         """Return speed, acceleration, both integrals' most, and the throttle offset of the hover."""
         hover = self._get(settings, "MOT_THST_HOVER")
-        return (
-            self.velocity_limit(settings, speed),
-            self._get(settings, "PILOT_ACCEL_Z") / 100.0,
-            self._get(settings, "PSC_VELZ_IMAX") / 100.0,
-            2e-3 * max(self._get(settings, "PSC_ACCZ_IMAX"), 1e3 * hover),
-            2.0 * (hover - 0.5),
+        return _Limits(
+            v_max=self.velocity_limit(settings, speed),
+            a_max=self._get(settings, "PILOT_ACCEL_Z") / 100.0,
+            vel_imax=self._get(settings, "PSC_VELZ_IMAX") / 100.0,
+            imax=2e-3 * max(self._get(settings, "PSC_ACCZ_IMAX"), 1e3 * hover),
+            hover=2.0 * (hover - 0.5),
         )
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.laws.kernel import (
     MAX_STANDING_ERROR,
+    Cutoffs,
+    GyroFilter,
+    LoopPlant,
     actuate,
     advance,
     clip,
@@ -45,28 +50,50 @@ ERROR_MAX = math.radians(45.0)
 """The target is pulled along so that it never leads by more."""
 
 
+class _Gains(NamedTuple):
+    """In the order of ``vector``."""
+
+    kp: float
+    ki: float
+    kd: float
+    ang: float
+
+
+class _Limits(NamedTuple):
+    """See ``limits``; a switch acts above 0."""
+
+    imax: float
+    rate_max: float
+    shape_acc: float
+    slew: float
+    tc: float
+    shaped: float
+    stop_acc: float
+
+
 def _fly(
-    gains: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-    plant: NDArray[np.float64],
-    actuator: NDArray[np.float64],
+    gains: _Gains,
+    limits: _Limits,
+    cutoffs: Cutoffs,
+    gyro: GyroFilter,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
     position: NDArray[np.float64],
     output: NDArray[np.float64],
 ) -> None:
-    kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3]
+    kp, ki, kd, ang = gains.kp, gains.ki, gains.kd, gains.ang
     imax, rate_max, shape_acc, slew, tc, shaped, stop_acc = (
-        limits[0],
-        limits[1],
-        limits[2],
-        limits[3],
-        limits[4],
-        limits[5] > 0.0,
-        limits[6],
+        limits.imax,
+        limits.rate_max,
+        limits.shape_acc,
+        limits.slew,
+        limits.tc,
+        limits.shaped > 0.0,
+        limits.stop_acc,
     )
-    dt, late, step, push, push_at = plant[4], plant[6], plant[7], plant[8], plant[9]
-    step_at, rest, back_at = plant[10], plant[11], plant[12]
-    f_t, f_e, f_d = smoothing(limits[7], dt), smoothing(limits[8], dt), smoothing(limits[9], dt)
+    dt, late, step, push, push_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at
+    step_at, rest, back_at = plant.step_at, plant.settled, plant.back_at
+    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
     r = lead = lead_rate = slope = x1 = x2 = y1 = y2 = 0.0
     integral = clip(-rest, -imax, imax) if ki > 0.0 else 0.0
     target = error = clip(-(rest + integral) / max(kp, 1e-9), -rate_max, rate_max)
@@ -77,7 +104,7 @@ def _fly(
     for k in range(len(position)):
         position[k] = psi
         aim = step if step_at <= k < back_at else 0.0
-        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        measured = gyro.b0 * r + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
         x2, x1, y2, y1 = x1, r, y1, measured
         ahead = wrap(aim - lead)
         if shaped:
@@ -132,6 +159,7 @@ class SubHeading(PositionLoop):
     usual_step = math.radians(30.0)
     defaults: Settings = DEFAULTS
     kernel = staticmethod(compiled(_fly))
+    gains = _Gains
     vector: Sequence[str] = (P, I, D, ANG)
     filters: Sequence[str] = FILTERS
     gyro = "INS_GYRO_FILTER"
@@ -163,17 +191,17 @@ class SubHeading(PositionLoop):
             {P: two, I: 0.2 * two / wanted.a1, ANG: model.alpha / (wanted.a2 * two)},
         ]
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
         """Return IMAX, turn rate, shaping acceleration, slew, its time constant, whether it acts, deceleration."""
         shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
-        return (
-            self._get(settings, "ATC_RAT_YAW_IMAX"),
-            self._rate_max(settings),
-            shape if shape > 0.0 else 1e6,
-            math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0),
-            max(self._get(settings, "ATC_INPUT_TC"), 0.01),
-            self._get(settings, "ATC_RATE_FF_ENAB"),
-            min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
+        return _Limits(
+            imax=self._get(settings, "ATC_RAT_YAW_IMAX"),
+            rate_max=self._rate_max(settings),
+            shape_acc=shape if shape > 0.0 else 1e6,
+            slew=math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0),
+            tc=max(self._get(settings, "ATC_INPUT_TC"), 0.01),
+            shaped=self._get(settings, "ATC_RATE_FF_ENAB"),
+            stop_acc=min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
         )
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational]:

@@ -10,11 +10,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.laws.kernel import actuate, advance, clip, compiled, delayed, smoothing, sqrt_control
+from gcs_autotune.design.actuator import ActuatorStep
+from gcs_autotune.design.laws.kernel import (
+    Cutoffs,
+    GyroFilter,
+    HeldVelocity,
+    LoopPlant,
+    actuate,
+    advance,
+    clip,
+    compiled,
+    delayed,
+    smoothing,
+    sqrt_control,
+)
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.sub_heading import ACCELERATION, ANG, ERROR_MAX, FILTERS, FIXED, D, I, P, SubHeading
@@ -33,29 +47,50 @@ DEFAULTS: Settings = {n: v for n, v in OF_HEADING.items() if n not in UNUSED}
 Array = NDArray[np.float64]
 
 
+class _Gains(NamedTuple):
+    """In the order of ``vector``."""
+
+    kp: float
+    ki: float
+    kd: float
+    ang: float
+
+
+class _Limits(NamedTuple):
+    """See ``limits``; a switch acts above 0."""
+
+    imax: float
+    rate_max: float
+    shape_acc: float
+    shaped: float
+    stop_acc: float
+    lead_max: float
+
+
 def _fly(
-    gains: Array,
-    limits: Array,
-    gyro: Array,
-    plant: Array,
-    actuator: Array,
-    start: Array,
+    gains: _Gains,
+    limits: _Limits,
+    cutoffs: Cutoffs,
+    gyro: GyroFilter,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
+    start: HeldVelocity,
     position: Array,
     output: Array,
 ) -> None:
-    kp, ki, kd, ang = gains[0], gains[1], gains[2], gains[3]
+    kp, ki, kd, ang = gains.kp, gains.ki, gains.kd, gains.ang
     imax, rate_max, shape_acc, shaped, stop_acc, lead_max = (
-        limits[0],
-        limits[1],
-        limits[2],
-        limits[3] > 0.0,
-        limits[4],
-        limits[5],
+        limits.imax,
+        limits.rate_max,
+        limits.shape_acc,
+        limits.shaped > 0.0,
+        limits.stop_acc,
+        limits.lead_max,
     )
-    dt, late, step, push, push_at, step_at = plant[4], plant[6], plant[7], plant[8], plant[9], plant[10]
-    back_at = plant[12]
-    f_t, f_e, f_d = smoothing(limits[6], dt), smoothing(limits[7], dt), smoothing(limits[8], dt)
-    v0, trim, before = start[0], start[1], int(start[2])
+    dt, late, step, push, push_at, step_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at, plant.step_at
+    back_at = plant.back_at
+    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
+    v0, trim, before = start.velocity, start.output, int(start.before)
     r = x1 = x2 = y1 = y2 = target = v0
     lead_rate = v0 if shaped else 0.0
     psi = lead = slope = error = 0.0
@@ -67,7 +102,7 @@ def _fly(
         k = j - before
         if k >= 0:
             position[k] = r - v0
-        measured = gyro[0] * r + gyro[1] * x1 + gyro[2] * x2 - gyro[3] * y1 - gyro[4] * y2
+        measured = gyro.b0 * r + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
         x2, x1, y2, y1 = x1, r, y1, measured
         wish = v0 + step if step_at <= k < back_at else v0
         if shaped:
@@ -107,6 +142,7 @@ class SubYaw(VelocityLoop):
     both_ways = True
     hold = 8.0
     kernel = staticmethod(compiled(_fly))
+    gains = _Gains
     vector: Sequence[str] = (P, I, D, ANG)
     filters: Sequence[str] = FILTERS
     gyro = "INS_GYRO_FILTER"
@@ -134,17 +170,17 @@ class SubYaw(VelocityLoop):
             for q in (2.0, 1.0)
         ]
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Sequence[float]:
+    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
         """Return IMAX, turn rate, shaping acceleration, whether it acts, deceleration, most lead of the target."""
         shape, angle = self._shaping(settings), settings[ANG]
         rate_max = math.radians(self._get(settings, "ATC_RATE_Y_MAX"))
-        return (
-            self._get(settings, "ATC_RAT_YAW_IMAX"),
-            rate_max if rate_max > 0.0 else 1e6,
-            shape,
-            self._get(settings, "ATC_RATE_FF_ENAB"),
-            min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
-            min(ACCELERATION[1] / angle, ERROR_MAX) if angle > 0.0 else ERROR_MAX,
+        return _Limits(
+            imax=self._get(settings, "ATC_RAT_YAW_IMAX"),
+            rate_max=rate_max if rate_max > 0.0 else 1e6,
+            shape_acc=shape,
+            shaped=self._get(settings, "ATC_RATE_FF_ENAB"),
+            stop_acc=min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]),
+            lead_max=min(ACCELERATION[1] / angle, ERROR_MAX) if angle > 0.0 else ERROR_MAX,
         )
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
