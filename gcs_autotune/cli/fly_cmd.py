@@ -110,11 +110,21 @@ def _run(args: argparse.Namespace) -> int:
         raise UsageError(f"--{'form' if args.form else 'total-time'} goes with --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("say what to fly; `gcs-autotune fly --list` tells what there is")
+    _see_it_is_known(args)
     see_model_file(args.model)
     _precision(args)
     if args.preview and args.model is not None and args.connect is None:
         return _preview(args)
     return run_flight(args)
+
+
+def _see_it_is_known(args: argparse.Namespace) -> None:
+    """Refuse a manoeuvre that is in no table before anything is imported that flies or fits."""
+    from gcs_autotune.manoeuvres import MANOEUVRES
+    from gcs_autotune.registry import lookup
+
+    if args.manoeuvre is not None and not args.manoeuvre.endswith(".toml"):
+        lookup(MANOEUVRES, args.manoeuvre, "manoeuvre")
 
 
 def run_flight(args: argparse.Namespace) -> int:

@@ -49,6 +49,7 @@ def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_noth
         port = str(taken.getsockname()[1])
         lines = [f"tune heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG]
         lines += [f"experiment heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG[:7]]
+        lines += ["fly zig-zg", "fly zig-zag --heading nan", "fly --form yaw zig-zag"]
         done = subprocess.run(
             [sys.executable, "-c", PROGRAM, *lines],
             cwd=tmp_path,
