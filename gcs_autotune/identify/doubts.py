@@ -24,6 +24,7 @@ from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, fit_percents
 from gcs_autotune.identify.whiteness import autocorrelation
 from gcs_autotune.models import SingleDof
+from gcs_autotune.rounding import format_value
 
 __all__ = [
     "COLOUR",
@@ -442,7 +443,8 @@ def effect_doubts(
         pays = math.inf if without is None else without.cost - fitted.cost
         numbers = max(len(entry.parameters), 1)
         if chi_square.exceeded_by_chance(max(pays, 0.0) / correlation, numbers) > SIGNIFICANCE:
-            said = ", ".join(f"{n} = {v:.3g} +- {parameters[label_of(own, n)].std:.2g}" for n, v in own.values.items())
+            known = ((n, v, parameters[label_of(own, n)].std) for n, v in own.values.items())
+            said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
             yield Doubt(
                 "effect-not-needed",
                 f"these runs do not call for {own.slug} at {own.place} ({said}): without it they are followed as well",

@@ -18,6 +18,7 @@ from gcs_autotune.identify.plan.plan import Final, Plan, PlanStep
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.result import Doubt, Fit, Parameter
 from gcs_autotune.models import CoupledModel, Form, unit_of
+from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial
 
 __all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]
@@ -131,7 +132,9 @@ def plan_doubts(
         )
     for row in rows:
         if row.probability < SURE / len(rows):
-            told = ", ".join(f"{s}: {v:.4g} ± {e:.2g}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True))
+            told = ", ".join(
+                f"{s}: {format_value(v, e)}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True)
+            )
             found.append(
                 Doubt(
                     "steps-disagree",

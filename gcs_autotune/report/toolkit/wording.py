@@ -9,6 +9,7 @@ from datetime import datetime
 from typing import Literal
 
 from gcs_autotune.identify import Doubt
+from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded, rounded_to
 
 __all__ = [
     "MOST_FACTOR",
@@ -36,9 +37,6 @@ __all__ = [
 ]
 
 
-UNKNOWN = "?"
-"""Shown where a number is NaN: it is not known."""
-
 MOST_FACTOR = 100.0
 """Chosen: a margin of gain beyond this is all the same to whoever relies on it."""
 
@@ -60,48 +58,6 @@ def to_people(unit: str) -> tuple[str, float]:
     return _PEOPLE.get(unit, (unit, 1.0))
 
 
-def format_value(value: float, std: float) -> str:
-    """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
-
-    The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
-    sixth). An error of 0 means the number was fixed: four digits and no ``±``. An error that is not known is
-    shown as ``± ?``.
-    """
-    if not math.isfinite(value):
-        return UNKNOWN
-    if 0.0 <= std < 1e-300:
-        return format_number(value)
-    if not math.isfinite(std) or std < 0.0:
-        return f"{format_number(value)} ± {UNKNOWN}"
-    last = _last_digit(std)
-    if last < -6 or last > 3 or max(abs(value), std) >= 1e7:
-        return _in_powers_of_ten(value, std)
-    return f"{_rounded(value, last)} ± {_rounded(std, last)}"
-
-
-def _last_digit(std: float) -> int:
-    exponent = math.floor(math.log10(std))
-    leading = std / 10.0**exponent
-    return exponent - 1 if leading < 1.95 else exponent
-
-
-def _in_powers_of_ten(value: float, std: float) -> str:
-    power = math.floor(math.log10(max(abs(value), std)))
-    scale = 10.0**power
-    last = _last_digit(std / scale)
-    return f"({_rounded(value / scale, last)} ± {_rounded(std / scale, last)})e{power}"
-
-
-def _rounded(value: float, last: int) -> str:
-    text = f"{round(value, -last):.{max(0, -last)}f}"
-    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
-
-
-def rounded_to(value: float, std: float) -> str:
-    """Return *value* alone, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
-    return format_value(value, std).partition(" ±")[0].lstrip("(")
-
-
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:
     """Return :func:`format_value`, with a heading (``anchor``, ``direction`` [rad]) as a turn of 0 to 2 pi.
 
@@ -112,15 +68,6 @@ def format_parameter(name: str, value: float, std: float, unit: str) -> str:
     if std > 0.5 * math.pi:
         return NOT_TOLD
     return format_value(value % (2.0 * math.pi), std)
-
-
-def format_number(value: float, digits: int = 4) -> str:
-    """Return *value* with at most *digits* significant digits and no trailing zeros; NaN is ``?``."""
-    if math.isnan(value):
-        return UNKNOWN
-    if math.isinf(value):
-        return "unlimited" if value > 0 else "-unlimited"
-    return f"{value + 0.0:.{digits}g}"
 
 
 def format_factor(factor: float, digits: int = 3) -> str:
@@ -152,9 +99,9 @@ def format_seconds(t: float, missing: str = UNKNOWN) -> str:
     if math.isinf(t):
         return "unlimited"
     if abs(t) < 1.0:
-        return f"{_rounded(t, -2)} s"
+        return f"{rounded(t, -2)} s"
     if abs(t) < 59.95:
-        return f"{_rounded(t, -1)} s"
+        return f"{rounded(t, -1)} s"
     whole = round(abs(t))
     return f"{'-' if t < 0 else ''}{whole // 60} min {whole % 60:02d} s"
 

@@ -1,0 +1,62 @@
+"""Numbers as people read them: rounded to their standard error, or to so many digits."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
+
+UNKNOWN = "?"
+"""Shown where a number is NaN: it is not known."""
+
+
+def format_value(value: float, std: float) -> str:
+    """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
+
+    The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
+    sixth). An error of 0 means the number was fixed: four digits and no ``±``. An error that is not known is
+    shown as ``± ?``.
+    """
+    if not math.isfinite(value):
+        return UNKNOWN
+    if 0.0 <= std < 1e-300:
+        return format_number(value)
+    if not math.isfinite(std) or std < 0.0:
+        return f"{format_number(value)} ± {UNKNOWN}"
+    last = _last_digit(std)
+    if last < -6 or last > 3 or max(abs(value), std) >= 1e7:
+        return _in_powers_of_ten(value, std)
+    return f"{rounded(value, last)} ± {rounded(std, last)}"
+
+
+def _last_digit(std: float) -> int:
+    exponent = math.floor(math.log10(std))
+    leading = std / 10.0**exponent
+    return exponent - 1 if leading < 1.95 else exponent
+
+
+def _in_powers_of_ten(value: float, std: float) -> str:
+    power = math.floor(math.log10(max(abs(value), std)))
+    scale = 10.0**power
+    last = _last_digit(std / scale)
+    return f"({rounded(value / scale, last)} ± {rounded(std / scale, last)})e{power}"
+
+
+def rounded(value: float, last: int) -> str:
+    """Return *value* down to the decimal place 10**last, without a minus before zeros."""
+    text = f"{round(value, -last):.{max(0, -last)}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def rounded_to(value: float, std: float) -> str:
+    """Return *value* alone, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
+    return format_value(value, std).partition(" ±")[0].lstrip("(")
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """Return *value* with at most *digits* significant digits and no trailing zeros; NaN is ``?``."""
+    if math.isnan(value):
+        return UNKNOWN
+    if math.isinf(value):
+        return "unlimited" if value > 0 else "-unlimited"
+    return f"{value + 0.0:.{digits}g}"
