@@ -3,8 +3,7 @@
 ================  ===========================================================================
 start             motion smoothed without a model, and the regression on it that begins
 filter_bank       records made ready, one pass over them, noise levels of greatest likelihood
-transition        compiled: from stamp to stamp with inputs that jump, outputs
-sigma             compiled: the same by sigma points
+transition        compiled: between stamps with inputs that jump, linear or by sigma points
 sweep             compiled: the filter forwards, its adjoint backwards
 task              a question with its options read
 ekf               ``ekf``, ``ukf``: parameters in the state (ZhaoUSV), passes until they settle

@@ -4,6 +4,10 @@ Forwards: state and free parameters as one augmented vector (ZhaoUSV, (8)-(12)),
 interval between stamps, measurement update (16)-(18) one sample after the other, in Joseph's form, so that any subset
 of the signals may be present at a stamp. Backwards: the adjoint recursion of Bryson and Frazier, which smooths without
 inverting a covariance, and gives the exact derivatives of the likelihood by every noise level.
+
+Numba's cache knows a function by its file and line, and the named tuples it takes by their class's name: after a class
+was renamed, an entry left at the same line cannot be read. Who renames :class:`FilterHistory` moves the functions, or
+has every ``__pycache__`` here cleared.
 """
 
 from __future__ import annotations
@@ -14,8 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.kalman.sigma import sigma_step
-from gcs_autotune.identify.kalman.transition import inertia, measure, step
+from gcs_autotune.identify.kalman.transition import inertia, measure, sigma_step, step
 from gcs_autotune.models import Program, Scratch
 
 __all__ = ["FilterHistory", "backward", "forward", "new_history"]
@@ -29,8 +32,7 @@ class FilterHistory(NamedTuple):
 
     ``mean`` (s, N), ``covariance`` (s, N, N) after each stamp's samples; ``F`` (s, n, N), ``late`` (s, n, n) the
     transition into each stamp; ``e``, ``S`` (s, m) innovations and their variances (NaN where no sample);
-    ``K``, ``H`` (s, m, N) gains and output derivatives, those of :func:`measure` (numba's cache keeps this class by
-    name: who renames it clears ``__pycache__``).
+    ``K``, ``H`` (s, m, N) gains and output derivatives, those of :func:`measure`.
     """
 
     mean: Array

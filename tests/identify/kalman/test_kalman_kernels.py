@@ -10,9 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman import sweep, transition
-from gcs_autotune.identify.kalman.sigma import sigma_step
 from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
-from gcs_autotune.identify.kalman.transition import inertia, measure, step
+from gcs_autotune.identify.kalman.transition import inertia, measure, sigma_step, step
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.kernel import INPUT, NU, NU_SIZE, Program, Scratch, carry
 
