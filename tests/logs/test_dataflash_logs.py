@@ -145,3 +145,14 @@ def test_modes_and_arming_are_noted_with_their_times() -> None:
         _event(store, kind, t, m)
     assert store.modes == [(1.0, 15), (2.0, 4)]
     assert store.arming == [(4.0, True), (5.0, False), (6.0, True), (7.0, False)]
+
+
+def test_kinds_that_nobody_reads_and_kinds_that_lack_a_column_leave_the_others_alone(tmp_path: Path) -> None:
+    lines = text_log(tmp_path / "a.log").read_text().splitlines()
+    us = round(BOOT * 1e6)
+    strange = ["FMT, 200, 40, AAAA, Qf, TimeUS,X", "FMT, 201, 40, ARM, QB, TimeUS,Nothing"]
+    lines = [lines[0], *strange, f"AAAA, {us}, 1.0", f"ARM, {us}, 1", *(s for s in lines[1:] if ", ARM, " not in s)]
+    (tmp_path / "b.log").write_text("\n".join(lines) + "\n")
+    (plain,), (run,) = (load_runs(tmp_path / n) for n in ("a.log", "b.log"))
+    assert set(run.channels) == set(plain.channels)
+    assert len(run["psi"]) == len(plain["psi"])

@@ -106,12 +106,12 @@ def test_numbers_span_and_silences_go_over_all_that_was_heard(store: SampleStore
 
 def test_a_census_counts_kinds_and_their_rates() -> None:
     census = Census()
-    for t in (3.0, 1.0, 2.0, math.nan):
+    for t in (3.0, 1.0, 2.0, math.nan, math.inf, -math.inf):
         census.count("ATTITUDE", t)
     census.count("GPS", 10.0, 21, until=20.0)
     census.count("ONCE", 5.0)
-    assert census.seen["ATTITUDE"] == [4, 1.0, 3.0]
-    assert (census.rate("ATTITUDE"), census.rate("GPS")) == (1.5, 2.0)
+    assert census.seen["ATTITUDE"] == [6, 1.0, 3.0]
+    assert (census.rate("ATTITUDE"), census.rate("GPS")) == (2.5, 2.0)
     assert (census.rate("ONCE"), census.rate("NEVER")) == (0.0, 0.0)
 
 

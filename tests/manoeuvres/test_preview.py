@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget
 from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
 from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
-from gcs_autotune.manoeuvres.preview import SPEED_TIME
+from gcs_autotune.manoeuvres.preview import SPEED_TIME, _steered
 from gcs_autotune.models import SingleDof
 
 FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
@@ -82,3 +83,16 @@ def test_what_leaves_the_envelope_is_refused_with_the_limit_and_ends_there() -> 
     assert good.trouble == ""
     assert good.outcome is not None
     assert good.seconds == pytest.approx(20.0, abs=0.2)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(known: bool) -> None:
+    ahead = SingleDof("surge", "1", 3.0, 0.2, 0.1)
+    craft = PaperCraft(YAW, 1.0, "a test", others={"X": ahead} if known else {})
+    for psi, side in ((0.3, -1.0), (0.5, 0.0), (0.7, 1.0)):
+        command = _steered(HeadingTarget(0.5, 1.5), craft, 1.0 - psi, 0.0)
+        assert command.X == pytest.approx((0.2 + 0.1 * 1.5) * 1.5 if known else 1.0)
+        assert np.sign(round(command.N, 9)) == side
+    assert _steered(HeadingTarget(0.5, 0.0), craft, 0.5, 0.0) == Actuate()
+    assert _steered(Actuate(Y=0.3), craft, 0.5, 0.0) == Actuate(Y=0.3)
+    assert _steered(DepthTarget(2.0), craft, 0.5, 0.0) == Actuate()

@@ -8,7 +8,7 @@ import pytest
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import MANOEUVRES, Steering
-from gcs_autotune.manoeuvres.turning import LEAST_PULL_OUT, PATIENCE, CircleAndPullOut, PullOuts
+from gcs_autotune.manoeuvres.turning import LEAST_GAIN, LEAST_PULL_OUT, PATIENCE, CircleAndPullOut, PullOuts
 
 from .pond import answered, at_rest
 
@@ -77,3 +77,19 @@ def test_the_rows_of_the_table_turn_and_make_what_is_asked() -> None:
         made = row.make(options)
         assert isinstance(made, kind)
         assert made.settings["steering"] == 0.3
+
+
+@pytest.mark.parametrize(("reached", "given_up"), [(LEAST_GAIN, 110.5), (0.999 * LEAST_GAIN, 60.5)])
+def test_patience_counts_from_the_last_thirty_degrees(reached: float, given_up: float) -> None:
+    circle = CircleAndPullOut(math.radians(100.0), Steering(0.5))
+    began: list[float] = []
+
+    def seen(t: float, command) -> Observation:
+        if command.N and not began:
+            began.append(t - 0.5)  # the helm was ordered at the tick before
+        return at_rest(t=t, psi=reached if began and t - began[0] >= 50.0 else 0.0)
+
+    rows = answered(circle, seen)
+    assert rows[-1][0].t - began[0] == given_up
+    assert circle.outcome is not None
+    assert circle.outcome.ending == "aborted"

@@ -491,3 +491,12 @@ def test_parameters_go_half_the_way_again_and_again_until_the_inertia_is_positiv
     hopeless = np.concatenate([X, [1.7, -1e30, 1.2]])
     assert sweep._move_parameters(BOAT, theta, places, mean, hopeless, 6, M, M_inverse, True)
     assert hopeless[6:].tolist() == mean[6:].tolist()
+
+
+@pytest.mark.parametrize("current", [(0, -1), (-1, 0)])
+def test_the_very_first_parameter_may_be_a_current(current: tuple[int, int]) -> None:
+    boat = BOAT._replace(current_x=current[0], current_y=current[1])
+    along = np.array([np.cos(X[2]), -np.sin(X[2])] if current[0] == 0 else [np.sin(X[2]), np.cos(X[2])])
+    for code in (0, 1):
+        found = measure(boat, THETA, X, code, NONE, np.zeros(6))
+        assert found == pytest.approx(X[3 + code] + THETA[0] * along[code])
