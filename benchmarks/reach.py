@@ -173,7 +173,7 @@ class Bench:
         self.law: Law = LAWS[axis.law]
         kind = AXES[axis.name]
         self.signal = kind.stepped
-        self.size, self.duration = kind.step, 6.0 if self.signal == "r" else kind.step_duration
+        self.size, self.duration = kind.step, 3.5 if self.signal == "r" else kind.step_duration
         sensors = open_vehicle(name).vehicle.data.sensors
         self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)
 

@@ -59,11 +59,12 @@ cannot. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thru
 of chance how a step ends (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
 SHARE_OF_TURN = 0.6
 """Of the turn rate at full output that the step may reach, either way."""
-LEAST_RATE_DURATION, MOST_RATE_DURATION = 6.0, 20.0
-SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(180.0)
-"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole."""
-PART = 0.5
-"""A craft at rest is held turning for this share of its step, so that the step is flown about where it lay."""
+LEAST_RATE_DURATION, LEAST_AT_REST, MOST_RATE_DURATION = 6.0, 3.5, 20.0
+SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
+"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole. Longer
+steps at rest were tried: of 6 s each way the last seconds are the dead band's again."""
+SHORTER = 0.85
+"""A craft at rest is held turning for this share of its step, for that is how far it gets from where it started."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,9 +197,11 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
     """
     m, at_rest = known.model, not speed > 0.0
     most = SHARE_OF_TURN * abs(m.steady_velocity(1.0 - abs(m.delta)))
-    wish, sweep = (TURN_RATE_AT_REST, SWEEP_AT_REST) if at_rest else (TURN_RATE, SWEEP)
+    wish, sweep, least = (
+        (TURN_RATE_AT_REST, SWEEP_AT_REST, LEAST_AT_REST) if at_rest else (TURN_RATE, SWEEP, LEAST_RATE_DURATION)
+    )
     time = m.alpha / max(m.beta + 2.0 * m.beta_quadratic * min(0.5 * wish, most), 1e-3)
-    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_RATE_DURATION), MOST_RATE_DURATION)
+    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, least), MOST_RATE_DURATION)
     size = abs(settings.step) if settings.step is not None else min(wish, 2.0 * most, 2.0 * sweep / duration)
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
@@ -210,10 +213,10 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
         duration,
         speed=speed,
         base=-0.5 * size,
-        settle=PART * duration if at_rest else LEAST_RATE_DURATION,
+        settle=SHORTER * duration if at_rest else LEAST_RATE_DURATION,
         steady_time=1.5,
         steady_band=RATE_BAND,
-        hold=PART * duration if at_rest else 0.0,
+        hold=SHORTER * duration if at_rest else 0.0,
     )
     return Proof(step, None, {})
 
