@@ -61,8 +61,8 @@ SHARE_OF_TURN = 0.6
 """Of the turn rate at full output that the step may reach, either way."""
 LEAST_RATE_DURATION, LEAST_AT_REST, MOST_RATE_DURATION = 6.0, 3.5, 20.0
 SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
-"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole. Longer
-steps at rest were tried: of 6 s each way the last seconds are the dead band's again."""
+"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole.
+Longer steps at rest were tried: of 6 s each way the last seconds are the dead band's again."""
 SHORTER = 0.85
 """A craft at rest is held turning for this share of its step, for that is how far it gets from where it started."""
 
