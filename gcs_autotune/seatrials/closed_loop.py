@@ -1,17 +1,20 @@
 """The closed heading loop as it is flown: natural frequency and damping from relays on its set-point.
 
 Two relays of different size give (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1) from commanded heading to heading
-(Miskovic2010, (6.49), (6.52)), here by two harmonics of each period instead of the first alone.
+(Miskovic2010, (6.49), (6.52)), here by a fit to the whole record that begins at two harmonics of each period.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.optimize import least_squares
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import (
@@ -24,12 +27,20 @@ from gcs_autotune.identify import (
 )
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.seatrials.criteria import Particulars, Sheet, judged, known
+from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["closed_loop_sheet"]
 
 Array = NDArray[np.float64]
 NAN = math.nan
+STEP = 0.05
+"""Chosen [s]: of the simulation; a loop that closes through a link is slower by far."""
+LOST, NUDGE = 1e6, 1e-4
+MOST_DELAY = 1.0
+"""Chosen [s]: more is the loop itself. A limit on the turn's acceleration shows as such a delay."""
+FOLLOWED = 0.9
+"""Chosen: share of the motion that a loop of this form explains where nothing limits it."""
 SATURATED, OFTEN = 0.98, 0.05
 """An output that counts as full, and the share of the time that makes the loop another one."""
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
@@ -46,7 +57,10 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     """
     parts = relays_of(run)
     notes: list[Doubt] = []
-    loop = _loop(parts)
+    loop, explained, (omega_std, zeta_std) = _loop(run, parts)
+    if explained < FOLLOWED:
+        cause = f"no linear loop explains more than {100.0 * explained:.0f} % of this motion: limits were at work"
+        notes.append(Doubt("not-linear", cause, "give smaller --set-point and --second-set-point"))
     omega_n, zeta = oscillation_of(loop)
     if "N" in run:
         full = float(np.mean(np.abs(np.concatenate([p["N"].values for p in parts])) >= SATURATED))
@@ -55,12 +69,14 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
             notes.append(Doubt("saturated", cause, "give smaller --set-point and --second-set-point"))
     cycles = [cycle for part in parts for cycle in loop_cycles(part)]
     figures = known(
-        judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, NAN, "1/s")),
-        judged("damping", "damping ratio", Reading(zeta, NAN)),
+        judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
+        judged("damping", "damping ratio", Reading(zeta, zeta_std)),
         judged("overshoot", "overshoot of a step, of its size", Reading(_overshoot(loop), NAN)),
+        judged("explained", "share of the motion that this loop explains", Reading(explained, NAN)),
         judged("a1", "a_1", Reading(loop.denominator[1], NAN, "s")),
         judged("a2", "a_2", Reading(loop.denominator[2], NAN, "s^2")),
-        judged("a3", "a_3", Reading(loop.denominator[3] if len(loop.denominator) > 3 else NAN, NAN, "s^3")),
+        judged("a3", "a_3", Reading(loop.denominator[3], NAN, "s^3")),
+        judged("delay", "delay before it answers", Reading(loop.delay, NAN, "s")),
         judged("b1", "b_1", Reading(loop.numerator[1], NAN, "s")),
         *(
             figure
@@ -71,34 +87,106 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
             )
         ),
     )
-    return Sheet(run.name, "set-point-relay", "closed heading loop", figures, _verdict(zeta), tuple(notes))
+    return Sheet(run.name, "set-point-relay", "closed heading loop", figures, _verdict(zeta, zeta_std), tuple(notes))
 
 
-def _loop(parts: Sequence[Trial]) -> TransferFunction:
-    """Return the loop with three poles and a zero, or with two where the third is too quick to be told.
+def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, tuple[float, float]]:
+    """Return the loop with three poles and a zero, the share of the heading's motion that it explains, and the standard
+    errors of natural frequency [rad/s] and damping ratio.
+
+    Harmonics are where the fit to the record begins, and a loop of second order as quick as the relay.
 
     Raises
     ------
     NotInformative
-        No cycle settled, or the loop found is not stable, though it was flown.
+        No relay settled, or the loop found is not stable, though it was flown.
     """
     response = harmonic_response([loop_trial(part) for part in parts], "yaw", (1, 3))
-    for poles in (3, 2):
-        loop = loop_process(response, poles, 1, gain=1.0)
-        if all(p.real < 0.0 for p in loop.poles()):
-            return loop
-    raise NotInformative(
-        "the loop read off these relays is not stable, though it was flown: repeat them with clearly different "
-        "--set-point and --second-set-point"
+    w = float(response.omega[0])
+    starts = [np.array([1.2 / w, w**-2, 0.1 * w**-3, 0.0]), np.array([3.0 / w, 6.0 / w**2, 5.0 / w**3, 2.5 / w])]
+    with suppress(NotInformative):
+        loop = loop_process(response, 3, 1, gain=1.0)
+        starts.append(np.array([*loop.denominator[1:], loop.numerator[1]]))
+    with suppress(NotInformative):
+        loop = loop_process(response, 2, 1, gain=1.0)
+        starts.append(np.array([*loop.denominator[1:], 0.05 * abs(loop.denominator[2]) ** 1.5, loop.numerator[1]]))
+    ref = np.concatenate([part["psi_ref"].values for part in parts])
+    at = np.concatenate([part["psi_ref"].t for part in parts])
+    t = np.arange(at[0], run.end, STEP)
+    course = 0.5 * float(parts[0]["psi_ref"].values.max() + parts[0]["psi_ref"].values.min())
+    psi = np.interp(t, run["psi"].t, run["psi"].values) - course
+    edges = np.append(at, run.end)
+    area = np.concatenate([[0.0], np.cumsum((ref - course) * np.diff(edges))])
+
+    def left(theta: Array) -> Array:
+        """Return what is left over; what is asked for counts by its mean over each step, late by the delay."""
+        late = t - theta[4]
+        asked = np.diff(np.interp(np.append(late, late[-1] + STEP), edges, area)) / STEP
+        return np.asarray(_flown(np.exp(theta[:3]), theta[3], asked) - psi)
+
+    low, high = [-np.inf] * 4 + [0.0], [np.inf] * 4 + [MOST_DELAY]
+    fits = []
+    for begin in starts:
+        if np.all(begin[:3] > 0.0):
+            x = np.array([*np.log(begin[:3]), begin[3], 0.1])
+            fits.append(least_squares(left, x, bounds=(low, high), x_scale="jac", max_nfev=40))
+    best = min(fits, key=lambda fit: float(fit.cost))
+    loop = _of(best.x)
+    if not all(p.real < 0.0 for p in loop.poles()):
+        raise NotInformative(
+            "the loop read off these relays is not stable, though it was flown: repeat them with clearly different "
+            "--set-point and --second-set-point"
+        )
+    return (
+        loop,
+        1.0 - float(np.std(best.fun) / np.std(psi)),
+        _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun),
     )
 
 
-def _verdict(zeta: float) -> str:
-    if zeta < POORLY_DAMPED:
+def _errors(theta: Array, J: Array, left: Array) -> tuple[float, float]:
+    """Return the standard errors of natural frequency and damping; what is left over may hang together."""
+    again = float(np.corrcoef(left[1:], left[:-1])[0, 1])
+    variance = float(np.var(left)) * (1.0 + again) / max(1.0 - again, 1e-3)
+    covariance = variance * np.linalg.pinv(J.T @ J)
+    slopes = np.zeros((2, len(theta)))
+    here = np.array(oscillation_of(_of(theta)))
+    for i in range(3):
+        moved = theta.copy()
+        moved[i] += NUDGE
+        slopes[:, i] = (np.array(oscillation_of(_of(moved))) - here) / NUDGE
+    spread = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+    return float(spread[0]), float(spread[1])
+
+
+def _of(theta: Array) -> TransferFunction:
+    """Return the loop of logarithms of a_1, a_2, a_3, then b_1 and the delay."""
+    a_1, a_2, a_3 = np.exp(theta[:3]).tolist()
+    return TransferFunction((1.0, float(theta[3])), (1.0, a_1, a_2, a_3), delay=float(theta[4]))
+
+
+def _flown(a: Array, b_1: float, asked: Array) -> Array:
+    """Return the heading (n,) of a loop at rest that is *asked* for headings (n,), each held for a step."""
+    A = np.zeros((4, 4))
+    A[0, 1] = A[1, 2] = 1.0
+    A[2] = np.array([-1.0, -a[0], -a[1], 1.0]) / a[2]
+    stepped = expm(A * STEP)
+    signal = scipy_signal()
+    if not np.all(np.isfinite(stepped)):
+        return np.full(len(asked), LOST)
+    top, bottom = signal.ss2tf(stepped[:3, :3], stepped[:3, 3:], np.array([[1.0, b_1, 0.0]]), np.zeros((1, 1)))
+    heading: Array = np.clip(np.nan_to_num(signal.lfilter(top[0], bottom, asked), nan=LOST), -LOST, LOST)
+    return heading
+
+
+def _verdict(zeta: float, std: float) -> str:
+    if zeta + std < POORLY_DAMPED:
         return "the heading loop swings: it is time for gcs-autotune tune heading"
-    if zeta < WELL_DAMPED:
+    if zeta - std > WELL_DAMPED:
+        return "the heading loop is well damped"
+    if std < 0.5 * (WELL_DAMPED - POORLY_DAMPED):
         return "the heading loop is damped, but not well"
-    return "the heading loop is well damped"
+    return f"the damping of the heading loop is told to +-{std:.1f} only: other sizes of relay tell more"
 
 
 def relays_of(run: Trial) -> list[Trial]:

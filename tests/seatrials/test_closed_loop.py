@@ -41,7 +41,7 @@ def test_a_loop_of_second_order_is_read_off_two_relays_on_its_set_point() -> Non
 def test_a_loop_whose_steering_is_at_its_limit_is_doubted() -> None:
     wide = {"set-point": 60.0, "hysteresis": 10.0, "second-set-point": 45.0, "second-hysteresis": 10.0}
     (sheet,) = ship_figures(flown(PondCraft(), wide))
-    assert [d.slug for d in sheet.doubts] == ["saturated"]
+    assert "saturated" in {d.slug for d in sheet.doubts}
 
 
 def test_one_relay_is_too_few_for_the_loop() -> None:
