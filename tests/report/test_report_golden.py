@@ -56,3 +56,8 @@ def test_nothing_is_wider_than_eighty_columns_and_nothing_is_cut_off(name):
     text = render_text(CASES[name]())
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "…" not in text
+
+
+def test_where_oscillations_and_fits_speak_for_different_damping_it_is_said_which_was_taken():
+    told = " ".join(render_text(fit_summary(stories.fit("affine"))).split())
+    assert "speaks for quadratic damping; the fits to the whole records speak for linear and quadratic damping" in told

@@ -59,7 +59,7 @@ def _context(study: Study) -> dict[str, Any]:
         "runs": run_table(study),
         "unseen": unseen_table(answer.unseen),
         "unseen_remarks": unseen_remarks(answer),
-        "decision": "" if axis is None or axis.decision is None else decision_sentence(axis.decision),
+        "decision": "" if axis is None or axis.decision is None else decision_sentence(axis),
         "candidates": candidate_table(axis) if axis is not None and axis.candidates else None,
         "choice": choice_table(study) if study.choice else None,
         "methods": method_table(study) if len(study.outcomes) > 1 else None,

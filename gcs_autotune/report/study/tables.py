@@ -230,7 +230,7 @@ def study_summary(study: Study) -> Group:
     if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
         parts.append(title("Which kind of damping"))
         if fit.decision is not None:
-            parts.append(paragraph(decision_sentence(fit.decision)))
+            parts.append(paragraph(decision_sentence(fit)))
         if fit.candidates:
             parts.append(grid(candidate_table(fit)))
     if study.choice:

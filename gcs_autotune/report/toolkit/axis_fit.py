@@ -68,8 +68,13 @@ def model_words(fit: AxisFit) -> str:
     return structure_words(fit.structure) + (f", with {found}" if found else "")
 
 
-def decision_sentence(decision: Decision) -> str:
-    """Return the two-experiment decision (7.1)-(7.2) in words."""
+def decision_sentence(fit: AxisFit) -> str:
+    """Return the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)) in words, and what decided where it did not.
+
+    The reading off the oscillations only advises: the structure is chosen on the fits to the whole records.
+    """
+    decision = fit.decision
+    assert decision is not None  # asked by the caller
     gap = decision.sigma_beta - decision.sigma_beta_quadratic
     numbers = (
         "Between the two experiments the linear damping differs by "
@@ -82,10 +87,16 @@ def decision_sentence(decision: Decision) -> str:
             f"{format_percent(decision.margin)}, so this criterion cannot tell: a third experiment with a clearly "
             "different relay output would."
         )
-    return (
-        f"{numbers} The steadier of the two decides, by {format_percent(abs(gap))} against a margin of "
-        f"{format_percent(decision.margin)}: {structure_words(decision.verdict)}."
+    advised = structure_words(decision.verdict)
+    steadier = (
+        f"{numbers} The steadier of the two, by {format_percent(abs(gap))} against a margin of "
+        f"{format_percent(decision.margin)}, speaks for {advised}"
     )
+    if fit.structure == decision.verdict:
+        return f"{steadier}, and so do the fits." if len(fit.candidates) > 1 else f"{steadier}."
+    if len(fit.candidates) <= 1:
+        return f"{steadier}; {structure_words(fit.structure)} was asked for."
+    return f"{steadier}; the fits to the whole records speak for {structure_words(fit.structure)}, which was taken."
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
@@ -260,7 +271,7 @@ def fit_summary(fit: AxisFit) -> Group:
     parts.extend(paragraph(s) for s in model_sentences(fit))
     parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
     if fit.decision is not None:
-        parts.extend((title("Which kind of damping"), paragraph(decision_sentence(fit.decision))))
+        parts.extend((title("Which kind of damping"), paragraph(decision_sentence(fit))))
     if fit.candidates:
         parts.append(grid(candidate_table(fit)))
     parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))

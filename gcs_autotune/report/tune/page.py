@@ -89,7 +89,7 @@ def _fit(fit: AxisFit) -> Mapping[str, Any]:
         "used": ", ".join(fit.used),
         "sentences": model_sentences(fit),
         "model": model_table(fit),
-        "decision": "" if fit.decision is None else decision_sentence(fit.decision),
+        "decision": "" if fit.decision is None else decision_sentence(fit),
         "candidates": candidate_table(fit),
         "cycles": cycle_table(fit),
         "estimates": estimate_table(fit),
