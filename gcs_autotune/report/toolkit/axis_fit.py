@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from rich.console import Group, RenderableType
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import AxisFit, Decision, IsoEstimate, Parameter, Remainder, StructureFit, label_of
+from gcs_autotune.identify import AxisFit, IsoEstimate, Parameter, Remainder, StructureFit, label_of
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
