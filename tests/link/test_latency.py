@@ -190,8 +190,8 @@ def test_the_pace_is_told_between_the_middles_of_answers_that_took_unlike_long(
     link: Listening, latency: Latency
 ) -> None:
     sync(link, latency, 0.4, 7.0, after=10.0)
-    sync(link, latency, 0.0, 7.0 + 2.0 * 9.8)
-    assert latency.vehicle_time(70.0) == pytest.approx(26.6 + 2.0 * 10.0)
+    sync(link, latency, 0.2, 7.0 + 2.0 * 9.9)
+    assert latency.vehicle_time(70.0) == pytest.approx(26.8 + 2.0 * 9.9)
 
 
 def test_a_link_of_which_nothing_is_known_has_no_samples() -> None:

@@ -247,3 +247,19 @@ def test_a_list_that_comes_whole_is_asked_for_once_and_of_one_with_gaps_only_the
     assert len(parameters.read_full()) == len(boat.parameters)
     assert boat.count("PARAM_REQUEST_LIST") == 2
     assert sorted(m.param_index for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ") == [3, 7, 20]
+
+
+def test_while_a_list_still_comes_no_gap_is_asked_for(parameters: Parameters, boat: ScriptedVehicle) -> None:
+    waiting: list[str] = []
+    boat.on["PARAM_REQUEST_LIST"] = lambda _: waiting.extend(boat.parameters)
+    known, names = boat._step, list(boat.parameters)
+
+    def step() -> None:
+        known()
+        for name in waiting[:5]:
+            boat.send_parameter(name, names.index(name))
+        del waiting[:5]
+
+    boat._step = step  # type: ignore[method-assign]
+    assert len(parameters.read_full()) == len(names)
+    assert boat.count("PARAM_REQUEST_READ") == 0

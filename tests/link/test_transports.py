@@ -15,6 +15,7 @@ import serial
 from link_ends import ECHO_CHILD, LOCAL, Echo, free_port
 from scripted_vehicle import ScriptedVehicle
 
+from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import CannotOpenLink, LinkLost, UnknownName, UsageError
 from gcs_autotune.link import BACKENDS, TRANSPORTS, MemoryLink, open_link
 from gcs_autotune.link.transports import mavsdk as mavsdk_link
@@ -411,3 +412,16 @@ def test_a_caller_without_a_word_gives_way_to_the_next_but_not_one_that_talks(mo
             assert ours.read(1.0) == b"again"
             monkeypatch.setattr(tcp, "_DEAF", -1.0)
             assert ours.read(1.0) == b"two"
+
+
+@pytest.mark.parametrize(("now", "looks"), [(4.999, False), (5.0, True), (6.0, True)])
+def test_a_link_that_is_down_is_looked_for_again_when_its_time_has_come(
+    monkeypatch: pytest.MonkeyPatch, now: float, looks: bool
+) -> None:
+    idled: list[float] = []
+    monkeypatch.setattr(returning, "idle", idled.append)
+    link = types.SimpleNamespace(_next_look=5.0, _clock=ManualClock(now), _is_down=True, _call_again=lambda: True)
+    returning.ReconnectingTransport._look(link, 0.2)  # type: ignore[arg-type]
+    assert link._is_down is not looks
+    assert idled == ([] if looks else [pytest.approx(0.001)])
+    assert link._next_look == (5.0 if not looks else pytest.approx(now + returning._RETRY))
