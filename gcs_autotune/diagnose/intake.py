@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
-from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, parts_of
+from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, clock_jump, left_out, parts_of
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -187,9 +187,7 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
             failures.append((run.name, error))
     if not found:
         raise failures[0][1]
-    for name, failure in failures:
-        doubts.append(Doubt("run-left-out", f"run '{name}' was left out: {failure}", "mend or drop that run"))
-    return found, doubts
+    return found, [*doubts, *(left_out(name, failure) for name, failure in failures)]
 
 
 def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
@@ -232,13 +230,7 @@ def _same(a: Trial, b: Trial) -> bool:
 def _usable(run: Trial, doubts: list[Doubt]) -> list[Trial]:
     parts = parts_of(run)
     if len(parts) > 1:
-        doubts.append(
-            Doubt(
-                "clock-jump",
-                f"the clock of run '{run.name}' jumps back {len(parts) - 1} time(s)",
-                "the parts were taken as runs of their own; check the logger, and that it is one craft",
-            )
-        )
+        doubts.append(clock_jump(run.name, len(parts) - 1))
     usable = []
     for part in parts:
         known = _numbers_only(part, doubts)

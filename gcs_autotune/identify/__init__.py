@@ -45,7 +45,7 @@ from gcs_autotune.identify.information import (
     model_delay,
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
-from gcs_autotune.identify.intake import parts_of
+from gcs_autotune.identify.intake import clock_jump, left_out, parts_of
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
 from gcs_autotune.identify.method import Method
@@ -157,6 +157,7 @@ __all__ = [
     "autocorrelation",
     "base_limits",
     "clean",
+    "clock_jump",
     "correlation_time",
     "cramer_rao",
     "decide",
@@ -189,6 +190,7 @@ __all__ = [
     "join",
     "judged_by",
     "label_of",
+    "left_out",
     "load_model",
     "load_plan",
     "local_fit",

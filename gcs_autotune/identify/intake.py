@@ -19,7 +19,7 @@ from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.unit_check import check_units
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["parts_of", "prepared_runs", "take_in"]
+__all__ = ["clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
 
 Record = TypeVar("Record")
 
@@ -47,7 +47,7 @@ def prepared_runs(
     """
     used: list[Trial] = []
     records: list[Record] = []
-    failures: list[tuple[Trial, DataError]] = []
+    failures: list[tuple[str, DataError]] = []
     for run in runs:
         try:
             records += prepare(run)
@@ -55,14 +55,15 @@ def prepared_runs(
         except MissingChannel:
             raise
         except DataError as error:
-            failures.append((run, error))
+            failures.append((run.name, error))
     if not used:
         raise failures[0][1]
-    doubts = tuple(
-        Doubt("run-left-out", f"run '{run.name}' was left out: {error}", "mend or drop that run, the others were used")
-        for run, error in failures
-    )
-    return tuple(used), records, doubts
+    return tuple(used), records, tuple(left_out(name, error) for name, error in failures)
+
+
+def left_out(name: str, error: Exception) -> Doubt:
+    """Say that the run called *name* was left out, and why."""
+    return Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run, the others were used")
 
 
 def _noted(trial: Trial, doubts: Sequence[Doubt]) -> Trial:
@@ -91,12 +92,17 @@ def parts_of(trial: Trial) -> list[Trial]:
             "cut the file there and identify the parts as two runs"
         )
     pieces = [_piece(trial, cuts, k) for k in range(counts.pop() + 1)]
-    doubt = Doubt(
+    doubt = clock_jump(trial.name, len(pieces) - 1)
+    return [_noted(piece, [doubt]) for piece in pieces]
+
+
+def clock_jump(name: str, times: int) -> Doubt:
+    """Say that the clock of the run called *name* jumped back so many *times*."""
+    return Doubt(
         "clock-jump",
-        f"the clock of run '{trial.name}' jumps back {len(pieces) - 1} time(s)",
+        f"the clock of run '{name}' jumps back {times} time(s)",
         "the parts were taken as runs of their own; check the logger, and that it is one craft",
     )
-    return [_noted(piece, [doubt]) for piece in pieces]
 
 
 def _piece(trial: Trial, cuts: dict[str, NDArray[np.intp]], k: int) -> Trial:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
 from gcs_autotune.identify.cleaning import clean, holes_of, noted, outside, quantum, unwrap, within_range
+from gcs_autotune.identify.intake import left_out
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
 from gcs_autotune.models import Form
@@ -285,10 +286,7 @@ def prepare_as_recorded(
         doubts += [note for segment in segments for note in segment.notes]
     if not found:
         raise failures[0][1]
-    doubts += [
-        Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run")
-        for name, error in failures
-    ]
+    doubts += [left_out(name, error) for name, error in failures]
     return found, doubts
 
 
