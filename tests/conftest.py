@@ -12,15 +12,23 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-WARM_UP = "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], [])"
-"""Compiles what most tests need."""
+WARM_UPS = (
+    "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], [])",
+    """
+from gcs_autotune.identify import fit
+from gcs_autotune.workflow.jit_warmup import _swing
+fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
+""",
+)
+"""Compile what most tests need, and the filters (half a minute, which two processes would spend each), side by side."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once what all processes would compile, where nothing is compiled yet."""
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
-        subprocess.run([sys.executable, "-c", WARM_UP], cwd=ROOT, check=True)
+        compiling = [subprocess.Popen([sys.executable, "-c", each], cwd=ROOT) for each in WARM_UPS]
+        assert [process.wait() for process in compiling] == [0] * len(WARM_UPS)
 
 
 @pytest.hookimpl(optionalhook=True)
