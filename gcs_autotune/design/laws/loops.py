@@ -1,8 +1,8 @@
 """What the loops share: parameters read with the firmware's defaults, a compiled loop flown on a craft, and what a loop
 on a position, or on a velocity, asks of the craft.
 
-A new law is a kernel (:mod:`.kernel` has its pieces), a table of what it reads, the vectors its kernel takes, and its
-algebra: where matching may start, its transfer functions, its notes. :class:`PositionLoop` or :class:`VelocityLoop`
+A new law is a kernel (:mod:`.kernel` has its pieces), a table of what it reads, the named tuples its kernel takes, and
+its algebra: where matching may start, its transfer functions, its notes. :class:`PositionLoop` or :class:`VelocityLoop`
 adds the rest.
 """
 
