@@ -132,7 +132,8 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
             yield f"gain margin {low.gain:.2f}, less than {spec.gain_margin:.2f}"
         if low.phase < spec.phase_margin:
             has, wants = math.degrees(low.phase), math.degrees(spec.phase_margin)
-            yield f"phase margin {has:.0f} deg, less than {wants:.0f} deg"
+            digits = 0 if wants - has >= 1.0 else 1
+            yield f"phase margin {has:.{digits}f} deg, less than {wants:.0f} deg"
         needed = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         if low.delay < needed:
             yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"

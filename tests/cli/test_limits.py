@@ -21,6 +21,7 @@ POSITIONALS = {
     "tune": ("heading",),
     "experiment": ("heading",),
     "fly": ("zig-zag",),
+    "recheck": ("heading",),
     "identify": ("a.csv",),
     "diagnose": ("a.csv",),
     "figures": ("a.csv",),

@@ -197,7 +197,7 @@ def test_a_write_that_does_not_take_is_undone(tmp_path):
 
 @pytest.mark.slow
 def test_a_wish_no_gains_can_meet(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
+    harbour = SitlHarness(tmp_path)
     with pytest.raises(NoGainsMeetSpec, match="settling"):
         harbour.tune(settling_time=0.3)
     harbour.assert_as_found()
