@@ -73,5 +73,5 @@ def test_an_axis_a_control_law_and_a_firmware_tune_a_vehicle(
     said = " ".join(capsys.readouterr().err.split())
     assert "use the modes STEERED and MANUAL" in said
     assert "20 deg steps in course" in said
-    assert "designed for a gentle helm" in (out / "report.html").read_text(encoding="utf-8")
+    assert "Designed for a gentle helm" in (out / "report.html").read_text(encoding="utf-8")
     assert not json.loads((out / "summary.json").read_text(encoding="utf-8"))["differences"]

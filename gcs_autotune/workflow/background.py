@@ -72,9 +72,11 @@ def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = 
 
 
 def _watch(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> None:
-    while not worker.done:
-        craft.observe()
+    while True:
+        craft.observe()  # once at least: how long the work takes decides nothing about the craft
         meanwhile()
+        if worker.done:
+            return
 
 
 def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
