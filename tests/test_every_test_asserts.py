@@ -177,7 +177,7 @@ def test_every_test_reaches_an_assertion_on_every_way_through(trees: dict[str, a
         ("look(3)", True),
         ("see(3)", False),
         ("with raises(ValueError):\n  look(3)", False),
-        ("harbour.assert_as_found()", False),
+        ("harness.assert_as_found()", False),
         ("try:\n  look(3)\nexcept ValueError:\n  assert x", True),
         ("assert found()\nfor x in found():\n  assert x", False),
     ],

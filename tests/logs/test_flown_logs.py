@@ -17,13 +17,13 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize(("name", "axis", "dof"), [("videoray", "heading", "yaw"), ("falcon", "depth", "heave")])
 def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: str, dof: str) -> None:
-    harbour = SitlHarness(tmp_path, name)
-    experiment(harbour.settings(axis), Unattended(), Ear(harbour.said), "2026-11-20T12:00:00")
-    page = (harbour.directory / "report.html").read_text(encoding="utf-8")
+    harness = SitlHarness(tmp_path, name)
+    experiment(harness.settings(axis), Unattended(), Ear(harness.said), "2026-11-20T12:00:00")
+    page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert f"Experiment: {axis}" in page
     assert page.count("residual [") == page.count("[% of full]") > 1
-    trials = fit_axis(load_runs(harbour.directory), dof=dof)
-    runs = load_runs(harbour.directory / "telemetry.tlog")
+    trials = fit_axis(load_runs(harness.directory), dof=dof)
+    runs = load_runs(harness.directory / "telemetry.tlog")
     assert all(r.meta["input_from"] == "servo outputs" and r.meta["damaged"] == 0 for r in runs)
     log = fit_axis(runs, dof=dof, structure=trials.structure)
     for name, p in list(trials.parameters.items())[:4]:

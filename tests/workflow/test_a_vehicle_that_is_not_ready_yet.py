@@ -15,11 +15,11 @@ from tests.workflow.sitl_harness import SitlHarness
 class StopsWhen:
     """Presses Ctrl-C once something has been said."""
 
-    def __init__(self, harbour, beginning):
-        self.harbour, self.beginning = harbour, beginning
+    def __init__(self, harness, beginning):
+        self.harness, self.beginning = harness, beginning
 
     def stop_requested(self):
-        return any(text.startswith(self.beginning) for text in self.harbour.said)
+        return any(text.startswith(self.beginning) for text in self.harness.said)
 
     def ask(self, question, while_waiting):
         return True
@@ -27,15 +27,15 @@ class StopsWhen:
 
 @pytest.mark.slow
 def test_a_boat_without_a_position_is_waited_for_before_it_is_armed(tmp_path):
-    harbour = SitlHarness(tmp_path)
-    harbour.vehicle.autopilot.ready_ms = 42_000
+    harness = SitlHarness(tmp_path)
+    harness.vehicle.autopilot.ready_ms = 42_000
     with pytest.raises(OperatorStopped):
-        harbour.tune(StopsWhen(harbour, "step with present gains"))
-    said = harbour.said
+        harness.tune(StopsWhen(harness, "step with present gains"))
+    said = harness.said
     waiting = next(i for i, t in enumerate(said) if t.startswith("waiting for the vehicle"))
     assert waiting < said.index("step with present gains")
-    assert harbour.server.now > 42.0
-    harbour.assert_as_found()
+    assert harness.server.now > 42.0
+    harness.assert_as_found()
 
 
 def test_only_an_rov_near_the_surface_dives_and_only_for_depth():

@@ -47,10 +47,10 @@ def attitude(change, after):
 
 
 def test_no_heartbeat(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK, meddling=lambda t, m: ())
+    harness = SitlHarness(tmp_path, QUICK, meddling=lambda t, m: ())
     with pytest.raises(NoVehicle, match="no autopilot's heartbeat"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
@@ -59,17 +59,17 @@ def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
             message.type = 2
         return (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=copter)
+    harness = SitlHarness(tmp_path, QUICK, meddling=copter)
     with pytest.raises(WrongVehicle, match="QUADROTOR"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 def test_arming_refused_says_the_vehicles_own_reason(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK, parameters={"BATT_ARM_VOLT": 60.0})
+    harness = SitlHarness(tmp_path, QUICK, parameters={"BATT_ARM_VOLT": 60.0})
     with pytest.raises(ArmingRefused, match=r"[Bb]attery"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 def test_a_parameter_the_firmware_lacks_is_named(tmp_path):
@@ -77,10 +77,10 @@ def test_a_parameter_the_firmware_lacks_is_named(tmp_path):
         lacks = message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_STR_RAT_FF"
         return () if lacks else (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=without)
+    harness = SitlHarness(tmp_path, QUICK, meddling=without)
     with pytest.raises(ParameterMissing, match="ATC_STR_RAT_FF"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
@@ -89,46 +89,46 @@ def test_a_missing_context_parameter_is_said_and_done_without(tmp_path):
         lacks = message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_TURN_MAX_G"
         return () if lacks else (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=without)
-    harbour.tune(dry_run=True)
-    assert any("ATC_TURN_MAX_G" in text for text in harbour.said)
-    harbour.assert_as_found()
+    harness = SitlHarness(tmp_path, QUICK, meddling=without)
+    harness.tune(dry_run=True)
+    assert any("ATC_TURN_MAX_G" in text for text in harness.said)
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", [12.0, 40.0, 80.0, 130.0, 180.0])
 def test_a_link_that_falls_silent_leaves_a_neutral_vehicle_and_a_journal(tmp_path, moment):
-    harbour = SitlHarness(tmp_path, QUICK, meddling=silent_after(moment))
+    harness = SitlHarness(tmp_path, QUICK, meddling=silent_after(moment))
     with pytest.raises((LinkLost, NotAsFound)) as caught:
-        harbour.tune()
+        harness.tune()
     assert "silent" in str(caught.value)
-    harbour.assert_recorded()
-    harbour.server.advance_to(harbour.server.now + 10.0)  # what the firmware's own time-outs do meanwhile
-    harbour.assert_neutral()
+    harness.assert_recorded()
+    harness.server.advance_to(harness.server.now + 10.0)  # what the firmware's own time-outs do meanwhile
+    harness.assert_neutral()
 
 
 @pytest.mark.slow
 def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the_journal(tmp_path):
     def silent_in_the_proof(t, message):
-        harbour.peer.deaf = "step with new gains" in harbour.said
-        return () if harbour.peer.deaf else (message,)
+        harness.peer.deaf = "step with new gains" in harness.said
+        return () if harness.peer.deaf else (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=silent_in_the_proof)
+    harness = SitlHarness(tmp_path, QUICK, meddling=silent_in_the_proof)
     with pytest.raises(NotAsFound, match="gcs-autotune restore"):
-        harbour.tune()
-    debts = Journal.open_debts(harbour.directory / "journal.jsonl")
-    now = dict(harbour.vehicle.parameters.values)
-    changed = {name: old for name, old in harbour.parameters.items() if now[name] != old}
+        harness.tune()
+    debts = Journal.open_debts(harness.directory / "journal.jsonl")
+    now = dict(harness.vehicle.parameters.values)
+    changed = {name: old for name, old in harness.parameters.items() if now[name] != old}
     assert changed
     assert debts == pytest.approx(changed)
 
-    again = Moored(peer=Later(harbour.server))
-    restore_run(again, harbour.directory, Unattended(), SilentWatcher())
-    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
-    assert Journal.open_debts(harbour.directory / "journal.jsonl") == {}
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
-    assert restore_run(again, harbour.directory, Unattended(), SilentWatcher()) == {}
+    again = Moored(peer=Later(harness.server))
+    restore_run(again, harness.directory, Unattended(), SilentWatcher())
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    assert Journal.open_debts(harness.directory / "journal.jsonl") == {}
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    assert restore_run(again, harness.directory, Unattended(), SilentWatcher()) == {}
 
 
 @pytest.mark.slow
@@ -136,10 +136,10 @@ def test_nan_telemetry(tmp_path):
     def blind(t, m):
         m.yaw = math.nan
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=attitude(blind, 60.0))
+    harness = SitlHarness(tmp_path, QUICK, meddling=attitude(blind, 60.0))
     with pytest.raises(TelemetryFault, match=r"NaN|not a number|finite"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
@@ -150,10 +150,10 @@ def test_frozen_telemetry(tmp_path):
         for name in ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"):
             setattr(m, name, held.setdefault(name, getattr(m, name)))
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=attitude(freeze, 100.0))
+    harness = SitlHarness(tmp_path, QUICK, meddling=attitude(freeze, 100.0))
     with pytest.raises(TelemetryFault, match=r"frozen|same"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
@@ -164,10 +164,10 @@ def test_a_clock_that_jumps(tmp_path, jump_ms):
             message.time_boot_ms += jump_ms
         return (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=jump)
+    harness = SitlHarness(tmp_path, QUICK, meddling=jump)
     with pytest.raises(TelemetryFault, match=r"clock|stamp|reboot|jump"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
@@ -175,11 +175,11 @@ def test_a_limit_cycle_that_never_settles(tmp_path):
     def gusts(t, m):
         m.yaw += 0.3 * math.sin(0.61 * t) + 0.2 * math.sin(0.37 * t + 1.0)
 
-    harbour = SitlHarness(tmp_path, "automarine", attitude(gusts, 90.0), **SLOW_LOOP)
+    harness = SitlHarness(tmp_path, "automarine", attitude(gusts, 90.0), **SLOW_LOOP)
     with pytest.raises(NotAchieved, match="never settled"):
-        harbour.tune()
-    harbour.assert_as_found()
-    assert any(harbour.directory.glob("trials/*relay-1.csv"))
+        harness.tune()
+    harness.assert_as_found()
+    assert any(harness.directory.glob("trials/*relay-1.csv"))
 
 
 @pytest.mark.slow
@@ -189,33 +189,33 @@ def test_a_write_that_does_not_take_is_undone(tmp_path):
             message.param_value = 2.0
         return (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=stubborn)
+    harness = SitlHarness(tmp_path, QUICK, meddling=stubborn)
     with pytest.raises(ParameterNotAccepted, match="ATC_STR_ANG_P"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 def test_a_wish_no_gains_can_meet(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(NoGainsMeetSpec, match="settling"):
-        harbour.tune(settling_time=0.3)
-    harbour.assert_as_found()
+        harness.tune(settling_time=0.3)
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 def test_leaving_the_safety_envelope(tmp_path):
-    harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
+    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     with pytest.raises(GuardTripped, match="heading excursion"):
-        harbour.tune(envelope=Envelope(heading_excursion=math.radians(15.0)))
-    harbour.assert_as_found()
+        harness.tune(envelope=Envelope(heading_excursion=math.radians(15.0)))
+    harness.assert_as_found()
 
 
 def test_overrides_that_never_expire_are_refused(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK, parameters={"RC_OVERRIDE_TIME": -1.0})
+    harness = SitlHarness(tmp_path, QUICK, parameters={"RC_OVERRIDE_TIME": -1.0})
     with pytest.raises(PreconditionFailed, match="RC_OVERRIDE_TIME"):
-        harbour.tune()
-    harbour.assert_as_found()
+        harness.tune()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
@@ -227,8 +227,8 @@ def test_a_message_from_another_system_is_not_believed(tmp_path):
             forged.append(message.param_id)
         return (message,)
 
-    harbour = SitlHarness(tmp_path, QUICK, meddling=forge)
-    real = harbour.peer.advance_to
+    harness = SitlHarness(tmp_path, QUICK, meddling=forge)
+    real = harness.peer.advance_to
 
     def with_forgeries(t):
         from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -237,10 +237,10 @@ def test_a_message_from_another_system_is_not_believed(tmp_path):
         lie = mavlink.MAVLink_param_value_message(b"ATC_STR_RAT_P", 77.0, 9, 100, 1)
         return lie.pack(other) + real(t)
 
-    harbour.peer.advance_to = with_forgeries
-    story = harbour.tune(dry_run=True)
+    harness.peer.advance_to = with_forgeries
+    story = harness.tune(dry_run=True)
     assert story.parameters_before["ATC_STR_RAT_P"] == pytest.approx(0.2)
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 @pytest.fixture(scope="module")
@@ -254,20 +254,20 @@ def moments(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.003, 0.01, 0.02, 0.03, 0.1, 0.25, 0.4, 0.6, 0.75, 0.85, 0.9, 0.97])
 def test_ctrl_c_at_any_point_leaves_everything_as_found(tmp_path, moments, share):
-    harbour = SitlHarness(tmp_path, QUICK)
+    harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(OperatorStopped):
-        harbour.tune(StopsAt(1 + int(share * moments)))
-    harbour.assert_as_found()
+        harness.tune(StopsAt(1 + int(share * moments)))
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 def test_ctrl_c_while_the_new_gains_are_flown_puts_the_old_ones_back(tmp_path):
     class StopsInTheProof(StopsAt):
         def stop_requested(self):
-            return any(text == "written and read back" for text in harbour.said)
+            return any(text == "written and read back" for text in harness.said)
 
-    harbour = SitlHarness(tmp_path, QUICK)
+    harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(OperatorStopped):
-        harbour.tune(StopsInTheProof(0))
-    assert "written and read back" in harbour.said
-    harbour.assert_as_found()
+        harness.tune(StopsInTheProof(0))
+    assert "written and read back" in harness.said
+    harness.assert_as_found()

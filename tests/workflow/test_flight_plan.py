@@ -20,10 +20,10 @@ from .test_fly import Stops
 ZIG_ZAG = '[[run]]\nmanoeuvre = "zig-zag"\nheading = 10\nexecutes = 3\n'
 
 
-def plan(harbour: SitlHarness, text: str) -> FlightPlan:
-    path = harbour.directory.parent / "plan.toml"
+def plan(harness: SitlHarness, text: str) -> FlightPlan:
+    path = harness.directory.parent / "plan.toml"
     path.write_text(text)
-    return load_flight_plan(path, harbour.settings(), None, None)
+    return load_flight_plan(path, harness.settings(), None, None)
 
 
 def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_that_stays(tmp_path: Path) -> None:
@@ -77,9 +77,9 @@ def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: s
     assert "plan.toml" in str(caught.value)
 
 
-def fly(harbour: SitlHarness, read: FlightPlan, operator: Any = None, **changes: Any) -> Any:
-    watcher = operator or Ear(harbour.said)
-    return fly_plan(read, replace(harbour.settings(), **changes), operator or Unattended(), watcher, WHEN)
+def fly(harness: SitlHarness, read: FlightPlan, operator: Any = None, **changes: Any) -> Any:
+    watcher = operator or Ear(harness.said)
+    return fly_plan(read, replace(harness.settings(), **changes), operator or Unattended(), watcher, WHEN)
 
 
 THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"\nduration = 12\nsteering = 0.4\n'
@@ -89,24 +89,24 @@ THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"
 def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on_a_run_not_fitted(
     tmp_path: Path,
 ) -> None:
-    harbour = SitlHarness(tmp_path, "blueboat")
-    three = plan(harbour, THREE)
+    harness = SitlHarness(tmp_path, "blueboat")
+    three = plan(harness, THREE)
     with pytest.raises(OperatorStopped):
-        fly(harbour, three, Stops(harbour.said, "N +40 %"))
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
-    (way_on,) = [text for text in harbour.said if "--resume" in text]
+        fly(harness, three, Stops(harness.said, "N +40 %"))
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    (way_on,) = [text for text in harness.said if "--resume" in text]
     assert way_on.startswith("2 of 3 runs of the plan are flown; to fly the rest")
-    assert any(text.startswith("coming back: back, ") for text in harbour.said)
+    assert any(text.startswith("coming back: back, ") for text in harness.said)
 
     said: list[str] = []
-    again = harbour.directory.parent / "again"
+    again = harness.directory.parent / "again"
     common = replace(
-        harbour.settings(), connection=Moored(peer=Later(harbour.server)), directory=again, resume=harbour.directory
+        harness.settings(), connection=Moored(peer=Later(harness.server)), directory=again, resume=harness.directory
     )
     result = fly_plan(
-        load_flight_plan(harbour.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
+        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
     )
     assert "1 run (2 are flown already): doublets" in " ".join(said)
     flown = [load_trial(path) for path in sorted((again / "trials").glob("*.csv"))]
@@ -125,16 +125,16 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
         fly_plan(three, other, Unattended(), Ear([]), WHEN)
     twin = SitlHarness(tmp_path / "twin", "charlie")
     with pytest.raises((WrongVehicle, PreconditionFailed), match=r"another vehicle|other parameters"):
-        fly(twin, three, resume=harbour.directory)
+        fly(twin, three, resume=harness.directory)
     assert not twin.vehicle.autopilot.armed
 
 
 def test_the_conditions_hold_before_each_run(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
+    harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     text = "[conditions]\ncalm = true\nmin-depth = 3.0\n[[run]]\nmanoeuvre = 'doublets'\nduration = 6\nsteering = 0.3\n"
-    result = fly(harbour, plan(harbour, text))
+    result = fly(harness, plan(harness, text))
     assert result.trial["z"].values.min() > 2.8
-    kinds = [load_trial(p).meta["manoeuvre"] for p in sorted((harbour.directory / "trials").glob("*.csv"))]
+    kinds = [load_trial(p).meta["manoeuvre"] for p in sorted((harness.directory / "trials").glob("*.csv"))]
     assert kinds == ["sign-check", "dive", "calm-check", "doublets"]
     boat = SitlHarness(tmp_path / "boat")
     with pytest.raises(WrongVehicle, match="this vehicle floats"):

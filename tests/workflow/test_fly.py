@@ -41,20 +41,20 @@ class Stops(Ear):
         return True
 
 
-def flown(harbour: SitlHarness, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
+def flown(harness: SitlHarness, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
     common = {k: more.pop(k) for k in ("throttle", "envelope", "simulated") if k in more}
     watcher, operator = more.pop("watcher", None), more.pop("operator", None)
     only_preview = more.pop("only_preview", False)
-    settings = FlySettings(name, harbour.settings(**common), options, **more)
-    ear = watcher or Ear(harbour.said)
+    settings = FlySettings(name, harness.settings(**common), options, **more)
+    ear = watcher or Ear(harness.said)
     return fly(settings, operator or Unattended(), ear, WHEN, only_preview=only_preview)
 
 
-def calm(harbour: SitlHarness) -> SitlHarness:
+def calm(harness: SitlHarness) -> SitlHarness:
     """Take all noise off the sensors."""
-    sensors = harbour.vehicle._sensors
+    sensors = harness.vehicle._sensors
     sensors._draws = tuple(lambda: 0.0 for _ in sensors._draws)
-    return harbour
+    return harness
 
 
 def figures(run: Any) -> dict[str, float]:
@@ -64,16 +64,16 @@ def figures(run: Any) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
-    harbour = SitlHarness(tmp_path_factory.mktemp("charlie"))
-    return harbour, flown(harbour)
+    harness = SitlHarness(tmp_path_factory.mktemp("charlie"))
+    return harness, flown(harness)
 
 
 @pytest.mark.slow
 def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
     charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
-    harbour, _ = charlie
-    (run,) = load_runs(harbour.directory)
+    harness, _ = charlie
+    (run,) = load_runs(harness.directory)
     assert run.purpose == "identification"
     read = figures(run)
     quiet = calm(SitlHarness(tmp_path))
@@ -92,81 +92,81 @@ def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
 def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_one(
     charlie: tuple[SitlHarness, Any],
 ) -> None:
-    harbour, result = charlie
-    fit = fit_axis(load_runs(harbour.directory), dof="yaw")
+    harness, result = charlie
+    fit = fit_axis(load_runs(harness.directory), dof="yaw")
     n2 = (0.8 * 8.0) ** 2
     alpha, beta = (np.interp(n2, [36.0, 49.0], pair) for pair in ([8.2, 9.155], [2.465, 2.745]))
     assert 1.0 / fit.model.beta == pytest.approx(math.radians(30.0) / beta, rel=0.03)
     assert fit.model.alpha / fit.model.beta == pytest.approx(alpha / beta, rel=0.03)
-    assert load_model(harbour.directory / "model.json").model is not None
+    assert load_model(harness.directory / "model.json").model is not None
     assert result.fit.model.beta == pytest.approx(fit.model.beta, rel=0.01)
 
 
 def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[SitlHarness, Any]) -> None:
-    harbour, result = charlie
-    said = " ".join(harbour.said)
+    harness, result = charlie
+    said = " ".join(harness.said)
     for words in ("m of free water", "Go ahead?", "draw on the battery", "take about", "write no parameter"):
         assert words in said
     assert said.index("will move") < said.index("Go ahead?") < said.index("found: mode")
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
-    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
-    page = (harbour.directory / "report.html").read_text()
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page
     assert "predicted" in page
     assert result.remarks == []
 
 
 def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "bluerov2")
-    result = flown(harbour, SHARE, side=-1)
+    harness = SitlHarness(tmp_path, "bluerov2")
+    result = flown(harness, SHARE, side=-1)
     first = next(m for m in result.trial.marks if m.kind == "execute")
     assert first.detail["N"] == -0.6
     assert figures(result.trial)["first-overshoot"] > 0.0
     assert np.ptp(result.trial["z"].values) < 0.5
-    assert not harbour.vehicle.autopilot.armed
+    assert not harness.vehicle.autopilot.armed
 
 
 @pytest.mark.parametrize("phase", ["pulse", "execute 2"])
 def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(phase: str, tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
-    watcher = Stops(harbour.said, phase)
+    harness = SitlHarness(tmp_path)
+    watcher = Stops(harness.said, phase)
     with pytest.raises(OperatorStopped):
-        flown(harbour, watcher=watcher, operator=watcher)
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
-    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
-    assert list((harbour.directory / "trials").glob("*.csv"))
+        flown(harness, watcher=watcher, operator=watcher)
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    assert list((harness.directory / "trials").glob("*.csv"))
 
 
 @pytest.mark.slow
 def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match="deg are wanted: give a smaller --heading"):
-        flown(harbour, {"heading": 90.0 * DEG, "steering": 0.02})
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
+        flown(harness, {"heading": 90.0 * DEG, "steering": 0.02})
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
 
 
 def test_a_preview_by_a_model_that_leaves_the_envelope_refuses_before_anything_is_armed(
     charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
     model: ModelFile = load_model(charlie[0].directory / "model.json")
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(PreconditionFailed, match="distance from start"):
-        flown(harbour, model=model, envelope=Envelope(distance=15.0))
-    assert harbour.found == ""
-    assert not harbour.vehicle.autopilot.armed
+        flown(harness, model=model, envelope=Envelope(distance=15.0))
+    assert harness.found == ""
+    assert not harness.vehicle.autopilot.armed
 
 
 def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
     flown_once, result = charlie
     model = load_model(flown_once.directory / "model.json")
-    harbour = SitlHarness(tmp_path)
-    seen = flown(harbour, model=model, only_preview=True)
-    assert any(text.startswith("it would draw on the battery (") for text in harbour.said)
+    harness = SitlHarness(tmp_path)
+    seen = flown(harness, model=model, only_preview=True)
+    assert any(text.startswith("it would draw on the battery (") for text in harness.said)
     assert seen.preview.trouble == ""
     assert seen.preview.seconds == pytest.approx(result.trial.duration, rel=0.15)  # it had way on already
     assert seen.preview.turned == pytest.approx(float(np.ptp(result.trial["psi"].values)), rel=0.1)
@@ -174,16 +174,16 @@ def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarnes
 
 
 def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(OperatorStopped, match="nothing was armed"):
-        flown(harbour, simulated=False, operator=Answers(False))
-    assert not harbour.vehicle.autopilot.armed
+        flown(harness, simulated=False, operator=Answers(False))
+    assert not harness.vehicle.autopilot.armed
     with pytest.raises(UsageError, match="tune AXIS"):
-        FlySettings("step", harbour.settings())
+        FlySettings("step", harness.settings())
     with pytest.raises(UsageError, match="takes no --duration"):
-        FlySettings("zig-zag", harbour.settings(), {"duration": 5.0})
+        FlySettings("zig-zag", harness.settings(), {"duration": 5.0})
     with pytest.raises(UsageError, match="--full-rudder"):
-        FlySettings("zig-zag", harbour.settings(), {"rudder": 0.3})
+        FlySettings("zig-zag", harness.settings(), {"rudder": 0.3})
     (tmp_path / "twin").mkdir()
     with pytest.raises(UsageError, match="has no rudder"):
         flown(SitlHarness(tmp_path / "twin", "blueboat"), PAIR)

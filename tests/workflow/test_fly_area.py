@@ -25,37 +25,37 @@ def square(half: float, north: float = 0.0) -> tuple[tuple[float, float], ...]:
     return tuple((at + a * d, HOME[1] + b * d * 1.41) for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1)))
 
 
-def fly(harbour: SitlHarness, corners: tuple[tuple[float, float], ...] | None) -> Any:
-    common = harbour.settings()
+def fly(harness: SitlHarness, corners: tuple[tuple[float, float], ...] | None) -> Any:
+    common = harness.settings()
     area = None if corners is None else Area((Zone(corners),), "the pond")
     plan = replace(FlightPlan.of(FlySettings("steps", common, STEPS, force="X")), area=area)
-    return fly_plan(plan, common, Unattended(), Ear(harbour.said), WHEN)
+    return fly_plan(plan, common, Unattended(), Ear(harness.said), WHEN)
 
 
 def test_a_craft_that_leaves_the_area_is_stopped_and_left_as_found_with_its_record(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(GuardTripped, match="m outside the pond") as caught:
-        fly(harbour, square(6.0))
+        fly(harness, square(6.0))
     assert caught.value.value < 1.0
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
-    assert list((harbour.directory / "trials").glob("*.csv"))
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    assert list((harness.directory / "trials").glob("*.csv"))
 
 
 def test_a_craft_outside_the_area_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(PreconditionFailed, match=r"is 60 m outside the pond; nothing was armed"):
-        fly(harbour, square(40.0, north=100.0))
-    assert harbour.found == ""
+        fly(harness, square(40.0, north=100.0))
+    assert harness.found == ""
 
 
 def test_the_vehicles_own_fence_is_read_and_watched(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, **FENCED)
-    harbour.server.fence = [(5001, 4.0, *corner) for corner in square(6.0)]
+    harness = SitlHarness(tmp_path, **FENCED)
+    harness.server.fence = [(5001, 4.0, *corner) for corner in square(6.0)]
     with pytest.raises(GuardTripped, match="m outside its own fence"):
-        fly(harbour, None)
-    harbour.assert_neutral()
+        fly(harness, None)
+    harness.assert_neutral()
     rock = SitlHarness(tmp_path / "rock", **FENCED)
     rock.server.fence = [(5001, 4.0, *corner) for corner in square(400.0)] + [(5004, 5.0, *HOME)]
     with pytest.raises(PreconditionFailed, match="is 5 m outside its own fence"):
@@ -66,8 +66,8 @@ def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> 
     def silent(t: float, message: Any) -> list[Any]:
         return [] if message.get_type() == "MISSION_COUNT" else [message]
 
-    harbour = SitlHarness(tmp_path, meddling=silent, **FENCED)
-    fly(harbour, square(400.0))
-    said = " ".join(harbour.said)
+    harness = SitlHarness(tmp_path, meddling=silent, **FENCED)
+    fly(harness, square(400.0))
+    said = " ".join(harness.said)
     assert "has a fence and does not tell it" in said
     assert "stays in the pond: 400 m to its edge" in said

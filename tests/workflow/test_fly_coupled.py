@@ -22,9 +22,9 @@ TRUTH = {"X_udot": -8.2372, "Y_vdot": -8.2372, "N_rdot": -0.0372, "X_u": -4.4283
 
 @pytest.mark.slow
 def test_an_s_manoeuvre_on_the_coupled_videoray_gives_her_matrices_back(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
-    flown(harbour, {"steering": 0.4, "duration": 60.0}, "s-manoeuvre", throttle=0.5)
-    (run,) = load_runs(harbour.directory)
+    harness = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
+    flown(harness, {"steering": 0.4, "duration": 60.0}, "s-manoeuvre", throttle=0.5)
+    (run,) = load_runs(harness.directory)
     chosen = eliminate(run.with_full_scale({"X": 8.0, "N": 0.1709}), FORMS["horizontal"]).chosen
     found = chosen.fit
     assert found is not None
@@ -37,9 +37,9 @@ def test_an_s_manoeuvre_on_the_coupled_videoray_gives_her_matrices_back(tmp_path
 
 @pytest.mark.slow
 def test_shares_of_full_tell_forces_by_a_known_inertia_and_are_doubted_without(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
-    flown(harbour, {"steering": 0.4, "duration": 30.0}, "s-manoeuvre", throttle=0.5)
-    (run,) = load_runs(harbour.directory)
+    harness = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
+    flown(harness, {"steering": 0.4, "duration": 30.0}, "s-manoeuvre", throttle=0.5)
+    (run,) = load_runs(harness.directory)
     form = FORMS["horizontal"].without("Y_rdot", "X_uu", "Y_vv", "Y_r", "N_v", "N_rr", "X_0", "Y_0")
     blind = fit(run, form)
     assert "forces-in-shares" in {d.slug for d in blind.doubts}
@@ -53,22 +53,22 @@ def test_shares_of_full_tell_forces_by_a_known_inertia_and_are_doubted_without(t
 
 @pytest.mark.slow
 def test_a_relay_to_the_sides_tells_the_sway_of_a_vectored_rov(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "bluerov2-sway", **SLOW_LOOP)
-    result = flown(harbour, {}, "relay", force="Y")
-    actuators = harbour.vehicle.actuators
+    harness = SitlHarness(tmp_path, "bluerov2-sway", **SLOW_LOOP)
+    result = flown(harness, {}, "relay", force="Y")
+    actuators = harness.vehicle.actuators
     thrust = actuators.full_Y * actuators.curve(0.3) / 0.3  # the relay found 30 % enough; its thrusters have a curve
     assert result.trial.meta["C"] == pytest.approx(0.3)
     assert result.fit.dof == "sway"
     assert result.fit.model.alpha == pytest.approx(20.62 / thrust, rel=0.05)
     assert result.fit.model.beta_quadratic == pytest.approx(217.0 / thrust, rel=0.05)
-    harbour.assert_neutral()
+    harness.assert_neutral()
 
 
 @pytest.mark.slow
 def test_a_relay_before_a_wall_tells_the_surge_of_an_rov_by_its_rangefinder(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "videoray-wall", **SLOW_LOOP)
-    result = flown(harbour, {"wall-hysteresis": 0.09}, "wall-relay")
-    trial, authority = result.trial, harbour.vehicle.actuators.full_X
+    harness = SitlHarness(tmp_path, "videoray-wall", **SLOW_LOOP)
+    result = flown(harness, {"wall-hysteresis": 0.09}, "wall-relay")
+    trial, authority = result.trial, harness.vehicle.actuators.full_X
     assert result.fit.model.alpha * authority == pytest.approx(8.2372, rel=0.05)
     assert result.fit.model.beta_quadratic * authority == pytest.approx(70.0, rel=0.05)
     # Miskovic2010, 7.6: one sample a second locks the oscillation to whole seconds, here as there to sixteen
@@ -78,14 +78,14 @@ def test_a_relay_before_a_wall_tells_the_surge_of_an_rov_by_its_rangefinder(tmp_
     assert cycle.x_a_star == pytest.approx(0.1233, rel=0.08)
     assert cycle.X_m == pytest.approx(0.1622, rel=0.08)
     assert min(trial["d"].values) > 1.5
-    harbour.assert_neutral()
+    harness.assert_neutral()
 
 
 def test_before_no_wall_nothing_is_armed(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
+    harness = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
     with pytest.raises(PreconditionFailed, match="needs a rangefinder that looks ahead"):
-        flown(harbour, {}, "wall-relay")
-    assert not harbour.vehicle.autopilot.armed
+        flown(harness, {}, "wall-relay")
+    assert not harness.vehicle.autopilot.armed
 
 
 def test_a_force_that_no_output_drives_is_refused(tmp_path: Path) -> None:

@@ -34,17 +34,17 @@ def read(run: Any) -> dict[str, float]:
 def test_figures_in_the_run_directory_are_those_of_a_run_without_noise(
     name: str, vehicle: str, options: dict[str, float], slugs: tuple[str, ...], tmp_path: Path
 ) -> None:
-    harbour = SitlHarness(tmp_path / "noisy", vehicle)
-    result = flown(harbour, options, name)
+    harness = SitlHarness(tmp_path / "noisy", vehicle)
+    result = flown(harness, options, name)
     assert result.remarks == []
-    (run,) = load_runs(harbour.directory)
+    (run,) = load_runs(harness.directory)
     noisy, true = read(run), read(flown(calm(SitlHarness(tmp_path / "calm", vehicle)), options, name).trial)
     for slug in slugs:
         assert noisy[slug] == pytest.approx(true[slug], rel=0.02)
     assert result.fit is not None
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
 
 
 def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None:
@@ -54,35 +54,35 @@ def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None
 
 
 def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match="give more rudder"):
-        flown(harbour, {"turn": TURN, "steering": 0.02}, "turning-circle")
-    harbour.assert_neutral()
-    assert list((harbour.directory / "trials").glob("*turning-circle.csv"))
+        flown(harness, {"turn": TURN, "steering": 0.02}, "turning-circle")
+    harness.assert_neutral()
+    assert list((harness.directory / "trials").glob("*turning-circle.csv"))
 
 
 def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "bluerov2", parameters={"SCHED_LOOP_RATE": 100.0})
+    harness = SitlHarness(tmp_path, "bluerov2", parameters={"SCHED_LOOP_RATE": 100.0})
     options = {"duration": 15.0, "steering": 0.4}
-    result = flown(harbour, options, "doublets", force="X")
+    result = flown(harness, options, "doublets", force="X")
     assert result.fit.dof == "surge"
     assert result.preview.room > 1.0
     with pytest.raises(UsageError, match="drives N; it takes no --force X"):
-        FlySettings("zig-zag", harbour.settings(), force="X")
+        FlySettings("zig-zag", harness.settings(), force="X")
 
 
 @pytest.mark.slow
 def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_drive_no_actuator(
     tmp_path: Path,
 ) -> None:
-    harbour = SitlHarness(tmp_path / "noisy", "blueboat")
+    harness = SitlHarness(tmp_path / "noisy", "blueboat")
     modes: set[str] = set()
 
     class Modes(Ear):
         def update(self, progress: Any) -> None:
-            modes.add(harbour.mode)
+            modes.add(harness.mode)
 
-    result = flown(harbour, {}, "set-point-relay", watcher=Modes(harbour.said))
+    result = flown(harness, {}, "set-point-relay", watcher=Modes(harness.said))
     assert modes == {"GUIDED"}
     true = flown(calm(SitlHarness(tmp_path / "calm", "blueboat")), {}, "set-point-relay").sheets[0]
     (sheet,) = result.sheets
@@ -94,19 +94,19 @@ def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_
     # Linear, without the limit on the turn's acceleration: poles -0.32 +- 0.51j and -1.35 1/s
     told = sheet["natural-frequency"].reading
     assert abs(told.value - 0.604) < 2.0 * told.std
-    assert read(load_runs(harbour.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
-    harbour.assert_neutral()
-    assert harbour.mode == harbour.found
+    assert read(load_runs(harness.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
+    harness.assert_neutral()
+    assert harness.mode == harness.found
 
 
 def test_the_levels_of_a_bollard_staircase_and_the_pulls_given_are_a_thruster_map(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "blueboat")
+    harness = SitlHarness(tmp_path, "blueboat")
     options = {"duration": 26.0, "steering": 0.3, "levels": 3.0}
-    result = flown(harbour, options, "bollard-staircase", force="X")
+    result = flown(harness, options, "bollard-staircase", force="X")
     assert result.preview.room < 0.1  # tied up
-    assert not any("sign check" in text for text in harbour.said)
+    assert not any("sign check" in text for text in harness.said)
     assert "--forces" in result.remarks[0]
-    table = harbour.directory / "bollard-staircase.csv"
+    table = harness.directory / "bollard-staircase.csv"
     commands = [float(row.split(",")[0]) for row in table.read_text().splitlines()[1:]]
     assert commands == pytest.approx([0, 0.1, 0.2, 0.3, 0.2, 0.1, 0, -0.1, -0.2, -0.3, -0.2, -0.1, 0], abs=0.005)
     pulls = [110.4 * c * (1.0 if c > 0.0 else 0.5) for c in commands]
@@ -114,4 +114,4 @@ def test_the_levels_of_a_bollard_staircase_and_the_pulls_given_are_a_thruster_ma
     assert fit.map.force(0.25) == pytest.approx(27.6, rel=0.1)
     with pytest.raises(NotInformative, match="one for each"):
         read_pull_test(table, pulls=pulls[1:])
-    harbour.assert_neutral()
+    harness.assert_neutral()

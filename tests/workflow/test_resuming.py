@@ -26,24 +26,24 @@ CHANGED = "ATC_STR_RAT_FF"
 @pytest.fixture(scope="module")
 def ended_early(tmp_path_factory: pytest.TempPathFactory) -> SitlHarness:
     """A heading tune that was stopped after its first self-oscillation."""
-    harbour = SitlHarness(tmp_path_factory.mktemp("ended_early"))
+    harness = SitlHarness(tmp_path_factory.mktemp("ended_early"))
     with pytest.raises(OperatorStopped):
-        harbour.tune(Enough(harbour, "relay-1: completed"))
-    return harbour
+        harness.tune(Enough(harness, "relay-1: completed"))
+    return harness
 
 
 class Again:
     """The same vehicle, tuned by somebody who goes on from an earlier run, until *words* are said."""
 
     def __init__(
-        self, harbour: SitlHarness, tmp_path: Path, words: str = "second self-oscillation", **changes: Any
+        self, harness: SitlHarness, tmp_path: Path, words: str = "second self-oscillation", **changes: Any
     ) -> None:
         self.said: list[str] = []
         self.operator = Enough(self, words)  # type: ignore[arg-type]
         self.directory = tmp_path / "again"
-        connection = Moored(peer=Later(harbour.server))
-        wanted = {"resume": harbour.directory, **changes}
-        self.settings = replace(harbour.settings(), connection=connection, directory=self.directory, **wanted)
+        connection = Moored(peer=Later(harness.server))
+        wanted = {"resume": harness.directory, **changes}
+        self.settings = replace(harness.settings(), connection=connection, directory=self.directory, **wanted)
 
     def tune(self) -> None:
         tune(self.settings, self.operator, Ear(self.said), WHEN)
@@ -88,8 +88,8 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
     assert not any(text.startswith("found: mode") for text in again.said)
 
 
-def copied(harbour: SitlHarness, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(harbour.directory, tmp_path / "copied"))
+def copied(harness: SitlHarness, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(harness.directory, tmp_path / "copied"))
 
 
 def test_another_vehicle_is_not_gone_on_with(ended_early: SitlHarness, tmp_path: Path) -> None:

@@ -17,20 +17,20 @@ from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
 
 
-def trial(harbour: SitlHarness, until: str, minutes: float = 10.0, watcher: Any = None, **common: Any) -> Any:
-    settings = harbour.settings(**common)
+def trial(harness: SitlHarness, until: str, minutes: float = 10.0, watcher: Any = None, **common: Any) -> Any:
+    settings = harness.settings(**common)
     asked = precision_of(until, "", 60.0 * minutes)
     first = first_run(asked, settings)
     plan = FlightPlan(first.kind.name, FlightPlan.of(first).runs, until=asked)
-    ear = watcher or Ear(harbour.said)
+    ear = watcher or Ear(harness.said)
     return fly_plan(plan, settings, watcher or Unattended(), ear, WHEN)
 
 
-def assert_as_found(harbour: SitlHarness) -> None:
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found
-    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
+def assert_as_found(harness: SitlHarness) -> None:
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
 
 
 @pytest.mark.parametrize(
@@ -82,20 +82,20 @@ def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_pat
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
-    harbour = SitlHarness(tmp_path_factory.mktemp("self-planned"))
-    return harbour, trial(harbour, "N_rdot 0.08%")
+    harness = SitlHarness(tmp_path_factory.mktemp("self-planned"))
+    return harness, trial(harness, "N_rdot 0.08%")
 
 
 @pytest.mark.slow
 def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlHarness, Any]) -> None:
-    harbour, result = flown
+    harness, result = flown
     relative = [dict(s.outlook.relative) for s in result.steps]
     assert len(result.steps) >= 2
     assert result.steps[-1].ended == "what was asked for is reached"
     inertia = result.fit.parameters["alpha_r"]
     assert inertia.std / inertia.value <= 0.0008
     assert all(r["alpha_r"] > 0.0008 for r in relative[:-1])
-    assert_as_found(harbour)
+    assert_as_found(harness)
 
 
 @pytest.mark.slow
@@ -108,43 +108,43 @@ def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[Sitl
 
 @pytest.mark.slow
 def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: tuple[SitlHarness, Any]) -> None:
-    harbour, result = flown
-    page = (harbour.directory / "report.html").read_text()
+    harness, result = flown
+    page = (harness.directory / "report.html").read_text()
     assert "How it went on" in page
     assert "A trial for N_rdot = alpha_r to 0.08 %" in page
     assert "2-s-manoeuvre: what it did" in page or "2-steps: what it did" in page
     assert "z [m]" not in page
     assert all(s.run in page for s in result.steps)
-    assert (harbour.directory / "model.json").exists()
-    assert len(list((harbour.directory / "trials").glob("*.csv"))) >= len(result.steps)
-    said = " ".join(harbour.said)
+    assert (harness.directory / "model.json").exists()
+    assert len(list((harness.directory / "trials").glob("*.csv"))) >= len(result.steps)
+    said = " ".join(harness.said)
     assert said.index("until N_rdot = alpha_r to 0.08 %") < said.index("Go ahead?") < said.index("next: ")
 
 
 @pytest.mark.slow
 def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path)
-    result = trial(harbour, "N_r 0.001%", minutes=2.0)
+    harness = SitlHarness(tmp_path)
+    result = trial(harness, "N_r 0.001%", minutes=2.0)
     assert "takes longer than the time left" in result.steps[-1].ended
     assert result.steps[-1].ended.startswith("not reached")
     assert sum(s.seconds for s in result.steps) < 2.0 * 60.0 + LONGEST
-    assert_as_found(harbour)
+    assert_as_found(harness)
 
 
 @pytest.mark.slow
 def test_it_ends_where_the_model_itself_is_what_is_wrong(tmp_path: Path) -> None:
     """Hard turns slow this boat down and leave its thrusters no room: no one yaw equation holds for all of them."""
-    harbour = SitlHarness(tmp_path, QUICK)
-    result = trial(harbour, "N_r 0.1%, N_rdot 0.05%")
+    harness = SitlHarness(tmp_path, QUICK)
+    result = trial(harness, "N_r 0.1%, N_rdot 0.05%")
     assert "the model misses something" in result.steps[-1].ended
     assert result.fit.doubts
-    assert_as_found(harbour)
+    assert_as_found(harness)
 
 
 @pytest.mark.slow
 def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, QUICK)
-    said = harbour.said
+    harness = SitlHarness(tmp_path, QUICK)
+    said = harness.said
 
     class StopsInSecond(Stops):
         def update(self, progress: Any) -> None:
@@ -152,13 +152,13 @@ def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_
 
     watcher = StopsInSecond(said, "")
     with pytest.raises(OperatorStopped):
-        trial(harbour, "N_r 0.001%", watcher=watcher)
-    assert_as_found(harbour)
+        trial(harness, "N_r 0.001%", watcher=watcher)
+    assert_as_found(harness)
 
 
 @pytest.mark.slow
 def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
-    harbour = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
-    result = trial(harbour, "Z_wdot 2%")
+    harness = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
+    result = trial(harness, "Z_wdot 2%")
     assert result.steps[-1].ended == "what was asked for is reached"
-    assert_as_found(harbour)
+    assert_as_found(harness)

@@ -35,12 +35,12 @@ class Hushed(SitlHarness):
 class Enough:
     """An operator who has seen enough as soon as *words* have been said."""
 
-    def __init__(self, harbour: SitlHarness, words: str, declined: str = "nothing") -> None:
-        self.harbour, self.words, self.declined = harbour, words, declined
+    def __init__(self, harness: SitlHarness, words: str, declined: str = "nothing") -> None:
+        self.harness, self.words, self.declined = harness, words, declined
         self.asked: list[str] = []
 
     def stop_requested(self) -> bool:
-        return any(text.startswith(self.words) for text in self.harbour.said)
+        return any(text.startswith(self.words) for text in self.harness.said)
 
     def ask(self, question: str, while_waiting: Any) -> bool:
         self.asked.append(question)
@@ -48,38 +48,38 @@ class Enough:
 
 
 def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flown_again(tmp_path: Any) -> None:
-    harbour = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
+    harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
     with pytest.raises(OperatorStopped):
-        harbour.tune(Enough(harbour, "relay-1: completed"))
-    again = [text for text in harbour.said if text.startswith("going on:")]
+        harness.tune(Enough(harness, "relay-1: completed"))
+    again = [text for text in harness.said if text.startswith("going on:")]
     assert again == ["going on: first self-oscillation is flown again from its beginning"]
-    kept = sorted(path.name for path in (harbour.directory / "trials").glob("*-relay-1.json"))
-    endings = [json.loads((harbour.directory / "trials" / name).read_text())["ending"] for name in kept]
+    kept = sorted(path.name for path in (harness.directory / "trials").glob("*-relay-1.json"))
+    endings = [json.loads((harness.directory / "trials" / name).read_text())["ending"] for name in kept]
     assert endings == ["aborted", "completed"]  # the interrupted one is on disk too
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_after_asking(tmp_path: Any) -> None:
-    harbour = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
-    operator = Enough(harbour, "step-before: completed")
+    harness = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
+    operator = Enough(harness, "step-before: completed")
     with pytest.raises(OperatorStopped):
-        harbour.tune(operator, axis="depth", simulated=False)
-    said = "\n".join(harbour.said)
+        harness.tune(operator, axis="depth", simulated=False)
+    said = "\n".join(harness.said)
     assert "going on: step with present gains is flown again" in said
     assert "arm again, after asking, what was disarmed meanwhile" in said
     assert [q for q in operator.asked if "Arm it again" in q]
     assert "arming it again, as announced" in said
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no(tmp_path: Any) -> None:
-    harbour = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
-    operator = Enough(harbour, "step-before: completed", declined="Arm it again")
+    harness = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
+    operator = Enough(harness, "step-before: completed", declined="Arm it again")
     with pytest.raises(AutotuneError):
-        harbour.tune(operator, axis="depth", simulated=False)
+        harness.tune(operator, axis="depth", simulated=False)
     assert [q for q in operator.asked if "Arm it again" in q]
-    assert not any("arming it again" in text for text in harbour.said)
-    harbour.assert_as_found()
+    assert not any("arming it again" in text for text in harness.said)
+    harness.assert_as_found()
 
 
 def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(tmp_path: Any) -> None:
@@ -94,8 +94,8 @@ def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(t
 def test_a_silence_longer_than_stated_ends_the_tune_with_everything_put_back(
     tmp_path: Any, patience: float, silence: float
 ) -> None:
-    harbour = Hushed(tmp_path, "step with present gains", 10.0, silence)
+    harness = Hushed(tmp_path, "step with present gains", 10.0, silence)
     with pytest.raises(LinkLost):
-        harbour.tune(dry_run=True, patience=patience)
-    assert not any(text.startswith("going on:") for text in harbour.said)
-    harbour.assert_as_found()
+        harness.tune(dry_run=True, patience=patience)
+    assert not any(text.startswith("going on:") for text in harness.said)
+    harness.assert_as_found()

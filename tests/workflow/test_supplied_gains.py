@@ -24,55 +24,55 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def proposed(tmp_path_factory):
-    """A dry run: its harbour and its story."""
-    harbour = SitlHarness(tmp_path_factory.mktemp("dry"), "automarine")
+    """A dry run: its harness and its story."""
+    harness = SitlHarness(tmp_path_factory.mktemp("dry"), "automarine")
     command = "gcs-autotune tune heading --gains"
-    return harbour, harbour.tune(dry_run=True, step=np.radians(25.0), proving=command)
+    return harness, harness.tune(dry_run=True, step=np.radians(25.0), proving=command)
 
 
 def test_a_dry_run_leaves_its_proposal_for_every_ground_station(proposed):
-    harbour, story = proposed
+    harness, story = proposed
     assert story.ending == "dry-run"
     for name in ("proposed.param", "proposed.params"):
-        assert load_params(harbour.directory / name) == pytest.approx(dict(story.proposal.new), rel=1e-6)
-    plain = (harbour.directory / "proposed.param").read_text()
+        assert load_params(harness.directory / name) == pytest.approx(dict(story.proposal.new), rel=1e-6)
+    plain = (harness.directory / "proposed.param").read_text()
     assert all(re.fullmatch(r"#.*|[A-Z0-9_]+,[-0-9.e]+", line) for line in plain.splitlines())
-    rows = (harbour.directory / "proposed.params").read_text().splitlines()
+    rows = (harness.directory / "proposed.params").read_text().splitlines()
     assert "# Vehicle-Id Component-Id Name Value Type" in rows
     cells = [row.split("\t") for row in rows if not row.startswith("#")]
     assert [(c[0], c[1], c[2], c[4]) for c in cells] == [("1", "1", name, "9") for name in story.proposal.new]
 
 
 def test_the_page_names_the_command_that_proves_it(proposed):
-    harbour, _ = proposed
-    page = (harbour.directory / "report.html").read_text()
-    assert f"gcs-autotune tune heading --gains {harbour.directory}/proposed.param" in page
+    harness, _ = proposed
+    page = (harness.directory / "report.html").read_text()
+    assert f"gcs-autotune tune heading --gains {harness.directory}/proposed.param" in page
 
 
 def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed, tmp_path):
     dry, told = proposed
-    harbour = SitlHarness(tmp_path, "automarine")
+    harness = SitlHarness(tmp_path, "automarine")
     operator = Answers(True, True)
-    story = harbour.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
+    story = harness.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
     assert story.ending == "kept", story.reason
     assert "prove it by the same step" in operator.questions[1]
-    assert {n: harbour.vehicle.parameters.values[n] for n in told.proposal.new} == pytest.approx(
+    assert {n: harness.vehicle.parameters.values[n] for n in told.proposal.new} == pytest.approx(
         dict(told.proposal.new), rel=1e-6
     )
-    flown = [json.loads(p.read_text())["meta"] for p in sorted((harbour.directory / "trials").glob("*step*.json"))]
+    flown = [json.loads(p.read_text())["meta"] for p in sorted((harness.directory / "trials").glob("*step*.json"))]
     assert [meta["size"] for meta in flown] == pytest.approx([np.radians(25.0)] * 2)
-    assert not list((harbour.directory / "trials").glob("*relay*"))
+    assert not list((harness.directory / "trials").glob("*relay*"))
     assert story.metrics_after.itae < story.metrics_before.itae
-    assert json.loads((harbour.directory / "summary.json").read_text())["gains"].keys() == told.proposal.new.keys()
+    assert json.loads((harness.directory / "summary.json").read_text())["gains"].keys() == told.proposal.new.keys()
 
 
 def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
     file = tmp_path / "mine.param"
     file.write_text("ATC_RAT_YAW_P,0.05\n")
-    harbour = SitlHarness(tmp_path, "automarine")
-    story = harbour.tune(gains=load_gains(file, "heading"))
+    harness = SitlHarness(tmp_path, "automarine")
+    story = harness.tune(gains=load_gains(file, "heading"))
     assert story.ending == "restored", story.reason
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 @pytest.mark.parametrize(
@@ -82,11 +82,11 @@ def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
 def test_a_file_that_sets_what_this_loop_may_not_have_is_refused_before_anything_moves(line, why, tmp_path):
     file = tmp_path / "mine.param"
     file.write_text(f"ATC_STR_RAT_I,0.1\n{line}\n")
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(UsageError, match=why):
-        harbour.tune(gains=load_gains(file, "heading"))
-    assert not list((harbour.directory / "trials").iterdir())
-    harbour.assert_as_found()
+        harness.tune(gains=load_gains(file, "heading"))
+    assert not list((harness.directory / "trials").iterdir())
+    harness.assert_as_found()
 
 
 def flown_step(folder: Path, signal: str) -> Path:

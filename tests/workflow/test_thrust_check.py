@@ -109,11 +109,11 @@ def test_a_throttle_that_goes_on_standing_at_its_stop_is_said_to_be_not_neutral(
 
 
 def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_throttle_that_does(tmp_path) -> None:
-    harbour = SitlHarness(tmp_path, parameters={"MOT_THR_MAX": 25.0})
+    harness = SitlHarness(tmp_path, parameters={"MOT_THR_MAX": 25.0})
     with pytest.raises(PreconditionFailed, match=r"MOT_THR_MAX is 25 %: .* up to 80%.* Give --throttle 0\.25"):
-        harbour.tune(axis="speed")
-    harbour.assert_as_found()
-    assert not list((harbour.directory / "trials").glob("*.csv"))
+        harness.tune(axis="speed")
+    harness.assert_as_found()
+    assert not list((harness.directory / "trials").glob("*.csv"))
 
 
 def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none() -> None:

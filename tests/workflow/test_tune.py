@@ -16,17 +16,17 @@ from .sitl_harness import QUICK, SLOW_LOOP, Answers, SitlHarness
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    harbour = SitlHarness(tmp_path_factory.mktemp("tuned"), "charlie")
-    return harbour, harbour.tune()
+    harness = SitlHarness(tmp_path_factory.mktemp("tuned"), "charlie")
+    return harness, harness.tune()
 
 
 @pytest.mark.slow
 def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
-    harbour, story = tuned
+    harness, story = tuned
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.95 * story.metrics_before.itae
     for name, value in story.proposal.new.items():
-        assert harbour.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
+        assert harness.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -37,18 +37,18 @@ def test_relays_that_ended_because_they_had_settled_are_read_as_settled(tuned):
 
 @pytest.mark.slow
 def test_nothing_but_the_proposed_gains_has_changed(tuned):
-    harbour, story = tuned
-    now = dict(harbour.vehicle.parameters.values)
-    changed = {name for name, value in harbour.parameters.items() if now[name] != value}
+    harness, story = tuned
+    now = dict(harness.vehicle.parameters.values)
+    changed = {name for name, value in harness.parameters.items() if now[name] != value}
     assert changed == set(story.proposal.new)
 
 
 @pytest.mark.slow
 def test_the_vehicle_is_left_neutral_disarmed_and_in_its_mode(tuned):
-    harbour, _ = tuned
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
-    assert harbour.mode == harbour.found == "HOLD"
+    harness, _ = tuned
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found == "HOLD"
 
 
 @pytest.mark.slow
@@ -68,36 +68,36 @@ def test_the_identified_model_is_the_hidden_one(tuned):
 
 @pytest.mark.slow
 def test_everything_is_said_before_it_is_done(tuned):
-    harbour, _ = tuned
-    will = [i for i, text in enumerate(harbour.said) if text.startswith("will ")]
-    done = harbour.said.index("step with present gains")
+    harness, _ = tuned
+    will = [i for i, text in enumerate(harness.said) if text.startswith("will ")]
+    done = harness.said.index("step with present gains")
     assert max(will) < done
-    announced = " ".join(harbour.said[i] for i in will)
+    announced = " ".join(harness.said[i] for i in will)
     for word in ("arm", "modes", "move", "ATC_STR_RAT_FF"):
         assert word in announced
 
 
 @pytest.mark.slow
 def test_the_run_directory_holds_the_whole_record(tuned):
-    harbour, story = tuned
-    names = {p.name for p in (harbour.directory / "trials").glob("*.csv")}
+    harness, story = tuned
+    names = {p.name for p in (harness.directory / "trials").glob("*.csv")}
     flown = {"01-sign-check.csv", "02-step-before.csv", "04-relay-1.csv", "06-relay-2.csv", "08-step-after.csv"}
     assert flown <= names
-    trial = load_trial(harbour.directory / "trials" / "04-relay-1.csv")
+    trial = load_trial(harness.directory / "trials" / "04-relay-1.csv")
     assert trial["psi"].unit == "rad" and trial["N"].unit == "1"
     assert any(m.kind == "switch" for m in trial.marks)
-    before = load_params(harbour.directory / "parameters_before.param")
+    before = load_params(harness.directory / "parameters_before.param")
     assert before["ATC_STR_RAT_P"] == pytest.approx(0.2)
-    after = json.loads((harbour.directory / "parameters_after.json").read_text())
+    after = json.loads((harness.directory / "parameters_after.json").read_text())
     assert after["ATC_STR_RAT_P"] == pytest.approx(story.proposal.new["ATC_STR_RAT_P"])
-    assert sum(1 for _ in read_tlog(harbour.directory / "telemetry.tlog")) > 10_000
+    assert sum(1 for _ in read_tlog(harness.directory / "telemetry.tlog")) > 10_000
 
 
 @pytest.mark.slow
 def test_a_boat_turns_about_and_stays_within_a_hundred_and_thirty_metres(tuned):
     # Sign check (here with a second, larger pulse) and step make 118 m before it comes about the first time.
-    harbour, _ = tuned
-    trials = [load_trial(path) for path in sorted((harbour.directory / "trials").glob("*.csv"))]
+    harness, _ = tuned
+    trials = [load_trial(path) for path in sorted((harness.directory / "trials").glob("*.csv"))]
     x0, y0 = trials[0]["x"].values[0], trials[0]["y"].values[0]
     far = max(float(np.hypot(t["x"].values - x0, t["y"].values - y0).max()) for t in trials)
     assert far < 130.0
@@ -105,8 +105,8 @@ def test_a_boat_turns_about_and_stays_within_a_hundred_and_thirty_metres(tuned):
 
 @pytest.mark.slow
 def test_the_journal_is_settled_in_the_end(tuned):
-    harbour, _ = tuned
-    state = Journal.read(harbour.directory / "journal.jsonl")
+    harness, _ = tuned
+    state = Journal.read(harness.directory / "journal.jsonl")
     assert state.closed
     assert state.debts == {}
 
@@ -116,99 +116,99 @@ def test_the_journal_is_settled_in_the_end(tuned):
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
     runs = []
     for name in ("a", "b"):
-        harbour = SitlHarness(tmp_path / name, "automarine", **SLOW_LOOP)
-        harbour.tune(dry_run=True)
-        files = sorted((harbour.directory / "trials").glob("*.csv"))
-        runs.append([f.read_bytes() for f in files] + [(harbour.directory / "telemetry.tlog").read_bytes()])
+        harness = SitlHarness(tmp_path / name, "automarine", **SLOW_LOOP)
+        harness.tune(dry_run=True)
+        files = sorted((harness.directory / "trials").glob("*.csv"))
+        runs.append([f.read_bytes() for f in files] + [(harness.directory / "telemetry.tlog").read_bytes()])
     assert runs[0] == runs[1]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
-    story = harbour.tune(dry_run=True)
+    harness = SitlHarness(tmp_path, QUICK)
+    story = harness.tune(dry_run=True)
     assert story.ending == "dry-run"
     assert story.proposal.changes
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
-    harbour = SitlHarness(tmp_path, "charlie")
-    story = harbour.tune()
+    harness = SitlHarness(tmp_path, "charlie")
+    story = harness.tune()
     assert story.ending == "restored"
     assert "at least 100% lower" in " ".join(story.verdict_reasons)
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_written(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
+    harness = SitlHarness(tmp_path, QUICK)
     operator = Answers(True, True)
-    story = harbour.tune(operator, simulated=False)
+    story = harness.tune(operator, simulated=False)
     assert operator.questions[0] == "Go ahead?"
     assert "ATC_STR_RAT_P 0.2 ->" in operator.questions[1]
     assert story.ending == "kept"
 
 
 def test_no_to_the_first_question_arms_nothing(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
+    harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(OperatorStopped, match="nothing was armed, moved or written"):
-        harbour.tune(Answers(False), simulated=False)
-    harbour.assert_as_found()
-    assert not any(harbour.directory.glob("trials/*.csv"))
+        harness.tune(Answers(False), simulated=False)
+    harness.assert_as_found()
+    assert not any(harness.directory.glob("trials/*.csv"))
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_no_to_the_second_question_writes_nothing(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
-    story = harbour.tune(Answers(True, False), simulated=False)
+    harness = SitlHarness(tmp_path, QUICK)
+    story = harness.tune(Answers(True, False), simulated=False)
     assert story.ending == "declined"
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_an_rov_survives_the_operators_long_thinking(tmp_path):
     # ArduSub disarms three seconds after the last pilot input; each question takes four.
-    harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
-    story = harbour.tune(Answers(True, True), simulated=False)
+    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
+    story = harness.tune(Answers(True, True), simulated=False)
     assert story.ending in ("kept", "restored")
 
 
 def test_a_boat_has_no_depth_loop(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
+    harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(WrongVehicle, match="no depth loop"):
-        harbour.tune(axis="depth")
-    harbour.assert_as_found()
+        harness.tune(axis="depth")
+    harness.assert_as_found()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK, parameters={"ATC_STR_RAT_FF": 9.0})
-    story = harbour.tune(dry_run=True)
+    harness = SitlHarness(tmp_path, QUICK, parameters={"ATC_STR_RAT_FF": 9.0})
+    story = harness.tune(dry_run=True)
     assert any("ATC_STR_RAT_FF" in note for note in story.proposal.notes)
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 def test_a_run_directory_is_never_overwritten(tmp_path):
-    harbour = SitlHarness(tmp_path, QUICK)
-    (harbour.directory / "trials").mkdir(parents=True)
+    harness = SitlHarness(tmp_path, QUICK)
+    (harness.directory / "trials").mkdir(parents=True)
     with pytest.raises(UsageError, match="already holds a run"):
-        harbour.tune()
+        harness.tune()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
 def test_the_relay_and_the_step_can_be_given(tmp_path):
-    harbour = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
-    story = harbour.tune(
+    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
+    story = harness.tune(
         dry_run=True, relay_output=0.4, relay_hysteresis=math.radians(15.0), step=math.radians(20.0), step_duration=15.0
     )
     assert story.relays[0].meta["C"] == pytest.approx(0.4)

@@ -18,28 +18,28 @@ SCALES = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    harbour = SitlHarness(tmp_path_factory.mktemp("tuned47"), "videoray", names="4.7")
-    return harbour, harbour.tune(axis="depth")
+    harness = SitlHarness(tmp_path_factory.mktemp("tuned47"), "videoray", names="4.7")
+    return harness, harness.tune(axis="depth")
 
 
 def test_a_vehicle_with_new_names_is_tuned_in_its_own_units(tuned):
-    harbour, story = tuned
+    harness, story = tuned
     assert story.ending == "kept"
     assert set(story.proposal.new) <= set(GAINS)
     inside = {own: (name, scale) for own, name, scale in zip(GAINS, INSIDE, SCALES, strict=True)}
     for own, value in story.proposal.new.items():
         name, scale = inside[own]
-        assert harbour.vehicle.dialect[own] == pytest.approx(value, rel=1e-6)
-        assert harbour.vehicle.parameters[name] == pytest.approx(value / scale, rel=1e-6)
+        assert harness.vehicle.dialect[own] == pytest.approx(value, rel=1e-6)
+        assert harness.vehicle.parameters[name] == pytest.approx(value / scale, rel=1e-6)
 
 
 def test_files_journal_and_report_speak_the_vehicle_s_language(tuned):
-    harbour, story = tuned
-    before = load_params(harbour.directory / "parameters_before.param")
+    harness, story = tuned
+    before = load_params(harness.directory / "parameters_before.param")
     assert before["PSC_D_ACC_P"] == pytest.approx(0.05)
     assert before["PILOT_SPD_UP"] == pytest.approx(2.0)
-    journal = Journal.read(harbour.directory / "journal.jsonl")
+    journal = Journal.read(harness.directory / "journal.jsonl")
     assert journal.closed
-    page = (harbour.directory / "report.html").read_text()
-    texts = (*harbour.said, page, (harbour.directory / "gains.json").read_text(), *story.proposal.notes)
+    page = (harness.directory / "report.html").read_text()
+    texts = (*harness.said, page, (harness.directory / "gains.json").read_text(), *story.proposal.notes)
     assert not [text for text in texts for old in ("PSC_ACCZ", "PSC_POSZ", "PSC_VELZ", "PILOT_SPEED") if old in text]

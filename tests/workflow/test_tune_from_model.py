@@ -33,51 +33,51 @@ def model_file(folder: Path, *effects: EffectInstance, unit: str = "1", alpha: f
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
     folder = tmp_path_factory.mktemp("given")
-    harbour = SitlHarness(folder, effects=[make_effect("dead-zone", "N", {"width": DEAD})])
+    harness = SitlHarness(folder, effects=[make_effect("dead-zone", "N", {"width": DEAD})])
     given = load_model(model_file(folder, EffectInstance("dead-zone", "N", {"width": DEAD})))
-    return harbour, harbour.tune(given=given)
+    return harness, harness.tune(given=given)
 
 
 def test_gains_designed_from_a_file_prove_better_on_the_water(tuned):
-    harbour, story = tuned
+    harness, story = tuned
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.95 * story.metrics_before.itae
     for name, value in story.proposal.new.items():
-        assert harbour.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
+        assert harness.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
 
 
 def test_no_experiment_is_flown_and_none_is_announced(tuned):
-    harbour, story = tuned
+    harness, story = tuned
     assert story.relays == () and story.fit is None
-    assert not any("oscillations about" in text or "self-oscillation" in text for text in harbour.said)
+    assert not any("oscillations about" in text or "self-oscillation" in text for text in harness.said)
 
 
 def test_the_model_is_held_against_the_step_flown_first(tuned):
-    harbour, _ = tuned
-    said = next(text for text in harbour.said if "explains" in text)
+    harness, _ = tuned
+    said = next(text for text in harness.said if "explains" in text)
     assert float(said.split("explains ")[1].split(" %")[0]) > 85.0
     assert "is it a model of this craft" not in said
 
 
 def test_what_became_of_the_effect_is_said_and_recorded(tuned):
-    harbour, _ = tuned
-    assert any(text.startswith("dead-zone at N:") and "MOT_THR_MIN" in text for text in harbour.said)
-    gains = json.loads((harbour.directory / "gains.json").read_text())
+    harness, _ = tuned
+    assert any(text.startswith("dead-zone at N:") and "MOT_THR_MIN" in text for text in harness.said)
+    gains = json.loads((harness.directory / "gains.json").read_text())
     assert [e["slug"] for e in gains["effects"]] == ["dead-zone"]
     assert set(gains["left_alone"]) == {"before", "after"}
-    model = json.loads((harbour.directory / "model.json").read_text())
+    model = json.loads((harness.directory / "model.json").read_text())
     assert model["effects"][0]["values"] == {"width": DEAD}
 
 
 def test_a_model_of_another_craft_is_noticed(tmp_path):
-    harbour = SitlHarness(tmp_path)
-    story = harbour.tune(given=load_model(model_file(tmp_path, alpha=0.05 * ALPHA)), dry_run=True)
-    assert any("is it a model of this craft" in text for text in harbour.said), harbour.said
+    harness = SitlHarness(tmp_path)
+    story = harness.tune(given=load_model(model_file(tmp_path, alpha=0.05 * ALPHA)), dry_run=True)
+    assert any("is it a model of this craft" in text for text in harness.said), harness.said
     assert story.ending in ("dry-run", "unchanged")
 
 
 def test_newtons_need_the_full_scale_before_anything_moves(tmp_path):
-    harbour = SitlHarness(tmp_path)
+    harness = SitlHarness(tmp_path)
     with pytest.raises(UsageError, match="--full-scale"):
-        harbour.tune(given=load_model(model_file(tmp_path, unit="N m")))
-    assert not any("step with present gains" in text for text in harbour.said)
+        harness.tune(given=load_model(model_file(tmp_path, unit="N m")))
+    assert not any("step with present gains" in text for text in harness.said)

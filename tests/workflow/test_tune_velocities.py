@@ -22,21 +22,21 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def swift(tmp_path_factory):
     """A boat that steers by two thrusters, its speed loop tuned from a cruise pair that is wrong."""
-    harbour = SitlHarness(tmp_path_factory.mktemp("swift"), "blueboat", parameters={"CRUISE_SPEED": 2.5})
-    return harbour, harbour.tune(axis="speed")
+    harness = SitlHarness(tmp_path_factory.mktemp("swift"), "blueboat", parameters={"CRUISE_SPEED": 2.5})
+    return harness, harness.tune(axis="speed")
 
 
 def test_a_speed_loop_is_tuned_and_proved_and_the_cruise_pair_put_right(swift) -> None:
-    harbour, story = swift
+    harness, story = swift
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.5 * story.metrics_before.itae
-    values = harbour.vehicle.parameters.values
+    values = harness.vehicle.parameters.values
     assert values["CRUISE_THROTTLE"] == 40
     assert values["CRUISE_SPEED"] == pytest.approx(2.0 * 55.2 * 0.4 / 29.35, rel=0.03)
     for name, value in story.proposal.new.items():
         assert values[name] == pytest.approx(value, rel=1e-6)
-    harbour.assert_neutral()
-    assert not harbour.vehicle.autopilot.armed
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
 
 
 def test_the_surge_of_the_simulated_boat_is_found_with_its_straight_thrust(swift) -> None:
@@ -48,79 +48,79 @@ def test_the_surge_of_the_simulated_boat_is_found_with_its_straight_thrust(swift
 
 
 def test_the_same_speed_step_is_flown_before_and_after_and_drawn_as_speed(swift) -> None:
-    harbour, story = swift
+    harness, story = swift
     assert story.step_before.meta["signal"] == story.step_after.meta["signal"] == "u"
     assert story.step_before.meta["size"] == story.step_after.meta["size"]
     assert [t.name for t in story.relays] == ["throttle-1", "throttle-2"]
-    page = (harbour.directory / "report.html").read_text(encoding="utf-8")
+    page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert "Throttle steps" in page
     assert "measured on the water" in page
-    json.loads((harbour.directory / "gains.json").read_text(encoding="utf-8"))
-    recorded = load_trial(next((harbour.directory / "trials").glob("*-throttle-1.csv")))
+    json.loads((harness.directory / "gains.json").read_text(encoding="utf-8"))
+    recorded = load_trial(next((harness.directory / "trials").glob("*-throttle-1.csv")))
     assert recorded.meta["dof"] == "surge"
 
 
 def test_a_turn_rate_loop_is_tuned_without_its_angle_gain(tmp_path) -> None:
-    harbour = SitlHarness(tmp_path, "blueboat")
-    story = harbour.tune(axis="yaw")
+    harness = SitlHarness(tmp_path, "blueboat")
+    story = harness.tune(axis="yaw")
     assert story.ending == "kept"
     assert story.step_after.meta["signal"] == "r"
     assert story.metrics_after.itae < 0.5 * story.metrics_before.itae
-    changed = {n for n, v in harbour.parameters.items() if dict(harbour.vehicle.parameters.values)[n] != v}
+    changed = {n for n, v in harness.parameters.items() if dict(harness.vehicle.parameters.values)[n] != v}
     assert changed == set(story.proposal.new)
     assert "ATC_STR_ANG_P" not in changed
 
 
 def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_third_oscillation(tmp_path) -> None:
-    harbour = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("dead-zone@N.width=0.12")])
-    story = harbour.tune(axis="yaw")
+    harness = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("dead-zone@N.width=0.12")])
+    story = harness.tune(axis="yaw")
     assert [trial.name for trial in story.relays] == ["relay-1", "relay-2", "relay-3"]
     assert any(
-        "the three oscillations speak of an actuator that does nothing below 12" in said for said in harbour.said
+        "the three oscillations speak of an actuator that does nothing below 12" in said for said in harness.said
     )
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
 
 
 def test_what_a_straight_model_leaves_of_bent_thrust_is_not_taken_for_noise_of_the_turn_rate(tmp_path) -> None:
-    harbour = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
-    story = harbour.tune(axis="yaw")
+    harness = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
+    story = harness.tune(axis="yaw")
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
-    _assert_all_is_told_of_the_model_with_the_curve(harbour, story)
+    _assert_all_is_told_of_the_model_with_the_curve(harness, story)
 
 
-def _assert_all_is_told_of_the_model_with_the_curve(harbour: SitlHarness, story: TuneStory) -> None:
+def _assert_all_is_told_of_the_model_with_the_curve(harness: SitlHarness, story: TuneStory) -> None:
     """Page, fit.json, model.json and doubts are of the model that the gains came from: one model, one file."""
     assert ("quadratic-actuator", "N") in [(e.slug, e.place) for e in story.fit.effects]
     assert story.fit.fit_percent > 95.0
     assert not {"run-apart", "runs-disagree"} & {d.slug for d in story.fit.doubts}
-    assert [p.name for p in harbour.directory.glob("*model*.json")] == ["model.json"]
-    file = load_model(harbour.directory / "model.json")
+    assert [p.name for p in harness.directory.glob("*model*.json")] == ["model.json"]
+    file = load_model(harness.directory / "model.json")
     assert file.model.effects == story.fit.effects
     assert "quadratic-actuator@N.share" in file.names
-    assert load_model(harbour.directory / "fit.json").model == file.model
-    assert "quadratic share of the thrust" in (harbour.directory / "report.html").read_text(encoding="utf-8")
+    assert load_model(harness.directory / "fit.json").model == file.model
+    assert "quadratic share of the thrust" in (harness.directory / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
     """Of 25 deg/s: the present gains are too weak to turn a Falcon at 30 deg/s, half the step without asking."""
-    harbour = SitlHarness(tmp_path, "falcon")
-    story = harbour.tune(axis="yaw", dry_run=True, step=math.radians(25.0))
+    harness = SitlHarness(tmp_path, "falcon")
+    story = harness.tune(axis="yaw", dry_run=True, step=math.radians(25.0))
     assert story.ending in ("dry-run", "unchanged")
     flown = story.step_before
     end = [m.t for m in flown.marks if m.kind == "target"][-1]
     reached = flown["r"].between(end - 1.5, end).values.mean()
     assert reached == pytest.approx(flown.meta["size"] / 2.0, rel=0.15)
-    harbour.assert_as_found()
+    harness.assert_as_found()
 
 
 def test_experiment_surge_on_a_boat_explains_the_motion_and_leaves_a_model_file(tmp_path) -> None:
-    harbour = SitlHarness(tmp_path)
-    fit = experiment(harbour.settings("surge"), Unattended(), Ear(harbour.said))
+    harness = SitlHarness(tmp_path)
+    fit = experiment(harness.settings("surge"), Unattended(), Ear(harness.said))
     assert fit.fit_percent > 85.0
     assert fit.model.alpha == pytest.approx(300.0 / 75.0, rel=0.03)
     assert fit.extra[CURVE]["square"] == pytest.approx(1.0, abs=0.06)
-    model = json.loads((harbour.directory / "model.json").read_text(encoding="utf-8"))
+    model = json.loads((harness.directory / "model.json").read_text(encoding="utf-8"))
     assert model["effects"][-1]["slug"] == "quadratic-actuator"
-    assert dict(harbour.vehicle.parameters.values) == harbour.parameters
+    assert dict(harness.vehicle.parameters.values) == harness.parameters

@@ -31,21 +31,21 @@ WRONG = {
 @pytest.mark.parametrize(("name", "axis", "options", "why"), WRONG.values(), ids=WRONG)
 def test_a_wrong_actuator_is_refused_before_anything_swings(tmp_path, name, axis, options, why):
     effects = [parse_effect(options["effect"])] if "effect" in options else []
-    harbour = SitlHarness(tmp_path, name, parameters=options.get("parameters"), effects=effects)
+    harness = SitlHarness(tmp_path, name, parameters=options.get("parameters"), effects=effects)
     with pytest.raises(PreconditionFailed, match="sign check") as caught:
-        harbour.tune(axis=axis, **({"throttle": options["throttle"]} if "throttle" in options else {}))
+        harness.tune(axis=axis, **({"throttle": options["throttle"]} if "throttle" in options else {}))
     assert why in str(caught.value)
-    harbour.assert_as_found()
-    assert [path.stem for path in (harbour.directory / "trials").glob("*.csv")] == ["01-sign-check"]
+    harness.assert_as_found()
+    assert [path.stem for path in (harness.directory / "trials").glob("*.csv")] == ["01-sign-check"]
 
 
 def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path):
     settings = {"ARMING_SKIPCHK": -1.0, "MANUAL_OPTIONS": 1.0, "SERVO1_REVERSED": 1.0}
-    harbour = SitlHarness(tmp_path, names="4.7", parameters=settings)
+    harness = SitlHarness(tmp_path, names="4.7", parameters=settings)
     with pytest.raises(PreconditionFailed):
-        harbour.tune()
-    assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harbour.said)
-    assert any("MANUAL_OPTIONS" in text for text in harbour.said)
+        harness.tune()
+    assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harness.said)
+    assert any("MANUAL_OPTIONS" in text for text in harness.said)
 
 
 def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_path):
@@ -54,8 +54,8 @@ def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_pat
             message.press_abs = -580.0
         yield message
 
-    harbour = SitlHarness(tmp_path, "videoray", high_above_the_sea)
+    harness = SitlHarness(tmp_path, "videoray", high_above_the_sea)
     with pytest.raises(PreconditionFailed, match=r"tells -580 hPa .* altitude of 0; nothing was armed"):
-        harbour.tune(axis="depth")
-    harbour.assert_as_found()
-    assert not list((harbour.directory / "trials").glob("*.csv"))
+        harness.tune(axis="depth")
+    harness.assert_as_found()
+    assert not list((harness.directory / "trials").glob("*.csv"))
