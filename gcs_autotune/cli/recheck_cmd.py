@@ -5,18 +5,12 @@ from __future__ import annotations
 import argparse
 
 from gcs_autotune.cli.command import Command, add_connection, add_output
-from gcs_autotune.cli.fly_cmd import DEFAULT_CONNECTION, OPTIONS, add_flight, run_flight
+from gcs_autotune.cli.fly_cmd import COMMAND as FLY
+from gcs_autotune.cli.fly_cmd import DEFAULT_CONNECTION, add_flight, run_flight
 
 __all__ = ["COMMAND"]
 
 RELAY = ("set-point", "hysteresis", "second-set-point", "second-hysteresis")
-NOT_ASKED = {
-    **{name.replace("-", "_"): None for name in (*OPTIONS, "resume", "model", "full-scale") if name not in RELAY},
-    "force": "",
-    "first_to": "starboard",
-    "preview": False,
-}
-"""What a flight can be told besides."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +21,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    return run_flight(argparse.Namespace(**{**NOT_ASKED, **vars(args), "manoeuvre": "set-point-relay"}))
+    flight = argparse.ArgumentParser()
+    FLY.add_arguments(flight)
+    given = argparse.Namespace(**vars(args))  # what is not asked here is as `fly` has it where nothing is said
+    return run_flight(flight.parse_args(["set-point-relay"], given))
 
 
 COMMAND = Command(

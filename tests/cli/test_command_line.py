@@ -399,3 +399,13 @@ def test_a_full_scale_that_is_none_is_explained(text: str, tmp_path: Path, capsy
     path.write_text("t[s],psi[rad],N\n0,0,0\n1,0,0\n")
     assert main(["identify", str(path), "--full-scale", text]) == 2
     assert "write the force at full output" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_recheck_heading_tells_of_the_loop_as_it_is_and_writes_no_parameter(tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(["recheck", "heading", "--connect", "sitl:blueboat", "--out", str(out)]) == 0
+    told = capsys.readouterr()
+    assert "natural frequency" in told.out.lower()
+    assert "write no parameter" in " ".join(told.err.split())
+    assert (out / "report.html").exists()
