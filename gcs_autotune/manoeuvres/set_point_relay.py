@@ -23,6 +23,8 @@ __all__ = ["KIND", "SetPointRelay"]
 
 PERIODS, MOST_PERIODS = 5, 15
 """Consecutive periods that must agree (Miskovic2010, 6.7), and those after which a relay is taken as it is."""
+LONGEST, LEAST_SWITCHINGS = 110.0, 6
+"""Chosen [s]: a relay that has not settled by then, and has switched so often, is taken as it is: a boat runs on."""
 PATIENCE = 60.0
 """Chosen [s]: a loop that does not bring the heading past x_a by then does not follow."""
 
@@ -39,6 +41,7 @@ class SetPointRelay(Manoeuvre):
         super().__init__(name)
         self._relays, self._speed = relays, speed
         self._approach = Approach("psi", needs_way=speed > 0.0)
+        self._unsettled = 0
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
@@ -70,13 +73,16 @@ class SetPointRelay(Manoeuvre):
             if self.outcome is not None:
                 break
         else:
-            self._end("completed", f"{len(self._relays)} relays about the course settled")
+            rest = (
+                f", of which {self._unsettled} did not settle: the loop hardly damps" if self._unsettled else " settled"
+            )
+            self._end("completed", f"{len(self._relays)} relays about the course{rest}")
         self.target = course
         yield HeadingTarget(course, self._speed)
 
     def _swung(self, number: int, course: float, C: float, x_a: float, now: Observation) -> Part:
         """Fly one relay until it has settled."""
-        monitor, high, switched = _monitor(C, x_a), True, now.t
+        monitor, high, switched, began = _monitor(C, x_a), True, now.t, now.t
         self.phase = f"relay {number}"
         self._mark(now.t, "relay", {"C": C, "x_a": x_a})
         self._mark(now.t, "switch", {"psi_ref": course + C})
@@ -87,7 +93,9 @@ class SetPointRelay(Manoeuvre):
                 self._mark(now.t, "switch", {"psi_ref": course + (C if high else -C)})
             state = monitor.update(now.t, x, high)
             self.target = course + (C if high else -C)
-            if state.settled or state.switchings >= 2 * MOST_PERIODS:
+            late = now.t - began > LONGEST and state.switchings >= LEAST_SWITCHINGS
+            if state.settled or late or state.switchings >= 2 * MOST_PERIODS:
+                self._unsettled += not state.settled
                 return now
             if now.t - switched > PATIENCE:
                 self._end(

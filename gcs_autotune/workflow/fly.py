@@ -279,8 +279,10 @@ class _Flight:
             [Leg(STAGE, CHECK) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive + list(self._planned_legs())
         )
         manual, hold = craft.firmware.manual_mode, craft.firmware.hold_mode
-        dives = dive or plan.min_depth is not None
-        modes = f"use modes {hold} and {manual}" if dives else f"use mode {manual}"
+        by_loops = any(not leg.run.make(leg.throttle).in_manual for leg in self._to_fly)
+        by_hand = bool(dofs) or any(leg.run.make(leg.throttle).in_manual for leg in self._to_fly)
+        used = [hold] * (by_loops or dive or plan.min_depth is not None) + [manual] * by_hand
+        modes = f"use mode{'s' * (len(used) > 1)} {' and '.join(used)}"
         armed_now = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
         for text in (
             f"{armed_now}; {TWITCHING}",
