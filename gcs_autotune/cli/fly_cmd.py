@@ -198,7 +198,8 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
     side = 1 if args.first_to == "starboard" else -1
     if not what:
         assert until is not None  # asked by the command
-        settings = replace(first_run(until, common), options=options, side=side)
+        first = first_run(until, common)
+        settings = replace(first, options={**first.options, **options}, side=side)
     else:
         settings = FlySettings(what, common, options, side, model, args.full_scale, args.force)
     return replace(FlightPlan.of(settings), area=area, until=until), common

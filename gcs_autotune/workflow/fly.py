@@ -253,14 +253,10 @@ class _Flight:
     @property
     def _dofs(self) -> list[str]:
         """The degrees of freedom whose actuators are checked before."""
-        wanted = (
-            []
-            if self._plan.until is None
-            else [d for d in driven(self._plan.until, self._craft.firmware) if d in _DOF.values()]
-        )
-        return list(
-            dict.fromkeys([*(dof for leg in self._to_fly if (dof := _checked(leg.run.settings.kind))), *wanted])
-        )
+        until = self._plan.until
+        wanted = driven(until, self._craft.firmware) if until is not None else ()
+        flown = [_checked(leg.run.settings.kind) for leg in self._to_fly]
+        return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in _DOF.values()]
 
     def announce(self) -> None:
         """Say what will be done, and ask.
@@ -279,9 +275,9 @@ class _Flight:
             [Leg(STAGE, CHECK) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive + list(self._planned_legs())
         )
         manual, hold = craft.firmware.manual_mode, craft.firmware.hold_mode
-        by_loops = any(not leg.run.make(leg.throttle).in_manual for leg in self._to_fly)
-        by_hand = bool(dofs) or any(leg.run.make(leg.throttle).in_manual for leg in self._to_fly)
-        used = [hold] * (by_loops or dive or plan.min_depth is not None) + [manual] * by_hand
+        in_manual = {leg.run.make(leg.throttle).in_manual for leg in self._to_fly}
+        used = [hold] * (False in in_manual or dive or plan.min_depth is not None)
+        used += [manual] * (True in in_manual or bool(dofs))
         modes = f"use mode{'s' * (len(used) > 1)} {' and '.join(used)}"
         armed_now = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
         for text in (

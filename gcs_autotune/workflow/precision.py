@@ -14,8 +14,8 @@ from gcs_autotune.sname import DOFS
 
 __all__ = ["Precision", "precision_of"]
 
-FORMS_FLOWN = ("horizontal", "6dof")
-"""Coupled forms whose inputs are the forces that a flight records."""
+FORMS_FLOWN = ("horizontal",)
+"""Coupled forms that trials are planned for: their inputs are the forces that a flight records."""
 MOST_PERCENT = 100.0
 _ITEM = re.compile(r"\s*([A-Za-z][A-Za-z_0-9|]*)\s*[= ]\s*([0-9.]+)\s*%\s*")
 

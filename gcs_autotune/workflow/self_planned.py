@@ -103,6 +103,8 @@ def offers_for(precision: Precision, first: FlySettings, firmware: Firmware, cru
     for kind in _kinds(able):
         if not (kind.identifies and kind.make is not None and kind.suits(firmware) and kind.drives <= able):
             continue
+        if kind.tied or kind.needs:  # a bollard, or a wall ahead, nobody chooses unasked
+            continue
         for options, throttle in itertools.product(_sizes(kind), throttles):
             common = replace(first.common, throttle=throttle)
             force = next(iter(kind.drives)) if kind.for_force is not None else ""
@@ -177,13 +179,13 @@ class Outlook:
     """What the runs tell by now, and what to fly next, best first.
 
     ``relative`` standard errors of what is wanted; ``foretold``: how well [%] the model of the runs before predicted
-    the last one, NaN where there was none.
+    the last one, NaN where there was none. ``choices`` is None where the model runs away, so that it tells nothing.
     """
 
     fit: Fit
     relative: Mapping[str, float]
     foretold: float
-    choices: tuple[Choice, ...] = ()
+    choices: tuple[Choice, ...] | None = ()
 
 
 def look_ahead(
@@ -212,9 +214,12 @@ def look_ahead(
             most[force] = max(most.get(force, 0.0), came)
     presets = [offer.as_preset() for offer in offers]
     number = {id(preset): i for i, preset in enumerate(presets)}
-    ranked = rank_by_precision(
-        found, list(runs), precision.wanted, presets, longest=LONGEST, overhead=overhead, most=most
-    )
+    try:
+        ranked = rank_by_precision(
+            found, list(runs), precision.wanted, presets, longest=LONGEST, overhead=overhead, most=most
+        )
+    except NotInformative:
+        return Outlook(found, relative, foretold, None)
     choices = tuple(
         Choice(
             number[id(w.candidate)], w.relative, w.seconds, w.flight.reach.room, w.flight.reach.deep,
@@ -262,6 +267,7 @@ class SelfPlanner:
         self._left = until.seconds - first.preview.seconds
         self._why = "the first"
         self._name = first.run.name
+        self._tried = [first.run.settings.kind.name]
         self.steps: list[TrialStep] = []
 
     def next_leg(
@@ -304,6 +310,8 @@ class SelfPlanner:
                 f"not reached: the last {IN_VAIN} runs brought it no nearer, for the model misses something that they "
                 "show (see what to doubt; gcs-autotune diagnose looks for the cause)"
             )
+        if seen.choices is None:
+            return self._blindly(number, leg_of)
         worth = [c for c in seen.choices if c.gain >= _noticed(away[-1])]
         if not worth:
             hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
@@ -322,6 +330,18 @@ class SelfPlanner:
                 return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: nothing that would help can be flown: {troubles[0]}"
+
+    def _blindly(self, number: int, leg_of: Callable[[PlannedRun], FlightLeg]) -> tuple[FlightLeg | None, str]:
+        """Return the gentlest run of a manoeuvre not flown yet, where the model runs away and foretells nothing."""
+        for offer in self._offers:
+            name = offer.settings.kind.name
+            if name in self._tried:
+                continue
+            self._tried.append(name)
+            leg = leg_of(PlannedRun(f"{number}-{name}", offer.settings))
+            if leg.preview.seconds <= self._left and not leg.preview.trouble:
+                return leg, f"{offer.title}, another manoeuvre, for the model of the runs so far runs away by itself"
+        return None, "not reached: the model of these runs runs away, and no other manoeuvre can be flown"
 
 
 def _noticed(away: float) -> float:

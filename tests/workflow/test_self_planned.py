@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
+from gcs_autotune.cli import main
 from gcs_autotune.errors import OperatorStopped, UnknownName, UsageError
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.workflow import FlightPlan, Unattended, first_run, fly_plan, precision_of
-from gcs_autotune.workflow.self_planned import LONGEST, offers_for
+from gcs_autotune.identify import Fit
+from gcs_autotune.manoeuvres import Envelope, Preview
+from gcs_autotune.trial import Trial, load_trial
+from gcs_autotune.workflow import FlightPlan, PlannedRun, Unattended, first_run, fly_plan, precision_of
+from gcs_autotune.workflow.flight_plan import FlightLeg
+from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, offers_for
 
 from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
@@ -78,6 +85,35 @@ def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_pat
     sizes = {o.settings.options["steering"] for o in offers if o.settings.kind.name == "zig-zag"}
     assert len(sizes) >= 3
     assert all(o.make() is not o.make() for o in offers)
+
+
+def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_end_it(tmp_path: Path) -> None:
+    settings = SitlHarness(tmp_path, QUICK).settings()
+    asked = precision_of("N_r 5%", "", 600.0)
+    first = first_run(asked, settings)
+    seen = SimpleNamespace(seconds=30.0, trouble="")
+    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, seen))
+    said: list[str] = []
+    planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, said.append)
+    lost = Outlook(cast(Fit, None), {"beta_r": math.inf}, math.nan, None)
+    run = cast(Trial, SimpleNamespace(duration=30.0))
+
+    def leg_of(planned: PlannedRun) -> FlightLeg:
+        return replace(leg, run=planned)
+
+    chosen = [planner.next_leg([run] * k, lambda *work: lost, leg_of) for k in (1, 2, 3)]
+    names = [None if c is None else c.run.settings.kind.name for c in chosen]
+    assert None not in names[:2] and names[2] is None
+    assert len({"doublets", *names[:2]}) == 3
+    assert "runs away by itself" in said[1]
+    assert "brought it no nearer" in planner.steps[-1].ended
+
+
+@pytest.mark.slow
+def test_from_the_command_line_a_first_run_in_depth_is_as_short_as_nobody_knows_the_craft(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert main(["fly", "--until", "Z_wdot 2%", "--connect", "sitl:videoray", "--out", str(out)]) == 0
+    assert load_trial(next((out / "trials").glob("*doublets.csv"))).duration < 30.0
 
 
 @pytest.fixture(scope="module")
