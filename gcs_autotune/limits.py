@@ -612,6 +612,16 @@ _LINKED = (
         60.0,
         slips=(_MS,),
     ),
+    Limit(
+        "listen",
+        "how long each port is listened to",
+        "s",
+        0.2,
+        600.0,
+        "a vehicle says its name once a second",
+        2.5,
+        slips=(_MS,),
+    ),
     Limit("seed", "noise seed of a sitl: vehicle", "", 0, 2**32 - 1, "it begins a generator", 1, whole=True),
 )
 _DESK = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +25,8 @@ fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile once what all processes would compile, where nothing is compiled yet."""
+    """Compile once what all processes would compile, where nothing is compiled yet; no settings of the user's count."""
+    os.environ["GCS_AUTOTUNE_CONFIG"] = "none"
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
         compiling = [subprocess.Popen([sys.executable, "-c", each], cwd=ROOT) for each in WARM_UPS]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
 from gcs_autotune import __version__
 from gcs_autotune.cli import (
+    completion_cmd,
     diagnose_cmd,
+    doctor_cmd,
     experiment_cmd,
     figures_cmd,
     fly_cmd,
@@ -23,6 +26,7 @@ from gcs_autotune.cli import (
     tune_cmd,
 )
 from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, UsageError, exit_code
 from gcs_autotune.foreign_text import visible
 
@@ -43,6 +47,9 @@ COMMANDS: Mapping[str, Command] = {
         params_cmd.COMMAND,
         restore_cmd.COMMAND,
         sitl_cmd.COMMAND,
+        doctor_cmd.DOCTOR,
+        doctor_cmd.PORTS,
+        completion_cmd.COMMAND,
     )
 }
 """Verb -> command; adding one is one file and one line."""
@@ -53,10 +60,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == [sitl_cmd.COMMAND.name]:
         return sitl_cmd.hand_over(arguments[1:])
+    args = None
     try:
-        args = make_parser().parse_args(arguments)
+        config = read_config(find_config())
+        args = make_parser(config).parse_args(arguments)
+        if used := config.used_by(args):
+            told = ", ".join(f"{name} {shown_value(value)}" for name, value in used.items())
+            sys.stderr.write(f"{visible(f'settings of {config.path}: {told}')}\n")
         return COMMANDS[args.command].run(args)
     except AutotuneError as error:
+        if getattr(args, "verbose", False):
+            traceback.print_exc()
         sys.stderr.write(f"gcs-autotune: {visible(str(error))}\n")
         return exit_code(error)
 
@@ -69,8 +83,8 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f"{message.removeprefix('argument ')} (see `{self.prog} --help`)")
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:
+    """Return the parser of the whole command line, with the defaults that a settings file says."""
     rows = [(0, "done"), (tune_cmd.RESTORED, "tuned, but the old gains proved better and are back")]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
@@ -85,4 +99,5 @@ def make_parser() -> argparse.ArgumentParser:
     for command in COMMANDS.values():
         sub = verbs.add_parser(command.name, help=command.help, description=command.description)
         command.add_arguments(sub)
+    config.apply(parser)
     return parser

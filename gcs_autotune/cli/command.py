@@ -20,6 +20,8 @@ from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
 if TYPE_CHECKING:
     from gcs_autotune.manoeuvres import Envelope
+    from gcs_autotune.mavlink import SigningKey
+    from gcs_autotune.report import StageBar, TerminalWatcher
     from gcs_autotune.workflow import Connection
 
 __all__ = [
@@ -27,15 +29,18 @@ __all__ = [
     "add_connection",
     "add_envelope",
     "add_experiment",
+    "add_loudness",
     "add_number",
     "add_output",
-    "add_quiet",
     "connected",
     "connection_of",
     "envelope_from",
+    "progress_bar",
     "run_directory",
     "see_axis_limits",
     "see_model_file",
+    "uri_of",
+    "watching",
 ]
 
 
@@ -136,17 +141,19 @@ def see_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
             raise UsageError(f"--{name}: {error}") from None
 
 
-def add_connection(
-    parser: argparse.ArgumentParser, default: str | None = None, otherwise: str = "", required: bool = False
-) -> None:
-    """Add ``--connect`` and its companions; *otherwise* says in words what stands in for a missing default."""
+def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_run: bool = False) -> None:
+    """Add ``--connect`` and its companions, read with :func:`uri_of`.
+
+    otherwise : says in words what stands in for it; without, it must be given. of_run : it is the link of a recorded
+    run, and no settings file has a say in it.
+    """
     group = parser.add_argument_group("connection")
-    fallback = "" if required else f" (default {default or otherwise})"
+    if not of_run:
+        parser.set_defaults(configured_link="")
+    fallback = f" (default {otherwise})" if otherwise else ""
     group.add_argument(
         "--connect",
         metavar="URI",
-        default=default,
-        required=required,
         help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
         "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
         "started for you, sitl:FILE.toml for one of your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an "
@@ -176,6 +183,20 @@ def add_connection(
     add_number(group, "seed", "N")
 
 
+def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
+    """Return the link: that of the command line, else of the settings file, else *otherwise*.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    """
+    uri = args.connect or args.configured_link or otherwise
+    if not uri:
+        raise UsageError("say where the vehicle is: --connect URI (`gcs-autotune ports` tells who talks where)")
+    return str(uri)
+
+
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add ``--out``."""
     parser.add_argument(
@@ -186,13 +207,38 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_quiet(parser: argparse.ArgumentParser) -> None:
-    """Add ``--quiet``."""
-    parser.add_argument(
+def add_loudness(parser: argparse.ArgumentParser) -> None:
+    """Add ``--quiet`` and ``--verbose``."""
+    loudness = parser.add_mutually_exclusive_group()
+    loudness.add_argument(
         "--quiet",
         action="store_true",
-        help=f"ring no bell at questions and at the end (the same: {BELL_VARIABLE}=off in the environment)",
+        help="no line of progress and no bell; announcements, warnings, questions and the end are told "
+        f"(bell only: {BELL_VARIABLE}=off in the environment)",
     )
+    loudness.add_argument(
+        "--verbose",
+        action="store_true",
+        help="keep the lines of progress, tell what the vehicle says in words, and of an error where it came from",
+    )
+
+
+def watching(args: argparse.Namespace) -> TerminalWatcher:
+    """Return who tells the terminal how a vehicle does, as loud as :func:`add_loudness` says."""
+    from rich.console import Console
+
+    from gcs_autotune.report import TerminalWatcher
+
+    return TerminalWatcher(Console(stderr=True), quiet=args.quiet, verbose=args.verbose)
+
+
+def progress_bar(args: argparse.Namespace) -> StageBar:
+    """Return what tells the terminal how far a long calculation is, as loud as :func:`add_loudness` says."""
+    from rich.console import Console
+
+    from gcs_autotune.report import StageBar
+
+    return StageBar(Console(stderr=True, quiet=args.quiet or (args.json and not args.verbose)), verbose=args.verbose)
 
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:
@@ -252,11 +298,7 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
 
     signing = signing_of(args, uri)
     with open_link(uri, baud=args.baud, seed=args.seed, backend=args.backend) as transport:
-        from gcs_autotune.workflow import Connection
-
-        yield Connection(
-            uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing, transport
-        )
+        yield replace(_connection(args, uri, signing), opened=transport)
 
 
 def see_model_file(path: Path | None) -> None:
@@ -279,10 +321,21 @@ def see_model_file(path: Path | None) -> None:
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Build the connection to *uri* from the options of :func:`add_connection`."""
+    return _connection(args, uri, signing_of(args, uri))
+
+
+def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) -> Connection:
     from gcs_autotune.workflow import Connection
 
     return Connection(
-        uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing_of(args, uri)
+        uri,
+        args.baud,
+        args.system_id,
+        args.source_system,
+        args.seed,
+        args.backend,
+        signing,
+        telling_texts=args.verbose,
     )
 
 

@@ -9,7 +9,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 
@@ -54,6 +54,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "horizon", "S")
     add_number(parser, "jobs", "N")
     add_reading(parser)
+    add_loudness(parser)
     out = parser.add_argument_group("output")
     out.add_argument(
         "--out",
@@ -68,7 +69,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.text import Text
 
-    from gcs_autotune.report import StageBar, diagnosis_summary
+    from gcs_autotune.report import diagnosis_summary
     from gcs_autotune.workflow import DiagnosisSettings, run_diagnosis, write_diagnosis
 
     if args.list_effects:
@@ -84,7 +85,7 @@ def _run(args: argparse.Namespace) -> int:
         jobs=args.jobs if args.jobs > 0 else os.cpu_count() or 1,
         horizon=args.horizon,
     )
-    with StageBar(Console(stderr=True, quiet=args.json)) as bar:
+    with progress_bar(args) as bar:
         told = run_diagnosis(runs, read_others(args, args.validate), settings, bar)
     page, replaced = None, ""
     if args.out is not None or not args.json:

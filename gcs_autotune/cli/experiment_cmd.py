@@ -15,12 +15,14 @@ from gcs_autotune.cli.command import (
     add_connection,
     add_envelope,
     add_experiment,
+    add_loudness,
     add_output,
-    add_quiet,
     connected,
     envelope_from,
     run_directory,
     see_axis_limits,
+    uri_of,
+    watching,
 )
 from gcs_autotune.cli.console import ConsoleOperator
 
@@ -34,10 +36,10 @@ DEFAULT_CONNECTION = "sitl:videoray"
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=(*AXES, *OTHER_NAMES), help="what to swing")
-    add_connection(parser, default=DEFAULT_CONNECTION)
+    add_connection(parser, otherwise=DEFAULT_CONNECTION)
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
-    add_quiet(parser)
+    add_loudness(parser)
     parser.add_argument("--json", action="store_true", help="print the fit as JSON on standard output")
     add_experiment(parser)
     add_envelope(parser)
@@ -45,7 +47,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     see_axis_limits(args, ("relay-hysteresis",))
-    with connected(args, args.connect) as connection:
+    with connected(args, uri_of(args, DEFAULT_CONNECTION)) as connection:
         return _experiment(args, connection)
 
 
@@ -53,7 +55,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     """Fly and identify over a link that is open, and tell of it."""
     from rich.console import Console
 
-    from gcs_autotune.report import TerminalWatcher, fit_summary
+    from gcs_autotune.report import fit_summary
     from gcs_autotune.workflow import TuneSettings, experiment
 
     hysteresis = args.relay_hysteresis
@@ -74,7 +76,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         envelope=envelope_from(args),
     )
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
-    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
+    with operator.listening(), watching(args) as watcher:
         fit = experiment(settings, operator, watcher, now.isoformat(timespec="seconds"))
     if args.json:
         sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")

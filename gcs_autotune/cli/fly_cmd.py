@@ -16,14 +16,16 @@ from gcs_autotune.cli.command import (
     Command,
     add_connection,
     add_envelope,
+    add_loudness,
     add_number,
     add_output,
-    add_quiet,
     connected,
     connection_of,
     envelope_from,
     run_directory,
     see_model_file,
+    uri_of,
+    watching,
 )
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.errors import UsageError
@@ -97,7 +99,7 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
         help="where it may go: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file (beside its own fence)",
     )
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
-    add_quiet(parser)
+    add_loudness(parser)
     parser.add_argument("--json", action="store_true", help="print figures and model as JSON on standard output")
     add_envelope(parser)
     return group
@@ -129,7 +131,7 @@ def _see_it_is_known(args: argparse.Namespace) -> None:
 
 def run_flight(args: argparse.Namespace) -> int:
     """Open the link, fly, and tell of it."""
-    with connected(args, args.connect or DEFAULT_CONNECTION) as connection:
+    with connected(args, uri_of(args, DEFAULT_CONNECTION)) as connection:
         return _fly(args, connection)
 
 
@@ -228,13 +230,13 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
     """Fly over a link that is open, and tell of it."""
     from rich.console import Console
 
-    from gcs_autotune.report import TerminalWatcher, model_summary, sheets_summary
+    from gcs_autotune.report import model_summary, sheets_summary
     from gcs_autotune.workflow import fly_plan
 
     now = datetime.now()
     plan, common = _plan(args, connection, now)
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
-    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
+    with operator.listening(), watching(args) as watcher:
         when = now.isoformat(timespec="seconds")
         result = fly_plan(plan, common, operator, watcher, when, only_preview=args.preview)
     if args.preview:

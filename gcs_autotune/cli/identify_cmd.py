@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
@@ -82,6 +82,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
         help="intervals of parameters by profile likelihood: alpha_r,beta_r",
     )
+    add_loudness(parser)
     out = parser.add_argument_group("output")
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
@@ -96,7 +97,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.text import Text
 
     from gcs_autotune.identify import METHODS, load_model, save_model
-    from gcs_autotune.report import StageBar, render_study, study_summary, study_to_dict
+    from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
@@ -124,7 +125,7 @@ def _run(args: argparse.Namespace) -> int:
         plan_next=args.plan_next,
         profile=tuple(n.strip() for n in args.profile.split(",") if n.strip()),
     )
-    with StageBar(Console(stderr=True, quiet=args.json)) as bar:
+    with progress_bar(args) as bar:
         found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"), bar)
     said = []
     if args.save is not None:

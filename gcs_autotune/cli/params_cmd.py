@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, connection_of
+from gcs_autotune.cli.command import Command, add_connection, add_loudness, connection_of, uri_of, watching
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.cli.writing import on_replacing
 from gcs_autotune.foreign_text import visible
@@ -18,23 +18,23 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     save = actions.add_parser("save", help="write the vehicle's whole parameter list to a file")
     save.add_argument("file", type=Path, metavar="FILE", help="NAME,VALUE lines, or JSON when it ends in .json")
-    add_connection(save, required=True)
+    add_connection(save)
+    add_loudness(save)
     restore = actions.add_parser("restore", help="put a file's parameters back and verify each by reading it")
     restore.add_argument("file", type=Path, metavar="FILE", help="as written by `params save` or by `tune`")
     restore.add_argument("--yes", action="store_true", help="do not ask before writing")
-    add_connection(restore, otherwise="the link of the run the file belongs to")
+    add_connection(restore, otherwise="the link of the run the file belongs to", of_run=True)
+    add_loudness(restore)
 
 
 def _run(args: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from gcs_autotune.report import TerminalWatcher
     from gcs_autotune.workflow import link_of, restore_parameters, save_parameters
 
-    connection = connection_of(args, args.connect or link_of(args.file))
-    operator = ConsoleOperator(yes=args.action == "save" or args.yes)
-    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
-        if args.action == "save":
+    saving = args.action == "save"
+    connection = connection_of(args, uri_of(args) if saving else args.connect or link_of(args.file))
+    operator = ConsoleOperator(yes=saving or args.yes, bell=not args.quiet)
+    with operator.listening(), watching(args) as watcher:
+        if saving:
             replaced = on_replacing(args.file)
             count = save_parameters(connection, args.file, operator, watcher)
             sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}\n")

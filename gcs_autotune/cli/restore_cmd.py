@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, connection_of
+from gcs_autotune.cli.command import Command, add_connection, add_loudness, connection_of, watching
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.foreign_text import visible
 
@@ -22,21 +22,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run directory (or its journal.jsonl); default: the newest below runs/ with something left to restore",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask before writing")
-    add_connection(parser, otherwise="the link of the run")
+    add_connection(parser, otherwise="the link of the run", of_run=True)
+    add_loudness(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from gcs_autotune.report import TerminalWatcher
     from gcs_autotune.workflow import is_settled, link_of, restore_run
 
     if is_settled(args.run):
         sys.stdout.write("nothing to restore: the journal is settled\n")
         return 0
-    operator = ConsoleOperator(yes=args.yes)
+    operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     connection = connection_of(args, args.connect or link_of(args.run))
-    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
+    with operator.listening(), watching(args) as watcher:
         restored = restore_run(connection, args.run, operator, watcher)
     for name, (found, old) in restored.items():
         sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading it back\n")

@@ -17,14 +17,15 @@ from gcs_autotune.cli.command import (
     add_connection,
     add_envelope,
     add_experiment,
+    add_loudness,
     add_number,
     add_output,
-    add_quiet,
     connected,
     envelope_from,
     run_directory,
     see_axis_limits,
     see_model_file,
+    watching,
 )
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.errors import UsageError
@@ -46,7 +47,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
-    add_quiet(parser)
+    add_loudness(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
     parser.add_argument(
         "--resume",
@@ -85,6 +86,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
     see_model_file(args.model)
+    args.connect = args.connect or args.configured_link or None
     with connected(args, args.connect or AXES[args.axis].example) as connection:
         return _tune(args, connection)
 
@@ -94,7 +96,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
     from rich.console import Console
 
     from gcs_autotune.identify import load_model
-    from gcs_autotune.report import TerminalWatcher, show_tune, summarise
+    from gcs_autotune.report import show_tune, summarise
     from gcs_autotune.workflow import TuneSettings, tune
 
     now = datetime.now()
@@ -130,7 +132,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
         proving=_proving(args),
     )
     operator = ConsoleOperator(yes=args.yes, otherwise="or --dry-run to change nothing", bell=not args.quiet)
-    with operator.listening(), TerminalWatcher(Console(stderr=True)) as watcher:
+    with operator.listening(), watching(args) as watcher:
         story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
     if args.json:
         sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
@@ -141,7 +143,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
 
 
 DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "model", "full_scale", "function", "settling_time"} | {
-    *("omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+    *("configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
 }
 """Options that a proof of given gains has no use for."""
 

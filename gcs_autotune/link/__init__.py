@@ -2,7 +2,7 @@
 
 The only room that knows sockets, serial ports and MAVSDK; what needs none of them is in ``mavlink``. From the wire up:
 
-* ``transports``: :func:`open_link` and one file per kind of connection;
+* ``transports``: :func:`open_link` and one file per kind of connection; ``ports``: which there are, who talks on them;
 * ``session``, made of ``frame_port`` (frames, signing, log), ``routing`` (who is told), ``liveness`` (whom we hear, how
   long silent), periodic tasks and the operator's stop; ``discovery`` of the vehicle among what is heard;
 * ``parameters``: ``exchange`` (question and answer), ``client`` (:class:`Parameters`), ``journal`` and
@@ -20,6 +20,7 @@ from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.parameters.exchange import same_float32
 from gcs_autotune.link.parameters.journal import Journal, JournalState
 from gcs_autotune.link.parameters.parameter_transaction import ParameterTransaction
+from gcs_autotune.link.ports import BAUDS, Overheard, PortSeen, overhear, serial_ports
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.transports import BACKENDS, TRANSPORTS, open_link
 from gcs_autotune.link.transports.memory import MemoryLink, Peer
@@ -34,6 +35,7 @@ from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 
 __all__ = [
     "BACKENDS",
+    "BAUDS",
     "FENCE_PARAMETERS",
     "NEEDED_RATES",
     "TRANSPORTS",
@@ -45,9 +47,11 @@ __all__ = [
     "JournalState",
     "MavlinkCraft",
     "MemoryLink",
+    "Overheard",
     "ParameterTransaction",
     "Parameters",
     "Peer",
+    "PortSeen",
     "Rates",
     "Session",
     "Transport",
@@ -56,7 +60,9 @@ __all__ = [
     "fingerprint_of",
     "open_craft",
     "open_link",
+    "overhear",
     "read_fence",
     "read_outputs",
     "same_float32",
+    "serial_ports",
 ]

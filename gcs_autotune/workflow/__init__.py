@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
+from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun, load_flight_plan
 from gcs_autotune.workflow.flight_result import FlightResult
@@ -27,6 +28,7 @@ __all__ = [
     "PLAN_FILE",
     "Connection",
     "DiagnosisSettings",
+    "Finding",
     "FlightPlan",
     "FlightResult",
     "FlySettings",
@@ -37,12 +39,14 @@ __all__ = [
     "SuppliedGains",
     "TuneSettings",
     "Unattended",
+    "examine",
     "experiment",
     "first_run",
     "fly",
     "fly_plan",
     "is_settled",
     "link_of",
+    "listened_to",
     "load_flight_plan",
     "load_gains",
     "precision_of",

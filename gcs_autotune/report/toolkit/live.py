@@ -124,10 +124,17 @@ def _unit_of_swing(signal: str) -> str:
 
 
 class TerminalWatcher:
-    """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes."""
+    """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes.
 
-    def __init__(self, console: Console, clock: Clock | None = None) -> None:
+    quiet : no progress, sentences only. verbose : plain lines in a terminal, too, that stay.
+    """
+
+    def __init__(
+        self, console: Console, clock: Clock | None = None, *, quiet: bool = False, verbose: bool = False
+    ) -> None:
         self._console = console
+        self._quiet = quiet
+        self._kept = verbose or not console.is_terminal
         self._clock = clock or WallClock()
         self._drawn = -math.inf
         self._told = -math.inf
@@ -143,14 +150,16 @@ class TerminalWatcher:
 
     def update(self, progress: Progress) -> None:
         """Show one control tick, if it is time for it."""
+        if self._quiet:
+            return
         if not progress.t >= self._began:
             self._began = progress.t
         if not math.isfinite(progress.elapsed):
             progress = replace(progress, elapsed=progress.t - self._began)
+        if self._kept:
+            self._tell(progress)
         if self._console.is_terminal:
             self._redraw(progress)
-        else:
-            self._tell(progress)
 
     def say(self, text: str) -> None:
         """Show a sentence on a line of its own."""
@@ -184,13 +193,18 @@ class TerminalWatcher:
         if leg == self._leg and 0.0 <= since < PLAIN_EVERY:
             return
         self._leg, self._told = leg, progress.t
+        self._erase()
         self._console.print(Text(visible(describe_progress(progress))), soft_wrap=True)
 
 
 class StageBar:
-    """One line for the stage under way; gone when all is done. Silent where *console* is no terminal."""
+    """One line for the stage under way; gone when all is done. Silent where *console* is no terminal.
 
-    def __init__(self, console: Console) -> None:
+    verbose : each stage has a line that stays, in a terminal or not.
+    """
+
+    def __init__(self, console: Console, *, verbose: bool = False) -> None:
+        self._kept, self._stage = console if verbose else None, ""
         columns = (
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -211,6 +225,9 @@ class StageBar:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Take note that *done* of *total* pieces of *stage* are behind us."""
+        if self._kept is not None and stage != self._stage:
+            self._stage = stage
+            self._kept.print(Text(visible(stage)))
         if self._task is None:
             self._task = self._bar.add_task(visible(stage), total=total)
         self._bar.update(self._task, description=visible(stage), completed=done, total=total)

@@ -1,0 +1,159 @@
+"""``gcs-autotune.toml``: link and safety limits that need not be typed each time.
+
+::
+
+    [link]
+    connect = "/dev/ttyUSB0,57600"
+    [limits]
+    max-distance = 40
+
+Looked for in the folder one works in, then in the user's configuration folder; the first found counts, alone. What is
+typed on the command line counts more. Numbers are held to the table of limits, like typed ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.cli.command import GUARDING
+from gcs_autotune.errors import BadFile, UnknownName, UsageError
+from gcs_autotune.limits import limit_of
+from gcs_autotune.registry import lookup
+
+__all__ = ["CONFIG_NAME", "CONFIG_VARIABLE", "NO_CONFIG", "ConfigFile", "find_config", "read_config", "shown_value"]
+
+CONFIG_NAME = "gcs-autotune.toml"
+CONFIG_VARIABLE = "GCS_AUTOTUNE_CONFIG"
+"""Environment variable that names the file, or ``none`` for no file."""
+NONE = "none"
+
+_TEXTS = ("connect", "backend")
+_PATHS = ("signing-key",)
+_NUMBERS = ("baud", "system-id", "source-system")
+TABLES: Mapping[str, tuple[str, ...]] = {"link": (*_TEXTS, *_PATHS, *_NUMBERS), "limits": GUARDING}
+"""Table of the file -> options that may stand in it, by their names on the command line."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigFile:
+    """What the file says: option (without dashes) -> value as the command line would have it; empty without a file."""
+
+    path: Path | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def apply(self, parser: argparse.ArgumentParser) -> None:
+        """Make the values the defaults of *parser* and its verbs, and say so in the help of each option."""
+        said = False
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for verb in action.choices.values():
+                    self.apply(verb)
+            name = next((o[2:] for o in action.option_strings if o.startswith("--")), "")
+            if name not in self.values or (name == "connect" and parser.get_default("configured_link") is None):
+                continue
+            if name == "connect":
+                parser.set_defaults(configured_link=self.values[name])
+            else:
+                parser.set_defaults(**{action.dest: self.values[name]})
+            shown = shown_value(self.values[name]).replace("%", "%%")
+            action.help = f"{action.help} [{CONFIG_NAME}: {shown}]"
+            said = True
+        if said:
+            parser.epilog = f"{parser.epilog + chr(10) * 2 if parser.epilog else ''}settings: {self.path}"
+
+    def used_by(self, args: argparse.Namespace) -> dict[str, Any]:
+        """Return what of the file is in force in *args*: options of this command that were not typed otherwise."""
+        found = {}
+        for name, value in self.values.items():
+            if name == "connect":
+                in_force = not args.connect and getattr(args, "configured_link", None) if "connect" in args else None
+            else:
+                in_force = getattr(args, name.replace("-", "_"), None)
+            if in_force == value:
+                found[name] = value
+        return found
+
+
+NO_CONFIG = ConfigFile()
+
+
+def find_config() -> Path | None:
+    """Return the file that counts, None where there is none.
+
+    Raises
+    ------
+    UsageError
+        The environment names a file that is not there.
+    """
+    named = os.environ.get(CONFIG_VARIABLE)
+    if named is not None:
+        if named.lower() in (NONE, ""):
+            return None
+        if not Path(named).is_file():
+            raise UsageError(f"{CONFIG_VARIABLE} names {named}, which is no file; '{NONE}' goes without")
+        return Path(named)
+    here = Path(CONFIG_NAME)
+    if here.is_file():
+        return here.resolve()
+    from platformdirs import user_config_path
+
+    users = user_config_path("gcs-autotune") / CONFIG_NAME
+    return users if users.is_file() else None
+
+
+def read_config(path: Path | None) -> ConfigFile:
+    """Read *path*, each value checked as if it had been typed.
+
+    Raises
+    ------
+    BadFile
+        It cannot be read. UsageError, UnknownName: a key is not known (the nearest are named), or a value out of range.
+    """
+    if path is None:
+        return NO_CONFIG
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadFile(f"{path} cannot be read: {error}; {CONFIG_VARIABLE}={NONE} goes without it") from error
+    values: dict[str, Any] = {}
+    for table, pairs in tables.items():
+        known = _found(TABLES, table, f"table in {path}")
+        if not isinstance(pairs, dict):
+            raise UsageError(f"{path}: {table} is a table; write [{table}] and its settings below")
+        for name, value in pairs.items():
+            _found(dict.fromkeys(known), name, f"setting of [{table}] in {path}")
+            try:
+                values[name] = _value(name, value, path.parent)
+            except UsageError as error:
+                raise UsageError(f"{path}: [{table}] {name}: {error}") from None
+    return ConfigFile(path, values)
+
+
+def _found(table: Mapping[str, Any], name: str, kind: str) -> Any:
+    try:
+        return lookup(table, name, kind)
+    except UnknownName as error:
+        hint = f"{error} {CONFIG_VARIABLE}={NONE} goes without the file"
+        raise UnknownName(hint, name=name, nearest=error.nearest) from None
+
+
+def _value(name: str, value: object, folder: Path) -> Any:
+    """Return a value as the command line would have it."""
+    if name in _TEXTS or name in _PATHS:
+        if not isinstance(value, str) or not value:
+            raise UsageError(f"a text in quotation marks is needed, not {value!r}")
+        return folder / Path(value).expanduser() if name in _PATHS else value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise UsageError(f"a number is needed, not {value!r}")
+    return limit_of(name).check(float(value))
+
+
+def shown_value(value: object) -> str:
+    """Return a value as it would be typed."""
+    return f"{value:g}" if isinstance(value, float) else str(value)

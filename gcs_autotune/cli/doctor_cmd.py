@@ -1,0 +1,91 @@
+"""``gcs-autotune doctor`` and ``gcs-autotune ports``: is this machine fit for a tune, and who talks on its ports?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.cli.config_file import find_config
+from gcs_autotune.foreign_text import visible
+
+__all__ = ["DOCTOR", "PORTS"]
+
+UNFIT = 1
+"""Exit code: something is in the way of a tune."""
+SIGNS = {"fine": " ", "note": "!", "wrong": "X"}
+
+
+def _add_listening(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--connect",
+        metavar="URI",
+        action="append",
+        help="listen to this link only (default: every serial port at 57600 and 115200 baud, and UDP 14550)",
+    )
+    add_number(parser, "listen", "S")
+    parser.add_argument("--json", action="store_true", help="print JSON on standard output")
+
+
+def _doctor(args: argparse.Namespace) -> int:
+    from gcs_autotune.workflow import examine
+
+    findings = []
+    for finding in examine(Path("runs"), find_config()):
+        findings.append(finding)
+        if not args.json:
+            _print(SIGNS[finding.state], finding.what, finding.told + (f". {finding.cure}" if finding.cure else ""))
+    ports = _listen(args, told=not args.json)
+    if args.json:
+        sys.stdout.write(json.dumps({"schema": 1, "findings": [asdict(f) for f in findings], "ports": ports}, indent=1))
+        sys.stdout.write("\n")
+    return UNFIT if any(f.state == "wrong" for f in findings) else 0
+
+
+def _ports(args: argparse.Namespace) -> int:
+    ports = _listen(args, told=not args.json)
+    if args.json:
+        sys.stdout.write(json.dumps({"schema": 1, "ports": ports}, indent=1) + "\n")
+    return 0
+
+
+def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
+    """Listen on each port for a while and tell of each as it is done."""
+    from gcs_autotune.workflow import listened_to
+
+    found: list[dict[str, object]] = []
+    uris: Iterable[str] | None = args.connect
+    for name, heard in listened_to(args.listen, uris):
+        if told:
+            _print(" ", "port", f"{name}: {heard.told}" + (f"; --connect {heard.uri}" if heard.autopilots else ""))
+        found.append(
+            {"port": name, "uri": heard.uri, "told": heard.told, "systems": [a.system for a in heard.autopilots]}
+        )
+    return found
+
+
+def _print(sign: str, what: str, text: str) -> None:
+    sys.stdout.write(f"{sign} {what:9s} {visible(text)}\n")
+    sys.stdout.flush()
+
+
+DOCTOR = Command(
+    name="doctor",
+    help="look this machine over: programs, clock, disk, caches, ports and who talks on them",
+    description="Look over what a tune needs of this machine, and listen on its ports. Nothing is sent and nothing "
+    "moves. A line that begins with X is in the way of a tune (exit code 1), one with ! is worth knowing.",
+    add_arguments=_add_listening,
+    run=_doctor,
+)
+PORTS = Command(
+    name="ports",
+    help="list the ports a vehicle may be at, and who talks on them",
+    description="List this machine's serial ports and UDP 14550, each with who was heard there, and how to --connect. "
+    "Nothing is sent.",
+    add_arguments=_add_listening,
+    run=_ports,
+)

@@ -1,0 +1,118 @@
+"""Which ports this machine has, and who talks on them: listening only, nothing is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.errors import CannotOpenLink, LinkError, LinkLost
+from gcs_autotune.link.discovery import VehicleCandidate, is_autopilot
+from gcs_autotune.link.transports import open_link
+from gcs_autotune.link.transports.transport import Transport
+from gcs_autotune.mavlink import Framer
+
+__all__ = ["BAUDS", "Overheard", "PortSeen", "overhear", "serial_ports"]
+
+BAUDS = (57600, 115200)
+"""Speeds listened at, as ArduPilot's SERIALn_BAUD has them where nobody changed it: radios, USB and companions."""
+_LONGEST_READ = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class PortSeen:
+    """A serial port: its device, what it calls itself, and USB vendor and product (None: not on USB)."""
+
+    device: str
+    description: str
+    manufacturer: str = ""
+    usb: tuple[int, int] | None = None
+
+    def __str__(self) -> str:
+        maker = f", {self.manufacturer}" if self.manufacturer and self.manufacturer not in self.description else ""
+        usb = f" (USB {self.usb[0]:04x}:{self.usb[1]:04x})" if self.usb else ""
+        return f"{self.device}: {self.description}{maker}{usb}"
+
+
+@dataclass(frozen=True, slots=True)
+class Overheard:
+    """What was heard on a link for a while.
+
+    Attributes
+    ----------
+    uri : the link, as ``--connect`` takes it.
+    autopilots : who said to be one. others : system ids of everybody else.
+    messages, bad_bytes : MAVLink messages, and bytes that were none.
+    trouble : why nothing could be heard at all; empty when the link opened.
+    """
+
+    uri: str
+    autopilots: tuple[VehicleCandidate, ...] = ()
+    others: tuple[int, ...] = ()
+    messages: int = 0
+    bad_bytes: int = 0
+    trouble: str = ""
+
+    @property
+    def told(self) -> str:
+        """One sentence for a person."""
+        if self.trouble:
+            return self.trouble
+        if self.autopilots:
+            return " and ".join(f"{who}, {'armed' if who.armed else 'disarmed'}" for who in self.autopilots)
+        if self.others:
+            return f"MAVLink, but no autopilot: system ids {', '.join(map(str, self.others))}"
+        if self.messages:
+            return "MAVLink, but nobody who tells what it is"
+        return "bytes, but no MAVLink (another speed?)" if self.bad_bytes else "silent"
+
+
+def serial_ports() -> tuple[PortSeen, ...]:
+    """Return the serial ports of this machine that hardware is behind, by device."""
+    from serial.tools import list_ports  # slow to import where there are many drivers
+
+    found: Sequence[Any] = sorted(list_ports.comports(), key=lambda port: str(port.device))
+    return tuple(
+        PortSeen(
+            str(port.device),
+            str(port.description or "serial port"),
+            str(port.manufacturer or ""),
+            None if port.vid is None or port.pid is None else (int(port.vid), int(port.pid)),
+        )
+        for port in found
+        if port.vid is not None or str(port.hwid or "n/a") != "n/a"
+    )
+
+
+def overhear(uri: str, seconds: float) -> Overheard:
+    """Listen on *uri* for at most *seconds* [s] and tell who talks; nothing is sent.
+
+    It ends early, half a second after the first autopilot's heartbeat.
+    """
+    try:
+        with open_link(uri) as transport:
+            return _heard(uri, transport, seconds)
+    except (CannotOpenLink, LinkLost) as error:
+        return Overheard(uri, trouble=str(error))
+    except LinkError as error:
+        return Overheard(uri, trouble=f"cannot be listened to: {error}")
+
+
+def _heard(uri: str, transport: Transport, seconds: float) -> Overheard:
+    framer, end = Framer(""), Deadline.after(transport.clock, seconds)
+    autopilots: dict[tuple[int, int], VehicleCandidate] = {}
+    others: set[int] = set()
+    messages = 0
+    while not end.expired:
+        for frame in framer.feed(transport.read(min(_LONGEST_READ, end.remaining))):
+            messages += 1
+            if frame.name != "HEARTBEAT":
+                continue
+            if is_autopilot(frame.message):
+                if not autopilots:
+                    end = Deadline.after(transport.clock, min(end.remaining, 0.5))
+                autopilots[frame.system, frame.component] = VehicleCandidate.of(frame)
+            else:
+                others.add(frame.system)
+    return Overheard(uri, tuple(autopilots.values()), tuple(sorted(others)), messages, framer.bad_bytes)

@@ -1,0 +1,174 @@
+"""Is this machine fit for a tune? Its programs, clock, disk, caches and ports; who talks on them. Nothing is sent."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import gcs_autotune
+from gcs_autotune.link import BAUDS, Overheard, overhear, serial_ports
+
+__all__ = ["Finding", "examine", "listened_to"]
+
+NEEDED = ("pymavlink", "mavsdk", "pyserial", "numpy", "scipy", "numba", "matplotlib", "control", "rich")
+OPTIONAL = ("pandas", "xarray", "MAVProxy", "starlette", "uvicorn")
+"""Distributions whose versions are told, the second only where they are installed."""
+LEAST_DISK = 200e6
+"""Chosen: free bytes below which it is said: a tune leaves some 20 MB, a day of them ten times that."""
+LEAST_SYNC = 1.0
+"""Chosen: seconds that a journal's write to the disk may take before a control tick is at risk of being late."""
+LATEST_TICK = 0.02
+"""Chosen: seconds by which a wait may be late: half a tick of a 25 Hz relay."""
+WAITS, WAIT = 60, 0.005
+"""Waits timed, and how long each [s]."""
+UDP = "udpin:0.0.0.0:14550"
+"""Where ground stations listen: BlueOS, companions and MAVProxy send here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at: fine, to be known ("note"), or in the way of a tune ("wrong"), with what to do."""
+
+    what: str
+    state: Literal["fine", "note", "wrong"]
+    told: str
+    cure: str = ""
+
+
+def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
+    """Yield what is to be said of this machine, one thing at a time, all but its ports.
+
+    folder : where run directories would be made. config : the settings file in force.
+    """
+    yield _programs()
+    yield from _packages()
+    yield Finding("settings", "fine", f"{config} is read" if config else "no gcs-autotune.toml is read")
+    yield _date()
+    yield _ticks()
+    yield _disk(folder)
+    yield _cache()
+
+
+def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[tuple[str, Overheard]]:
+    """Yield each port with what was heard on it within *seconds* [s]; nothing is sent.
+
+    uris : links to listen to instead of every serial port (at the usual speeds) and UDP 14550.
+    """
+    if uris is not None:
+        for uri in uris:
+            yield uri, overhear(uri, seconds)
+        return
+    for port in serial_ports():
+        heard = Overheard(port.device)
+        for baud in BAUDS:
+            heard = overhear(f"{port.device},{baud}", seconds)
+            if heard.trouble or heard.messages:
+                break
+        yield str(port), heard
+    yield "UDP 14550", overhear(UDP, seconds)
+
+
+def _programs() -> Finding:
+    told = f"gcs-autotune {gcs_autotune.__version__}, Python {platform.python_version()}, {platform.platform()}"
+    return Finding("program", "fine", f"{told}, {os.cpu_count()} processors ({sys.executable})")
+
+
+def _packages() -> Iterator[Finding]:
+    found, missing = [], []
+    for name in NEEDED:
+        try:
+            found.append(f"{name} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:
+            missing.append(name)
+    for name in OPTIONAL:
+        try:
+            found.append(f"{name} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:
+            continue
+    yield Finding("packages", "fine", ", ".join(found))
+    if missing:
+        yield Finding("packages", "wrong", f"not installed: {', '.join(missing)}", f"pip install {' '.join(missing)}")
+
+
+def _date() -> Finding:
+    """A machine without a battery clock (a Raspberry Pi) may think it is years ago: run directories sort wrongly."""
+    now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
+    told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
+    if now < ours:
+        return Finding("clock", "wrong", f"{told}: earlier than this program was installed", "set the clock")
+    synced = _synchronised()
+    return Finding(
+        "clock", "fine", told + {None: "", True: ", set by the network", False: ", not set by a network"}[synced]
+    )
+
+
+def _synchronised() -> bool | None:
+    """Whether the system says its clock is set by the network; None where it does not tell."""
+    if shutil.which("timedatectl") is None:
+        return None
+    asked = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
+    try:
+        said = subprocess.run(asked, capture_output=True, text=True, timeout=2.0, check=False).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return {"yes": True, "no": False}.get(said)
+
+
+def _ticks() -> Finding:
+    """How late this machine wakes up: a control tick cannot be better."""
+    late = 0.0
+    for _ in range(WAITS):
+        begun = time.monotonic()
+        time.sleep(WAIT)
+        late = max(late, time.monotonic() - begun - WAIT)
+    told = f"the latest of {WAITS} waits came {1000.0 * late:.1f} ms late"
+    if late > LATEST_TICK:
+        return Finding("timing", "note", told, "close what else is running: a relay's switching comes as late")
+    return Finding("timing", "fine", told)
+
+
+def _disk(folder: Path) -> Finding:
+    there = next(p for p in (folder.resolve(), *folder.resolve().parents) if p.exists())
+    try:
+        free = shutil.disk_usage(there).free
+        begun = time.monotonic()
+        with tempfile.TemporaryFile(dir=there) as stream:
+            stream.write(bytes(65536))
+            stream.flush()
+            os.fsync(stream.fileno())
+        took = time.monotonic() - begun
+    except OSError as error:
+        return Finding(
+            "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or --out DIR"
+        )
+    told = f"{free / 1e9:.1f} GB free at {there}, a write on the disk in {1000.0 * took:.0f} ms"
+    if free < LEAST_DISK:
+        return Finding("disk", "wrong", told, "make room: the journal that restores a vehicle lies there")
+    if took > LEAST_SYNC:
+        return Finding("disk", "note", told, "it is slow; work on another disk")
+    return Finding("disk", "fine", told)
+
+
+def _cache() -> Finding:
+    """Compiled kernels are kept beside the source, or where NUMBA_CACHE_DIR says; without, each run compiles anew."""
+    package = Path(gcs_autotune.__file__).parent
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    home = Path(named) if named else package
+    count = sum(1 for _ in home.rglob("*.nbi")) if home.is_dir() else 0
+    told = f"{count} compiled kernels kept in {home}"
+    if count == 0:
+        return Finding(
+            "cache", "note", told, "the first command compiles them, up to a minute; a dry run does it ashore"
+        )
+    return Finding("cache", "fine", told)

@@ -1,0 +1,115 @@
+"""``gcs-autotune.toml``: link and limits that need not be typed; known keys only, held to the same table of limits."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import main, make_parser
+from gcs_autotune.cli.config_file import CONFIG_VARIABLE, ConfigFile, find_config, read_config
+from gcs_autotune.errors import BadFile, UnknownName, UsageError
+
+WHOLE = '[link]\nconnect = "udpin:0.0.0.0:14551"\nsystem-id = 7\nsigning-key = "key.txt"\n[limits]\nmax-distance = 40\n'
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "gcs-autotune.toml"
+    path.write_text(text)
+    return path
+
+
+def helped(config: ConfigFile, *verbs: str) -> str:
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as wide, pytest.raises(SystemExit), contextlib.redirect_stdout(said):
+        wide.setenv("COLUMNS", "400")
+        make_parser(config).parse_args([*verbs, "--help"])
+    return " ".join(said.getvalue().split())
+
+
+def test_what_the_file_says_is_the_default_and_what_is_typed_counts_more(tmp_path):
+    config = read_config(written(tmp_path, WHOLE))
+    args = make_parser(config).parse_args(["tune", "heading"])
+    assert (args.max_distance, args.system_id, args.signing_key) == (40.0, 7, tmp_path / "key.txt")
+    assert config.used_by(args) == config.values
+    typed = make_parser(config).parse_args(["tune", "heading", "--max-distance", "90", "--connect", "sitl:charlie"])
+    assert typed.max_distance == 90.0
+    assert set(config.used_by(typed)) == {"system-id", "signing-key"}
+
+
+def test_the_link_of_a_recorded_run_is_not_overruled_by_the_file(tmp_path):
+    config = read_config(written(tmp_path, WHOLE))
+    for verb in (["restore"], ["params", "restore", "old.param"]):
+        args = make_parser(config).parse_args(verb)
+        assert args.connect is None
+        assert "connect" not in config.used_by(args)
+
+
+def test_help_and_run_say_which_file_is_used(tmp_path, monkeypatch, capsys):
+    path = written(tmp_path, '[link]\nconnect = "sitl:nosuchboat"\n[limits]\nmax-distance = 40\n')
+    config = read_config(path)
+    assert "[gcs-autotune.toml: 40]" in helped(config, "tune")
+    assert f"settings: {path}" in helped(config, "tune")
+    assert "gcs-autotune.toml" not in helped(config, "figures")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(CONFIG_VARIABLE, raising=False)
+    assert main(["tune", "heading", "--out", "run"]) == 2
+    said = capsys.readouterr().err
+    assert f"settings of {path}: connect sitl:nosuchboat, max-distance 40" in said
+    assert "nosuchboat" in said.splitlines()[-1]
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[limit]\nmax-distance = 4\n", "Did you mean limits"),
+        ("[limits]\nmax-distanse = 40\n", "Did you mean max-distance"),
+        ("[link]\nconect = 'sitl:charlie'\n", "Did you mean connect"),
+    ],
+)
+def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, words):
+    with pytest.raises(UnknownName, match=words):
+        read_config(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[limits]\nmax-distance = 0.001\n", "max-distance: 0.001 is out of range"),
+        ("[limits]\nmax-distance = true\n", "a number is needed, not True"),
+        ("[limits]\nmax-distance = '40'\n", "a number is needed, not '40'"),
+        ("[limits]\nmax-distance = nan\n", "no finite number"),
+        ("[link]\nsystem-id = 1.5\n", "no whole number"),
+        ("[link]\nconnect = 14550\n", "a text in quotation marks"),
+        ("limits = 3\n", "is a table"),
+    ],
+)
+def test_a_value_is_held_to_the_same_limits_as_a_typed_one(tmp_path, text, words):
+    with pytest.raises(UsageError, match=words):
+        read_config(written(tmp_path, text))
+
+
+def test_a_damaged_file_is_refused_with_the_way_round_it(tmp_path):
+    with pytest.raises(BadFile, match="GCS_AUTOTUNE_CONFIG=none goes without"):
+        read_config(written(tmp_path, "[limits\n"))
+
+
+def test_the_folder_counts_before_the_users_own_and_the_environment_before_both(tmp_path, monkeypatch):
+    home, here = tmp_path / "home", tmp_path / "here"
+    for folder in (home / "gcs-autotune", here):
+        folder.mkdir(parents=True)
+        written(folder, "[limits]\nmax-distance = 50\n")
+    monkeypatch.setattr("platformdirs.user_config_path", lambda name: home / name)
+    monkeypatch.delenv(CONFIG_VARIABLE, raising=False)
+    monkeypatch.chdir(here)
+    assert find_config() == here / "gcs-autotune.toml"
+    (here / "gcs-autotune.toml").unlink()
+    assert find_config() == home / "gcs-autotune" / "gcs-autotune.toml"
+    monkeypatch.setenv(CONFIG_VARIABLE, "none")
+    assert find_config() is None
+    monkeypatch.setenv(CONFIG_VARIABLE, str(tmp_path / "gone.toml"))
+    with pytest.raises(UsageError, match="is no file"):
+        find_config()

@@ -1,0 +1,201 @@
+"""``doctor``, ``ports``, ``completion``; how loud the others are; no colour where none is wanted."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import socket
+import subprocess
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega
+from rich.console import Console
+
+from gcs_autotune.cli import COMMANDS, main
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.link import overhear
+from gcs_autotune.report import StageBar, TerminalWatcher
+from gcs_autotune.report.toolkit.terminal import paragraph, title
+from gcs_autotune.watch import Progress
+from gcs_autotune.workflow import examine
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Talking:
+    """A clock of a link on which, while it is listened to, bytes come in at our own UDP port."""
+
+    def __init__(self, port: int, datagrams: list[bytes]) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.port, self.datagrams = port, datagrams
+
+    def __enter__(self):
+        import threading
+
+        self.stop = threading.Event()
+
+        def talk():
+            while not self.stop.wait(0.02):
+                for datagram in self.datagrams:
+                    self.socket.sendto(datagram, ("127.0.0.1", self.port))
+
+        self.thread = threading.Thread(target=talk)
+        self.thread.start()
+        return self
+
+    def __exit__(self, *exception):
+        self.stop.set()
+        self.thread.join()
+        self.socket.setblocking(False)
+        try:
+            self.answer = self.socket.recv(100)
+        except BlockingIOError:
+            self.answer = b""
+        self.socket.close()
+
+
+def heartbeat(system: int, autopilot: int, armed: bool = False) -> bytes:
+    link = ardupilotmega.MAVLink(None, srcSystem=system, srcComponent=1)
+    message = ardupilotmega.MAVLink_heartbeat_message(11, autopilot, 128 if armed else 0, 0, 4, 3)
+    return bytes(message.pack(link))
+
+
+@pytest.mark.parametrize(
+    ("datagrams", "told"),
+    [
+        ([heartbeat(3, 3, armed=True)], "system 3 (SURFACE_BOAT), armed"),
+        ([heartbeat(255, 8)], "MAVLink, but no autopilot: system ids 255"),
+        ([b"hello, world"], "bytes, but no MAVLink (another speed?)"),
+        ([], "silent"),
+    ],
+)
+def test_a_port_is_listened_to_and_nothing_is_sent(datagrams, told):
+    port = free_port()
+    with Talking(port, datagrams) as talking:
+        heard = overhear(f"udpin:127.0.0.1:{port}", 0.3)
+    assert heard.told == told
+    assert talking.answer == b""
+
+
+def test_a_port_in_use_is_told_as_such():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        heard = overhear(f"udpin:127.0.0.1:{other.getsockname()[1]}", 0.3)
+    assert "Address already in use" in heard.told
+    assert heard.messages == 0
+
+
+def test_ports_tells_how_to_connect_to_whom_it_heard(capsys):
+    port = free_port()
+    with Talking(port, [heartbeat(3, 3)]):
+        assert main(["ports", "--connect", f"udpin:127.0.0.1:{port}", "--listen", "0.3"]) == 0
+    assert f"--connect udpin:127.0.0.1:{port}" in capsys.readouterr().out
+
+
+def test_doctor_tells_of_everything_a_tune_needs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    port = free_port()
+    code = main(["doctor", "--connect", f"udpin:127.0.0.1:{port}", "--listen", "0.2", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert code == 0
+    looked_at = {f["what"] for f in told["findings"]}
+    assert looked_at == {"program", "packages", "settings", "clock", "timing", "disk", "cache"}
+    assert told["ports"] == [
+        {"port": f"udpin:127.0.0.1:{port}", "uri": f"udpin:127.0.0.1:{port}", "told": "silent", "systems": []}
+    ]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_doctor_finds_a_clock_that_is_years_back_and_a_full_disk(monkeypatch, tmp_path):
+    from gcs_autotune.workflow import doctor
+
+    monkeypatch.setattr(doctor.time, "time", lambda: 1e9)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(100, 99, 1))
+    wrong = {f.what: f for f in examine(tmp_path, None) if f.state == "wrong"}
+    assert set(wrong) == {"clock", "disk"}
+    assert all(f.cure for f in wrong.values())
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_is_told_every_verb(capsys, shell, tmp_path):
+    pytest.importorskip("shtab")
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert [verb for verb in COMMANDS if verb not in script] == []
+    assert "max-heading-excursion" in script
+    if shutil.which(shell):
+        (tmp_path / "script").write_text(script)
+        subprocess.run([shell, "-n", str(tmp_path / "script")], check=True)
+
+
+def test_bash_completes_verbs_options_and_choices(capsys, tmp_path):
+    pytest.importorskip("shtab")
+    if not shutil.which("bash"):
+        pytest.skip("no bash")
+    main(["completion", "bash"])
+    (tmp_path / "script").write_text(capsys.readouterr().out)
+
+    def completed(*words: str) -> set[str]:
+        typed = " ".join(f"'{w}'" for w in ("gcs-autotune", *words))
+        asking = (
+            f"source {tmp_path}/script; COMP_WORDS=({typed}); COMP_CWORD={len(words)}; COMP_LINE=x; "
+            "_shtab_gcs_autotune; printf '%s\\n' \"${COMPREPLY[@]}\""
+        )
+        said = subprocess.run(["bash", "-c", asking], capture_output=True, text=True, check=True)
+        return set(said.stdout.split())
+
+    assert completed("diag") == {"diagnose"}
+    assert completed("tune", "he") == {"heading"}
+    assert "--max-heading-excursion" in completed("tune", "heading", "--max-h")
+
+
+@pytest.mark.parametrize(
+    ("quiet", "verbose", "lines"), [(True, False, 1), (False, False, 1), (False, True, 2)], ids=["quiet", "", "verbose"]
+)
+def test_quiet_keeps_sentences_and_drops_progress_and_verbose_keeps_its_lines(quiet, verbose, lines):
+    console = Console(file=io.StringIO(), force_terminal=True, width=60, color_system=None)
+    with TerminalWatcher(console, ManualClock(), quiet=quiet, verbose=verbose) as watcher:
+        watcher.update(Progress("relay", "relay 1", 0.0))
+        watcher.say("a sentence")
+    told = console.file.getvalue()
+    assert "a sentence" in told
+    assert ("relay 1" in told) is not quiet
+    kept = [line for line in told.replace("\r\x1b[2K", "\n").splitlines() if line.strip()]
+    assert told.count("\n") == lines, kept
+
+
+def test_a_verbose_calculation_leaves_a_line_for_each_stage():
+    console = Console(file=io.StringIO(), width=60)
+    with StageBar(console, verbose=True) as bar:
+        for stage in ("screening", "screening", "fitting"):
+            bar(stage, 1, 2)
+    assert console.file.getvalue().split() == ["screening", "fitting"]
+
+
+def test_a_failure_tells_where_it_came_from_only_when_asked(capsys, tmp_path):
+    (tmp_path / "bad.csv").write_text("1,2,3\n4,5,6\n")
+    main(["identify", str(tmp_path / "bad.csv")])
+    assert "Traceback" not in capsys.readouterr().err
+    main(["identify", str(tmp_path / "bad.csv"), "--verbose"])
+    told = capsys.readouterr().err
+    assert "Traceback" in told
+    assert told.splitlines()[-1].startswith("gcs-autotune: ")
+
+
+def test_no_colour_is_sent_where_the_environment_wants_none(monkeypatch):
+    def shown() -> str:
+        console = Console(file=io.StringIO(), force_terminal=True, color_system="truecolor")
+        console.print(title("proved better", "bold green"))
+        console.print(paragraph("words", "red"))
+        return console.file.getvalue()
+
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert "32m" in shown()
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "32m" not in shown()
+    assert "31m" not in shown()
