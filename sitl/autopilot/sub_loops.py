@@ -60,7 +60,8 @@ class SubYawController:
         if p > 0.0 and abs(error) > _MOST_ACCELERATION / p:
             error = math.copysign(_MOST_ACCELERATION / p, error)
             self._target = wrap_pi(yaw + error)
-        limit = clamp(0.5 * self._acceleration(), _LEAST_ACCELERATION, _MOST_ACCELERATION)
+        most = self._acceleration()
+        limit = clamp(0.5 * most, _LEAST_ACCELERATION, _MOST_ACCELERATION) if most > 0.0 else 0.0
         wanted = sqrt_controller(error, p, limit, dt) + self._target_rate
         top = math.radians(values["ATC_RATE_Y_MAX"])
         if top > 0.0:

@@ -50,6 +50,19 @@ def test_a_step_is_followed_both_ways_alike(name: str) -> None:
     assert ways[0][-1] == pytest.approx(0.3, abs=0.03)
 
 
+def test_without_a_largest_acceleration_in_yaw_the_angle_controller_of_a_sub_is_linear() -> None:
+    gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_P": 0.05, "ATC_SLEW_YAW": 1e6, "ATC_RATE_Y_MAX": 0.0}
+    free, bound = (
+        [
+            SUB.simulate(yaw(0.2, 0.75), {**gains, "ATC_ACCEL_Y_MAX": most}, Scenario(size, 5.0), None, 0.0).position
+            for size in (0.2, 0.4)
+        ]
+        for most in (0.0, 9000.0)
+    )
+    assert free[1] == pytest.approx(2.0 * free[0], abs=1e-9)
+    assert np.max(np.abs(bound[1] - 2.0 * bound[0])) > 0.01
+
+
 @pytest.mark.parametrize("name", POSITIONS)
 def test_a_loop_that_takes_over_is_pushed_off_by_a_constant_force_until_its_integral_has_grown(name: str) -> None:
     law, gains = LAWS[name], {**DEFAULTS[name], "PSC_ACCZ_I": 1.0}

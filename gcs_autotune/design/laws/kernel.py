@@ -1,8 +1,7 @@
-"""Numba pieces the simulated loops share: the craft, and the autopilot's filters and limiters.
+"""The one compiled loop that every law flies: position, velocity and acceleration in cascade, around a craft.
 
-Written from the behaviour documented for ArduPilot (AC_PID, control.cpp's sqrt_controller,
-LowPassFilter2p), not from its source text. Numba's on-disk cache does not notice a change in *this* file from
-the files that use it: delete ``__pycache__`` after editing.
+A law says what of it its autopilot has (:class:`Cascade`); what it leaves at its default is not there. Written from the
+behaviour documented for ArduPilot (AC_PID, control.cpp's sqrt_controller, LowPassFilter2p), not from its source text.
 """
 
 from __future__ import annotations
@@ -20,22 +19,14 @@ from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.models import SingleDof
 
 __all__ = [
-    "MAX_STANDING_ERROR",
-    "Cutoffs",
-    "GyroFilter",
-    "HeldVelocity",
+    "AT_REST",
+    "Cascade",
     "LoopPlant",
-    "actuate",
-    "advance",
-    "clip",
-    "compiled",
-    "delayed",
+    "StartingVelocity",
+    "fly",
     "gyro_coefficients",
-    "mixed",
     "plant_of",
-    "smoothing",
-    "sqrt_control",
-    "wrap",
+    "shaped_throttle",
 ]
 
 compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True)
@@ -46,6 +37,8 @@ MAX_STANDING_ERROR = 0.5
 FINEST = 0.1
 """A substep of the craft's motion may take at most this share of its shortest time constant."""
 MAX_SUBSTEPS = 50
+SATURATED = 0.999
+"""A low-passed output counts as at its limit from here on [fraction]: it never quite gets there."""
 HELD = 0.5
 """Loops by which an output that is held for one acts late on the mean."""
 
@@ -83,20 +76,77 @@ class GyroFilter(NamedTuple):
     a2: float
 
 
-class Cutoffs(NamedTuple):
-    """Cut-offs [Hz] of the low-passes on target, error and the error's slope; 0: none."""
-
-    target: float
-    error: float
-    slope: float
-
-
-class HeldVelocity(NamedTuple):
+class StartingVelocity(NamedTuple):
     """How a loop on a velocity begins: the ``velocity`` kept, the ``output`` that keeps it, for ``before`` loops."""
 
     velocity: float
     output: float
     before: float
+
+
+AT_REST = StartingVelocity(0.0, 0.0, 0.0)
+
+
+class Cascade(NamedTuple):
+    """The stages of a loop, outermost first, all floats in SI; a switch acts above 0, and defaults leave a stage out.
+
+    Where a position is held (``on_position``, an ``angle`` being wrapped) its error times ``position_p`` is the wanted
+    velocity: along a square root with ``sqrt_acceleration`` far away, at most ``sqrt(2 |e| stop_acceleration)``.
+    With ``leads`` the position aimed at moves ahead of the craft, by ``lead_max`` at most: where ``shaped``, within
+    ``shape_acceleration`` and, for steps in position, ``slew`` and the time constant ``shape_time``; its velocity is
+    fed forward.
+
+    The wanted velocity changes by ``acceleration`` (where it falls, by ``deceleration`` if that is not 0) up to
+    ``velocity_max``. With ``nested`` a PI (``velocity_p``, ``velocity_i``, ``velocity_imax``, error low-passed at
+    ``velocity_cutoff`` [Hz]) makes the wanted acceleration of it, and the PID closes on the craft's acceleration.
+
+    The PID: ``ff`` on the target, ``p``, ``i`` within ``imax``, ``d``; low-passes [Hz, 0: none] on target, error and
+    the error's slope; ``cruise`` on the wanted velocity unfiltered. All of it times ``scale``, less ``hover``; the
+    integral is frozen unless it ``grows``.
+
+    The output is at most ``most``, moves by ``slew_output`` a loop, is shared with ``throttle``, does not turn against
+    the wanted velocity unless it ``brakes``, is low-passed at ``output_cutoff`` [Hz], and becomes a pulse by
+    ``least`` and ``expo`` (:func:`shaped_throttle`).
+    """
+
+    on_position: float = 0.0
+    angle: float = 0.0
+    position_p: float = 0.0
+    sqrt_acceleration: float = 0.0
+    stop_acceleration: float = 0.0
+    leads: float = 0.0
+    lead_max: float = math.inf
+    shaped: float = 0.0
+    shape_acceleration: float = 0.0
+    slew: float = 0.0
+    shape_time: float = 1.0
+    acceleration: float = 0.0
+    deceleration: float = 0.0
+    velocity_max: float = math.inf
+    nested: float = 0.0
+    velocity_p: float = 0.0
+    velocity_i: float = 0.0
+    velocity_imax: float = 0.0
+    velocity_cutoff: float = 0.0
+    ff: float = 0.0
+    p: float = 0.0
+    i: float = 0.0
+    d: float = 0.0
+    imax: float = 0.0
+    target_cutoff: float = 0.0
+    error_cutoff: float = 0.0
+    slope_cutoff: float = 0.0
+    cruise: float = 0.0
+    scale: float = 1.0
+    hover: float = 0.0
+    grows: float = 1.0
+    most: float = 1.0
+    slew_output: float = 0.0
+    throttle: float = 0.0
+    brakes: float = 1.0
+    output_cutoff: float = 0.0
+    least: float = 0.0
+    expo: float = 0.0
 
 
 def _clip(value: float, low: float, high: float) -> float:
@@ -149,6 +199,18 @@ def _mixed(steering: float, throttle: float) -> float:
     return steering / wanted if throttle > 0.0 and wanted > 1.0 else steering
 
 
+def shaped_throttle(throttle: float, least: float, expo: float) -> float:
+    """Return the pulse [-1, 1] for a throttle [-1, 1]; *least* as a fraction, *expo* as MOT_THST_EXPO."""
+    if throttle == 0.0:
+        return 0.0
+    size = least + abs(throttle) * (1.0 - least)
+    if expo != 0.0 and -1.0 <= expo <= 1.0:
+        rest = 1.0 - expo
+        size = (math.sqrt(max(rest * rest + 4.0 * expo * size, 0.0)) - rest) / (2.0 * expo)
+    return size if throttle > 0.0 else -size
+
+
+shape = compiled(shaped_throttle)
 clip = compiled(_clip)
 mixed = compiled(_mixed)
 wrap = compiled(_wrap)
@@ -192,6 +254,135 @@ def _delayed(sent: NDArray[np.float64], k: int, late: float, before: float) -> f
 
 
 delayed = compiled(_delayed)
+
+
+def _fly(
+    loop: Cascade,
+    gyro: GyroFilter,
+    plant: LoopPlant,
+    actuator: ActuatorStep,
+    start: StartingVelocity,
+    position: NDArray[np.float64],
+    output: NDArray[np.float64],
+) -> None:
+    """Fill *position* (n,) and *output* (n,); where a velocity is controlled, *position* is how far it has changed."""
+    dt, before, v0 = plant.dt, int(start.before), start.velocity
+    on_position, angle, leads, shaped = loop.on_position > 0.0, loop.angle > 0.0, loop.leads > 0.0, loop.shaped > 0.0
+    nested, frozen, smoothed = loop.nested > 0.0, loop.grows <= 0.0, loop.output_cutoff > 0.0
+    f_v, f_u = smoothing(loop.velocity_cutoff, dt), smoothing(loop.output_cutoff, dt)
+    f_t, f_e, f_d = (
+        smoothing(loop.target_cutoff, dt),
+        smoothing(loop.error_cutoff, dt),
+        smoothing(loop.slope_cutoff, dt),
+    )
+    x = lead = slope = error = velocity_error = velocity_integral = acceleration = integral = 0.0
+    v = x1 = x2 = y1 = y2 = demand = target = v0
+    lead_rate = v0 if shaped else 0.0
+    if on_position:
+        # It has stood here for long: the integral holds the craft's constant force as far as it may, and the craft
+        # stands off by what makes the proportional terms hold the rest.
+        rest = plant.settled / loop.scale - loop.hover
+        if loop.i > 0.0 and not frozen:
+            integral = clip(-rest, -loop.imax, loop.imax)
+        target = -(rest + integral) / max(loop.ff + loop.p, 1e-9)
+        if nested:
+            velocity_error = target / max(loop.velocity_p, 1e-9)
+        else:
+            demand = target = velocity_error = clip(target, -loop.velocity_max, loop.velocity_max)
+        error = target
+        x = clip(-velocity_error / max(loop.position_p, 1e-9), -MAX_STANDING_ERROR, MAX_STANDING_ERROR)
+        sending = clip(loop.scale * (integral + (loop.ff + loop.p) * target) - loop.hover, -loop.most, loop.most)
+    else:
+        sending = start.output
+        if before > 0 and loop.i > 0.0 and not frozen:
+            integral = clip(sending / loop.scale - (loop.cruise + loop.ff) * v0, -loop.imax, loop.imax)
+    trim = shape(sending, loop.least, loop.expo)
+    limited = frozen
+    memory = np.zeros(4)
+    sent = np.empty(before + len(position))
+    for j in range(len(sent)):
+        k = j - before
+        if k >= 0:
+            position[k] = x if on_position else v - v0
+        aim = v0 + plant.step if plant.step_at <= k < plant.back_at else v0
+        if nested:
+            measured = acceleration
+        else:
+            measured = gyro.b0 * v + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
+            x2, x1, y2, y1 = x1, v, y1, measured
+        # From where to go to how fast.
+        wish = aim
+        if leads:
+            if on_position:
+                ahead = wrap(aim - lead)
+                if shaped:
+                    wish = clip(
+                        sqrt_control(ahead, 1.0 / loop.shape_time, loop.shape_acceleration), -loop.slew, loop.slew
+                    )
+                else:
+                    wish = clip(ahead / dt, -loop.slew, loop.slew)
+            if shaped:
+                most = loop.shape_acceleration * dt
+                lead_rate = clip(wish, lead_rate - most, lead_rate + most)
+                lead += lead_rate * dt
+            else:
+                lead += wish * dt
+        if on_position or leads:
+            e = (lead if leads else aim) - x
+            if angle:
+                e = wrap(e)
+            if abs(e) > loop.lead_max:
+                e = clip(e, -loop.lead_max, loop.lead_max)
+                lead = x + e
+            wish = sqrt_control(e, loop.position_p, loop.sqrt_acceleration) + lead_rate
+            if loop.stop_acceleration > 0.0:
+                most = math.sqrt(2.0 * abs(e) * loop.stop_acceleration)
+                wish = clip(wish, -most, most)
+        if loop.acceleration > 0.0:
+            falls = abs(wish) < abs(demand) and loop.deceleration > 0.0
+            most = (loop.deceleration if falls else loop.acceleration) * dt
+            wish = clip(wish, demand - most, demand + most)
+        demand = clip(wish, -loop.velocity_max, loop.velocity_max)
+        # From how fast to what the PID is to reach.
+        wish = demand
+        if nested:
+            velocity_error += f_v * (demand - v - velocity_error)
+            if not limited or velocity_integral * velocity_error < 0.0:
+                velocity_integral += loop.velocity_i * velocity_error * dt
+                velocity_integral = clip(velocity_integral, -loop.velocity_imax, loop.velocity_imax)
+            wish = loop.velocity_p * velocity_error + velocity_integral
+        target += f_t * (wish - target)
+        last = error
+        error += f_e * (target - measured - error)
+        slope += f_d * ((error - last) / dt - slope)
+        if not limited or integral * error < 0.0:  # what is limited may only be worked off
+            integral = clip(integral + loop.i * error * dt, -loop.imax, loop.imax)
+        u = loop.cruise * demand + loop.ff * target + loop.p * error + integral + loop.d * slope
+        u = loop.scale * u - loop.hover
+        # From that to what is sent.
+        if loop.brakes <= 0.0 and demand * u <= 0.0:
+            u, held = 0.0, True
+        else:
+            held = False
+        free = mixed(clip(u, -loop.most, loop.most), loop.throttle)
+        if smoothed:
+            sending += f_u * (free - sending)
+            limited = abs(sending) >= SATURATED
+        else:
+            sending = (
+                clip(free, sending - loop.slew_output, sending + loop.slew_output) if loop.slew_output > 0.0 else free
+            )
+            limited = frozen or held or sending != u
+        sent[j] = shape(sending, loop.least, loop.expo)
+        if k >= 0:
+            output[k] = sent[j]
+        force = actuate(delayed(sent, j, plant.late, trim), actuator, memory)
+        was = v
+        x, v = advance(x, v, force + (plant.push if k >= plant.push_at else 0.0), plant)
+        acceleration = (v - was) / dt
+
+
+fly = compiled(_fly)
 
 
 def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:

@@ -1,23 +1,31 @@
-"""What the loops share: parameters read with the firmware's defaults, a compiled loop flown on a craft, and what a loop
-on a position, or on a velocity, asks of the craft.
+"""What the loops share: parameters read with the firmware's defaults, a cascade flown on a craft, and what a loop on a
+position, or on a velocity, asks of the craft.
 
-A new law is a kernel (:mod:`.kernel` has its pieces), a table of what it reads, the named tuples its kernel takes, and
-its algebra: where matching may start, its transfer functions, its notes. :class:`PositionLoop` or :class:`VelocityLoop`
+A new law is a table of what it reads, what of it is which stage of the one compiled :class:`.kernel.Cascade`, and its
+algebra: where matching may start, its transfer functions, its notes. :class:`PositionLoop` or :class:`VelocityLoop`
 adds the rest.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.design.laws.kernel import Cutoffs, HeldVelocity, gyro_coefficients, plant_of
+from gcs_autotune.design.actuator import PERFECT, Actuator, ActuatorStep
+from gcs_autotune.design.laws.kernel import (
+    AT_REST,
+    Cascade,
+    LoopPlant,
+    StartingVelocity,
+    fly,
+    gyro_coefficients,
+    plant_of,
+)
 from gcs_autotune.design.laws.law import LoopMotion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.design.reference_model import wanted_step
@@ -34,19 +42,9 @@ class Loop(ABC):
 
     Attributes
     ----------
-    kernel : the compiled loop (a ``staticmethod``). It takes gains, limits, cut-offs, the gyro's filter if there is
-        one, the craft, the actuator, for velocities the start, all named tuples, which it gets as records of floats,
-        and fills position (n,) and output (n,).
-    gains : named tuple of the gains the kernel takes; ``vector`` their parameters in its order.
-    cutoffs : named tuple of the cut-offs the kernel takes; ``filters`` their parameters in its order.
     gyro : parameter with the gyro filter's cut-off [Hz]; empty when the velocity does not come from the gyro.
     """
 
-    kernel: ClassVar[Callable[..., Any]]
-    gains: ClassVar[Callable[..., Any]]
-    vector: Sequence[str]
-    cutoffs: ClassVar[Callable[..., Any]] = Cutoffs
-    filters: Sequence[str]
     gyro: str = ""
     defaults: Settings
     free_overshoot = 0.0
@@ -71,20 +69,25 @@ class Loop(ABC):
         return actuator.slopes()
 
     @abstractmethod
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> Any:
-        """Return what the kernel takes as limits, a named tuple of floats; *dt* is the loop period [s]."""
+    def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
+        """Return the loop that *settings* make at *speed*; *dt* is the loop period [s]. A gain not given is 0."""
 
-    def fly(self, settings: Settings, speed: float | None, duration: float, *tuples: tuple[float, ...]) -> LoopMotion:
-        """Run the kernel for *duration* [s]; *tuples* are craft, actuator and, for velocities, the start."""
+    def fly(
+        self,
+        settings: Settings,
+        speed: float | None,
+        duration: float,
+        plant: LoopPlant,
+        actuator: ActuatorStep,
+        start: StartingVelocity = AT_REST,
+    ) -> LoopMotion:
+        """Run the loop for *duration* [s]."""
         dt = self.loop_period(settings)
         count = round(duration / dt) + 1
         position, output = np.empty(count), np.empty(count)
-        kind = type(self)
-        gains = kind.gains(*(settings.get(name, 0.0) for name in self.vector))
-        cutoffs = kind.cutoffs(*(self._get(settings, name) for name in self.filters))
-        limits = self.limits(settings, speed, dt)
-        sensor = [gyro_coefficients(self._get(settings, self.gyro), 1.0 / dt)] if self.gyro else []
-        kind.kernel(*(_record(t) for t in (gains, limits, cutoffs, *sensor, *tuples)), position, output)
+        gyro = gyro_coefficients(self._get(settings, self.gyro) if self.gyro else 0.0, 1.0 / dt)
+        stages = (self.cascade(settings, speed, dt), gyro, plant, actuator, start)
+        fly(*(_record(stage) for stage in stages), position, output)
         return LoopMotion(dt * np.arange(count, dtype=np.float64), position, output)
 
 
@@ -222,7 +225,7 @@ class VelocityLoop(Loop):
         velocity = start_of(scenario.step, self.base(scenario.step, speed))
         before = round(self.hold / dt) if scenario.lead == 0.0 else 0
         held = self.holding_output(model, actuator, settings, velocity)
-        start = HeldVelocity(velocity, held, before)
+        start = StartingVelocity(velocity, held, before)
         craft = plant_of(model, scenario, dt, delay)
         return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt), start)
 

@@ -8,27 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.laws import rover_steering as steering
-from gcs_autotune.design.laws.kernel import (
-    MAX_STANDING_ERROR,
-    Cutoffs,
-    GyroFilter,
-    LoopPlant,
-    actuate,
-    advance,
-    clip,
-    compiled,
-    delayed,
-    mixed,
-    smoothing,
-    wrap,
-)
+from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import PositionLoop
 from gcs_autotune.design.laws.rover_steering import FF, D, I, P
@@ -52,87 +34,6 @@ BARELY = 1.1
 """ATC_STR_ANG_P up to this is held back by the least that is documented, 1."""
 
 
-class _Gains(NamedTuple):
-    """In the order of ``vector``."""
-
-    kff: float
-    kp: float
-    ki: float
-    kd: float
-    ang: float
-
-
-class _Limits(NamedTuple):
-    """See ``limits``; a switch acts above 0."""
-
-    imax: float
-    rate_max: float
-    acc_max: float
-    stop_acc: float
-    scale: float
-    grows: float
-    throttle: float
-
-
-def _fly(
-    gains: _Gains,
-    limits: _Limits,
-    cutoffs: Cutoffs,
-    gyro: GyroFilter,
-    plant: LoopPlant,
-    actuator: ActuatorStep,
-    position: NDArray[np.float64],
-    output: NDArray[np.float64],
-) -> None:
-    kff, kp, ki, kd, ang = gains.kff, gains.kp, gains.ki, gains.kd, gains.ang
-    imax, rate_max, acc_max, stop_acc, scale, grows, throttle = (
-        limits.imax,
-        limits.rate_max,
-        limits.acc_max,
-        limits.stop_acc,
-        limits.scale,
-        limits.grows > 0.0,
-        limits.throttle,
-    )
-    dt, late, step, push, push_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at
-    step_at, rest, back_at = plant.step_at, plant.settled, plant.back_at
-    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
-    r = slope = x1 = x2 = y1 = y2 = 0.0
-    integral = clip(-rest / scale, -imax, imax) if (grows and ki > 0.0) else 0.0
-    demand = -(rest / scale + integral) / max(kff + kp, 1e-9)
-    demand = target = error = clip(demand, -rate_max, rate_max)
-    psi = clip(-demand / ang, -MAX_STANDING_ERROR, MAX_STANDING_ERROR)
-    trim = scale * (integral + (kff + kp) * demand)
-    limited = not grows
-    memory = np.zeros(4)
-    for k in range(len(position)):
-        position[k] = psi
-        aim = step if step_at <= k < back_at else 0.0
-        measured = gyro.b0 * r + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
-        x2, x1, y2, y1 = x1, r, y1, measured
-        e = wrap(aim - psi)
-        wish = ang * e
-        if stop_acc > 0.0:
-            most = math.sqrt(2.0 * abs(e) * stop_acc)
-            wish = clip(wish, -most, most)
-        if acc_max > 0.0:
-            wish = clip(wish, demand - acc_max * dt, demand + acc_max * dt)
-        demand = clip(wish, -rate_max, rate_max)
-        target += f_t * (demand - target)
-        before = error
-        error += f_e * (target - measured - error)
-        slope += f_d * ((error - before) / dt - slope)
-        if not limited or integral * error < 0.0:
-            integral = clip(integral + ki * error * dt, -imax, imax)
-        u = scale * (kff * target + kp * error + integral + kd * slope)
-        servo = mixed(clip(u, -1.0, 1.0), throttle)
-        limited = not grows or servo != u
-        output[k] = servo
-        applied = actuate(delayed(output, k, late, trim), actuator, memory)
-        force = applied + (push if k >= push_at else 0.0)
-        psi, r = advance(psi, r, force, plant)
-
-
 class RoverHeading(PositionLoop):
     """``Axis.law == "rover-heading"``."""
 
@@ -143,10 +44,6 @@ class RoverHeading(PositionLoop):
     late: Sequence[str] = (D,)
     usual_step = math.radians(30.0)
     defaults: Settings = steering.DEFAULTS
-    kernel = staticmethod(compiled(_fly))
-    gains = _Gains
-    vector: Sequence[str] = (FF, P, I, D, ANG)
-    filters: Sequence[str] = steering.FILTERS
     gyro = steering.GYRO
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
@@ -157,19 +54,15 @@ class RoverHeading(PositionLoop):
         """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
         return steering.turn_limit(settings, speed)
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
-        """Return IMAX, turn rate, acceleration, deceleration, scale, whether the integral grows, and the
-        throttle beside."""
-        acc = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
+    def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
+        """Return angle P under its acceleration and turn rate, over the steering controller."""
+        acceleration = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         stop = math.radians(self._get(settings, "ATC_STR_DEC_MAX"))
-        return _Limits(
-            imax=self._get(settings, "ATC_STR_RAT_IMAX"),
-            rate_max=steering.turn_limit(settings, speed),
-            acc_max=acc,
-            stop_acc=stop if stop > 0.0 else acc,
-            scale=steering.scale(settings, speed),
-            grows=float(steering.integral_grows(settings, speed)),
-            throttle=steering.beside(settings),
+        return steering.cascade(settings, speed)._replace(
+            on_position=1.0,
+            angle=1.0,
+            position_p=settings.get(ANG, 0.0),
+            stop_acceleration=stop if stop > 0.0 else acceleration,
         )
 
     def starts(

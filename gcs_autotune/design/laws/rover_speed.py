@@ -8,26 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import Actuator, ActuatorStep
-from gcs_autotune.design.laws.kernel import (
-    Cutoffs,
-    HeldVelocity,
-    LoopPlant,
-    actuate,
-    advance,
-    clip,
-    compiled,
-    delayed,
-    smoothing,
-)
+from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop, holding, local_drag
-from gcs_autotune.design.laws.rover_throttle import pulse_of, shape, throttle_of, throttle_shape
+from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of, throttle_shape
 from gcs_autotune.design.open_loop import Rational, pid_path
 from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import NoGainsMeetSpec
@@ -41,81 +30,6 @@ NEARLY_FULL = 0.98
 """A speed that needs more than this of full output is treated as needing this."""
 NUDGE = 0.01
 Array = NDArray[np.float64]
-
-
-class _Gains(NamedTuple):
-    """In the order of ``vector``."""
-
-    kp: float
-    ki: float
-    kd: float
-    kff: float
-
-
-class _Limits(NamedTuple):
-    """See ``limits``; a switch acts above 0."""
-
-    imax: float
-    up: float
-    down: float
-    brakes: float
-    slew: float
-    most: float
-    least: float
-    expo: float
-    cruise: float
-
-
-def _fly(
-    gains: _Gains,
-    limits: _Limits,
-    cutoffs: Cutoffs,
-    plant: LoopPlant,
-    actuator: ActuatorStep,
-    start: HeldVelocity,
-    position: Array,
-    output: Array,
-) -> None:
-    kp, ki, kd, kff = gains.kp, gains.ki, gains.kd, gains.kff
-    imax, up, down, brakes, slew = limits.imax, limits.up, limits.down, limits.brakes > 0.0, limits.slew
-    most, least, expo, cruise = limits.most, limits.least, limits.expo, limits.cruise
-    dt, late, step, push, push_at, step_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at, plant.step_at
-    back_at = plant.back_at
-    f_t, f_e, f_d = smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt), smoothing(cutoffs.slope, dt)
-    v0, throttle, before = start.velocity, start.output, int(start.before)
-    v = desired = target = v0
-    x = error = slope = 0.0
-    trim = shape(throttle, least, expo)
-    integral = clip(throttle - (cruise + kff) * v0, -imax, imax) if (before > 0 and ki > 0.0) else 0.0
-    limited = False
-    memory = np.zeros(4)
-    sent = np.empty(before + len(position))
-    for j in range(len(sent)):
-        k = j - before
-        if k >= 0:
-            position[k] = v - v0
-        aim = v0 + step if step_at <= k < back_at else v0
-        rate = down if (abs(aim) < abs(desired) and down > 0.0) else up
-        desired = clip(aim, desired - rate * dt, desired + rate * dt) if rate > 0.0 else aim
-        target += f_t * (desired - target)
-        last = error
-        error += f_e * (target - v - error)
-        slope += f_d * ((error - last) / dt - slope)
-        if not limited or integral * error < 0.0:
-            integral = clip(integral + ki * error * dt, -imax, imax) if ki > 0.0 else 0.0
-        wish = cruise * desired + kff * target + kp * error + integral + kd * slope
-        held = False
-        if not brakes and ((desired >= 0.0 and wish <= 0.0) or (desired <= 0.0 and wish >= 0.0)):
-            wish, held = 0.0, True
-        free = clip(wish, -most, most)
-        throttle = clip(free, throttle - slew, throttle + slew) if slew > 0.0 else free
-        limited = held or throttle != free or abs(throttle) >= most
-        pulse = shape(throttle, least, expo)
-        sent[j] = pulse
-        if k >= 0:
-            output[k] = pulse
-        applied = actuate(delayed(sent, j, late, trim), actuator, memory)
-        x, v = advance(x, v, applied + (push if k >= push_at else 0.0), plant)
 
 
 FIXED: Settings = {D: 0.0, FF: 0.0}
@@ -146,10 +60,6 @@ class RoverSpeed(VelocityLoop):
     usual_step = 0.5
     hold = 15.0
     defaults: Settings = DEFAULTS
-    kernel = staticmethod(compiled(_fly))
-    gains = _Gains
-    vector: Sequence[str] = (P, I, D, FF)
-    filters: Sequence[str] = ("ATC_SPEED_FLTT", "ATC_SPEED_FLTE", "ATC_SPEED_FLTD")
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return ATC_ACCEL_MAX [m/s^2]."""
@@ -199,19 +109,27 @@ class RoverSpeed(VelocityLoop):
         """Return :meth:`throttle_for`: the loop's output is throttle, not force."""
         return self.throttle_for(model, actuator, settings, velocity)
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
-        """Return IMAX, both accelerations, whether it brakes, slew a loop, most and least throttle, bend, cruise."""
+    def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
+        """Return both accelerations, PID and cruise, braking, slew, most and least throttle, bend."""
         least, expo = throttle_shape(settings)
-        return _Limits(
+        kff, kp, ki, kd = (settings.get(name, 0.0) for name in (FF, P, I, D))
+        return Cascade(
+            acceleration=self._get(settings, "ATC_ACCEL_MAX"),
+            deceleration=self._get(settings, "ATC_DECEL_MAX"),
+            ff=kff,
+            p=kp,
+            i=ki,
+            d=kd,
             imax=self._get(settings, "ATC_SPEED_IMAX"),
-            up=self._get(settings, "ATC_ACCEL_MAX"),
-            down=self._get(settings, "ATC_DECEL_MAX"),
+            target_cutoff=self._get(settings, "ATC_SPEED_FLTT"),
+            error_cutoff=self._get(settings, "ATC_SPEED_FLTE"),
+            slope_cutoff=self._get(settings, "ATC_SPEED_FLTD"),
+            cruise=self.cruise(settings),
             brakes=self._get(settings, "ATC_BRAKE"),
-            slew=self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
+            slew_output=self._get(settings, "MOT_SLEWRATE") / 100.0 * dt,
             most=self._get(settings, "MOT_THR_MAX") / 100.0,
             least=least,
             expo=expo,
-            cruise=self.cruise(settings),
         )
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:

@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import SKID, THROTTLE, Settings, setting
 from gcs_autotune.design.open_loop import Rational, pid_path
 from gcs_autotune.models import SingleDof
 
 __all__ = [
     "DEFAULTS",
-    "FILTERS",
     "FIXED",
     "GYRO",
-    "beside",
+    "cascade",
     "ideal_feed_forward",
     "integral_grows",
     "is_skid",
@@ -32,7 +32,6 @@ __all__ = [
 ]
 
 FF, P, I, D = "ATC_STR_RAT_FF", "ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_D"  # noqa: E741 - the integral gain
-FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTE", "ATC_STR_RAT_FLTD")
 GYRO = "INS_GYRO_FILTER"
 FIXED: Settings = {D: 0.0}
 DEFAULTS: Settings = {
@@ -70,7 +69,7 @@ def is_skid(settings: Settings) -> bool:
     return settings.get(SKID, 0.0) > 0.0
 
 
-def beside(settings: Settings) -> float:
+def _beside(settings: Settings) -> float:
     """Return the throttle that two thrusters drive with while they steer; 0 where it takes nothing from steering."""
     return min(max(settings.get(THROTTLE, 0.0), 0.0), 1.0) if is_skid(settings) else 0.0
 
@@ -124,6 +123,26 @@ def turn_limit(settings: Settings, speed: float | None) -> float:
     rate = math.radians(_get(settings, "ATC_STR_RAT_MAX"))
     lateral = _get(settings, "ATC_TURN_MAX_G") * GRAVITY / max(speed or 0.0, 1.0)
     return min(rate if rate > 0.0 else math.inf, lateral if lateral > 0.0 else math.inf)
+
+
+def cascade(settings: Settings, speed: float | None) -> Cascade:
+    """Return the controller of turn rates, under its acceleration and turn rate."""
+    kff, kp, ki, kd = (settings.get(name, 0.0) for name in (FF, P, I, D))
+    return Cascade(
+        acceleration=math.radians(_get(settings, "ATC_STR_ACC_MAX")),
+        velocity_max=turn_limit(settings, speed),
+        ff=kff,
+        p=kp,
+        i=ki,
+        d=kd,
+        imax=_get(settings, "ATC_STR_RAT_IMAX"),
+        target_cutoff=_get(settings, "ATC_STR_RAT_FLTT"),
+        error_cutoff=_get(settings, "ATC_STR_RAT_FLTE"),
+        slope_cutoff=_get(settings, "ATC_STR_RAT_FLTD"),
+        scale=scale(settings, speed),
+        grows=float(integral_grows(settings, speed)),
+        throttle=_beside(settings),
+    )
 
 
 def steering_pid(settings: Settings, speed: float | None) -> Rational:

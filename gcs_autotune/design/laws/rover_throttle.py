@@ -8,26 +8,12 @@ from __future__ import annotations
 
 import math
 
-from gcs_autotune.design.laws.kernel import compiled
+from gcs_autotune.design.laws.kernel import shaped_throttle
 from gcs_autotune.design.laws.law import Settings, setting
 
-__all__ = ["DEFAULTS", "pulse_of", "shape", "throttle_of", "throttle_shape"]
+__all__ = ["DEFAULTS", "pulse_of", "throttle_of", "throttle_shape"]
 
 DEFAULTS: Settings = {"MOT_THR_MIN": 0.0, "MOT_THR_MAX": 100.0, "MOT_THST_EXPO": 0.0}
-
-
-def _shape(throttle: float, least: float, expo: float) -> float:
-    """Return the pulse [-1, 1] for a throttle [-1, 1]; *least* as a fraction, *expo* as the parameter."""
-    if throttle == 0.0:
-        return 0.0
-    size = least + abs(throttle) * (1.0 - least)
-    if expo != 0.0 and -1.0 <= expo <= 1.0:
-        rest = 1.0 - expo
-        size = (math.sqrt(max(rest * rest + 4.0 * expo * size, 0.0)) - rest) / (2.0 * expo)
-    return size if throttle > 0.0 else -size
-
-
-shape = compiled(_shape)
 
 
 def throttle_shape(settings: Settings) -> tuple[float, float]:
@@ -37,7 +23,7 @@ def throttle_shape(settings: Settings) -> tuple[float, float]:
 
 def pulse_of(throttle: float, settings: Settings) -> float:
     """Return the pulse [fraction] that the firmware makes of *throttle* [fraction]."""
-    return _shape(throttle, *throttle_shape(settings))
+    return shaped_throttle(throttle, *throttle_shape(settings))
 
 
 def throttle_of(pulse: float, settings: Settings) -> float:

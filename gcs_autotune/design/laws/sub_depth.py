@@ -7,23 +7,10 @@ the autopilot's 0.001 per cm/s^2, times 100 cm, times 2 because throttle 0..1 me
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import ActuatorStep
-from gcs_autotune.design.laws.kernel import (
-    MAX_STANDING_ERROR,
-    LoopPlant,
-    actuate,
-    advance,
-    clip,
-    compiled,
-    delayed,
-    smoothing,
-    sqrt_control,
-)
+from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import PositionLoop
 from gcs_autotune.design.open_loop import (
@@ -55,80 +42,6 @@ THROTTLE_CUTOFF = 2.0
 """POSCONTROL_THROTTLE_CUTOFF_FREQ_HZ [Hz]."""
 
 
-class _Gains(NamedTuple):
-    """In the order of ``vector``."""
-
-    pos: float
-    vel: float
-    vel_i: float
-    acc: float
-    acc_i: float
-    acc_ff: float
-
-
-class _Limits(NamedTuple):
-    """See ``limits``; a switch acts above 0."""
-
-    v_max: float
-    a_max: float
-    vel_imax: float
-    imax: float
-    hover: float
-
-
-class _Cutoffs(NamedTuple):
-    """In the order of ``filters`` [Hz]."""
-
-    velocity: float
-    target: float
-    error: float
-
-
-def _fly(
-    gains: _Gains,
-    limits: _Limits,
-    cutoffs: _Cutoffs,
-    plant: LoopPlant,
-    actuator: ActuatorStep,
-    position: NDArray[np.float64],
-    output: NDArray[np.float64],
-) -> None:
-    pos, vel, vel_i, acc, acc_i, acc_ff = gains.pos, gains.vel, gains.vel_i, gains.acc, gains.acc_i, gains.acc_ff
-    v_max, a_max, vel_imax, imax, hover = limits.v_max, limits.a_max, limits.vel_imax, limits.imax, limits.hover
-    dt, late, step, push, push_at = plant.dt, plant.late, plant.step, plant.push, plant.push_at
-    step_at, rest, back_at = plant.step_at, plant.settled, plant.back_at
-    f_v, f_t, f_e = smoothing(cutoffs.velocity, dt), smoothing(cutoffs.target, dt), smoothing(cutoffs.error, dt)
-    f_u = smoothing(THROTTLE_CUTOFF, dt)
-    w = a = v_integral = 0.0
-    integral = clip(-rest + hover, -imax, imax) if acc_i > 0.0 else 0.0
-    a_target = a_error = -(rest - hover + integral) / max(OUTPUT * (acc + acc_ff), 1e-9)
-    v_error = a_target / max(vel, 1e-9)
-    z = clip(-v_error / max(pos, 1e-9), -MAX_STANDING_ERROR, MAX_STANDING_ERROR)
-    thrust = trim = clip(OUTPUT * (acc + acc_ff) * a_target + integral - hover, -1.0, 1.0)
-    limited = False
-    memory = np.zeros(4)
-    for k in range(len(position)):
-        position[k] = z
-        aim = step if step_at <= k < back_at else 0.0
-        wish = clip(sqrt_control(aim - z, pos, a_max), -v_max, v_max)
-        v_error += f_v * (wish - w - v_error)
-        if not limited or v_integral * v_error < 0.0:
-            v_integral = clip(v_integral + vel_i * v_error * dt, -vel_imax, vel_imax)
-        demand = vel * v_error + v_integral
-        a_target += f_t * (demand - a_target)
-        a_error += f_e * (a_target - a - a_error)
-        if not limited or integral * a_error < 0.0:
-            integral = clip(integral + OUTPUT * acc_i * a_error * dt, -imax, imax)
-        u = OUTPUT * (acc * a_error + acc_ff * a_target) + integral - hover
-        thrust += f_u * (clip(u, -1.0, 1.0) - thrust)
-        limited = abs(thrust) >= 0.999
-        output[k] = thrust
-        applied = actuate(delayed(output, k, late, trim), actuator, memory)
-        was = w
-        z, w = advance(z, w, applied + (push if k >= push_at else 0.0), plant)
-        a = (w - was) / dt
-
-
 FIXED: Settings = {VEL_I: 0.0}
 DEFAULTS: Settings = {
     "PSC_VELZ_IMAX": 1000.0,
@@ -154,11 +67,6 @@ class SubDepth(PositionLoop):
     fixed: Settings = FIXED
     usual_step = 1.0
     defaults: Settings = DEFAULTS
-    kernel = staticmethod(compiled(_fly))
-    gains = _Gains
-    cutoffs = _Cutoffs
-    vector: Sequence[str] = (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF)
-    filters: Sequence[str] = ("PSC_VELZ_FLTE", "PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE")
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
         """Return the lesser of the pilot's climb and descent speeds [m/s]."""
@@ -179,15 +87,28 @@ class SubDepth(PositionLoop):
         gentle = {POS: 2.0 / wanted.a1, VEL: 8.0 / wanted.a1, ACC: 1.0, ACC_I: 1.0, ACC_FF: 0.0}
         return [*(f for f in found if f), gentle]
 
-    def limits(self, settings: Settings, speed: float | None, dt: float) -> _Limits:
-        """Return speed, acceleration, both integrals' most, and the throttle offset of the hover."""
+    def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
+        """Return square-root controller, climb-rate PI, acceleration PI, and the throttle's low-pass and offset."""
         hover = self._get(settings, "MOT_THST_HOVER")
-        return _Limits(
-            v_max=self.velocity_limit(settings, speed),
-            a_max=self._get(settings, "PILOT_ACCEL_Z") / 100.0,
-            vel_imax=self._get(settings, "PSC_VELZ_IMAX") / 100.0,
+        pos, vel, vel_i, acc, acc_i, acc_ff = (settings.get(n, 0.0) for n in (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF))
+        return Cascade(
+            on_position=1.0,
+            position_p=pos,
+            sqrt_acceleration=self._get(settings, "PILOT_ACCEL_Z") / 100.0,
+            velocity_max=self.velocity_limit(settings, speed),
+            nested=1.0,
+            velocity_p=vel,
+            velocity_i=vel_i,
+            velocity_imax=self._get(settings, "PSC_VELZ_IMAX") / 100.0,
+            velocity_cutoff=self._get(settings, "PSC_VELZ_FLTE"),
+            ff=OUTPUT * acc_ff,
+            p=OUTPUT * acc,
+            i=OUTPUT * acc_i,
             imax=2e-3 * max(self._get(settings, "PSC_ACCZ_IMAX"), 1e3 * hover),
+            target_cutoff=self._get(settings, "PSC_ACCZ_FLTT"),
+            error_cutoff=self._get(settings, "PSC_ACCZ_FLTE"),
             hover=2.0 * (hover - 0.5),
+            output_cutoff=THROTTLE_CUTOFF,
         )
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:
