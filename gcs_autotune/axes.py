@@ -38,6 +38,8 @@ class Excitation:
     title : what oscillates, to people.
     check : what is said of the check of its actuator beforehand.
     check_reach, check_time : a pulse of the check ends at this share of ``least_hysteresis``, or after so long [s].
+    by_throttle : what moves it is the throttle: a craft under way is told by steps of it, in the room that is left.
+    below_surface : it shows under water only.
     """
 
     dof: str
@@ -47,6 +49,8 @@ class Excitation:
     check: str
     check_reach: float = 1.0
     check_time: float = 6.0
+    by_throttle: bool = False
+    below_surface: bool = False
 
     @property
     def names(self) -> Dof:
@@ -59,8 +63,8 @@ EXCITATIONS: Mapping[str, Excitation] = {
     for e in (
         # A yaw time constant of 8 s shows 0.4 of its rate in 4 s.
         Excitation("yaw", "psi", math.radians(10.0), "heading", _PULSES, check_reach=0.6, check_time=4.0),
-        Excitation("heave", "z", 0.15, "depth", _PULSES),
-        Excitation("surge", "x", 0.3, "speed", "a pulse ahead to see that it answers rightly, then "),
+        Excitation("heave", "z", 0.15, "depth", _PULSES, below_surface=True),
+        Excitation("surge", "x", 0.3, "speed", "a pulse ahead to see that it answers rightly, then ", by_throttle=True),
         Excitation("sway", "y", 0.3, "speed to the side", ""),
     )
 }
@@ -77,6 +81,7 @@ class AxisKind:
     step, step_duration : size [SI, rad] and seconds each way of that step; NaN where the craft decides.
     rates : messages that show it, beside ATTITUDE, with the rates [Hz] its experiments live on.
     calmed : the stepped signal is so noisy that it is read through a centred mean of so many seconds.
+    guessed_duration : seconds each way that a step takes of which the craft decides, for what is told beforehand.
     example : the simulated vehicle that stands in when none is given.
     """
 
@@ -87,6 +92,7 @@ class AxisKind:
     step_duration: float = math.nan
     rates: Mapping[str, float] = field(default_factory=dict)
     calmed: float = 0.0
+    guessed_duration: float = math.nan
     example: str = "sitl:charlie"
 
     @property
@@ -105,8 +111,8 @@ AXES: Mapping[str, AxisKind] = {
     for a in (
         AxisKind("heading", "yaw", "psi", math.radians(30.0), 30.0),
         AxisKind("depth", "heave", "z", 1.0, 30.0, {"GLOBAL_POSITION_INT": 10.0}, example="sitl:videoray"),
-        AxisKind("speed", "surge", "u", rates=_SPEED, calmed=0.5),
-        AxisKind("yaw", "yaw", "r"),
+        AxisKind("speed", "surge", "u", guessed_duration=22.0, rates=_SPEED, calmed=0.5),
+        AxisKind("yaw", "yaw", "r", guessed_duration=8.0),
     )
 }
 """Name -> axis; adding one is one line here, and its law and gains in the firmwares that have it."""

@@ -43,7 +43,7 @@ def notes_on(
 ) -> Iterator[str]:
     """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
-    if axis.needs_speed and axis.dof == "yaw":
+    if axis.steers_by_way:
         yield from on_other_speeds(problem, shown.settings, shown.wanted)
     yield from _on_the_present(problem, axis)
     yield from _on_the_change(before, shown, changed)

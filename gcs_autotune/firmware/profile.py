@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+from gcs_autotune.axes import excitation_of
 from gcs_autotune.firmware.aliases import ALIASES
 from gcs_autotune.firmware.names import Names
 
@@ -58,6 +59,11 @@ class Axis:
     context: Sequence[str]
     needs_speed: bool = False
     names: Names = field(default_factory=Names)
+
+    @property
+    def steers_by_way(self) -> bool:
+        """Whether it turns the craft, with a force that goes with throttle or way."""
+        return self.needs_speed and not excitation_of(self.dof).by_throttle
 
     def called(self, names: Names) -> Self:
         """Return this axis on a vehicle with those *names*: its ranges are the ones documented for them."""

@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome
+from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME, PaperCraft, Preview, preview
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
@@ -73,6 +73,7 @@ __all__ = [
     "ZigZag",
     "ZigZagSettings",
     "Zone",
+    "limited_orders",
     "preview",
     "read_area",
     "restore_on_exit",

@@ -12,11 +12,14 @@ from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+
 from gcs_autotune.craft import Command, Observation
-from gcs_autotune.trial import Mark, Purpose
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Mark, Purpose, Trial
 from gcs_autotune.watch import Progress
 
-__all__ = ["Commands", "Ending", "Manoeuvre", "Outcome"]
+__all__ = ["Commands", "Ending", "Manoeuvre", "Outcome", "limited_orders"]
 
 Ending = Literal["completed", "stopped", "aborted"]
 """``completed``: did what it is for. ``stopped``: enough, the data are good as far as they go.
@@ -97,3 +100,27 @@ class Manoeuvre(ABC):
 
     def _end(self, ending: Ending, reason: str) -> None:
         self.outcome = Outcome(ending, reason)
+
+
+_NOTED, _LIMITED = 0.1, 0.9
+"""An order that matters, as a share of full, and the share of it that must come out."""
+
+
+def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
+    """Return the forces of which clearly less came out than was asked for: force -> (asked, came out), largest orders.
+
+    Both as shares of full: thrusters that drive ahead as well have no more room to steer.
+    """
+    forces = {d.force for d in DOFS.values()}
+    found: dict[str, tuple[float, float]] = {}
+    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
+    for k, order in enumerate(orders):
+        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
+        for force, asked in order.detail.items():
+            if force not in forces or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
+                continue
+            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
+            came = float(np.median(held)) / asked if len(held) else 1.0
+            if came < _LIMITED and abs(asked) > found.get(force, (0.0, 0.0))[0]:
+                found[force] = (abs(asked), abs(came * asked))
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gcs_autotune.axes import axis_kind, position_axis
+from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
@@ -63,7 +63,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> st
     if speed:
         return f"need about {100.0 * speed:.0f} m of free water around"
     below = ""
-    if dof == "heave":
+    if excitation_of(dof).below_surface:
         step = abs(settings.step) if settings.step is not None else position_axis(dof).step
         start = max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH
         below = f", and {start + step + BELOW:.0f} m of depth"
@@ -117,6 +117,6 @@ def _movements(context: TuneContext, now: Observation) -> str:
     dive = dive_for(axis.dof, context.craft.firmware, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
     signs = d.excitation.check
-    kind = "throttle steps" if axis.dof == "surge" else f"oscillations about the present {d.excitation.title}"
+    kind = "throttle steps" if d.excitation.by_throttle else f"oscillations about the present {d.excitation.title}"
     swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{swings}{under_way}"

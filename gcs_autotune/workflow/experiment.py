@@ -92,10 +92,10 @@ def _axis(name: str, firmware: Firmware) -> Axis:
     """Return the firmware's loop of that name, or, where it has none, the motion alone, which is identified all the
     same.
     """
-    dof = axis_kind(name).dof
-    if dof == "heave" and firmware.floats:
+    kind = axis_kind(name)
+    if kind.excitation.below_surface and firmware.floats:
         raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) does not heave; try heading or speed")
-    return Axis(name, dof, "", (), (), needs_speed=firmware.needs_way)
+    return Axis(name, kind.dof, "", (), (), needs_speed=firmware.needs_way)
 
 
 def _announce(context: TuneContext, now: Observation) -> None:
@@ -109,7 +109,7 @@ def _announce(context: TuneContext, now: Observation) -> None:
     if dive is not None:
         modes = f"modes {firmware.hold_mode} and {firmware.manual_mode}"
         down = f"dive to {dive.settings['depth']:g} m, then "
-    by_throttle = dof == "surge" and firmware.needs_way
+    by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = "throttle-step" if by_throttle else "self-oscillation"
     more = ", and a third, as long again, if these cannot tell a dead band from a thrust curve"
     maybe = "" if by_throttle or settings.most_relays < 3 else more

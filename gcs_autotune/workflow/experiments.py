@@ -147,7 +147,7 @@ WORKING_DEPTH, SHALLOW = 1.5, 1.0
 
 def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
     """Return what takes an ROV off the surface before its depth is swung; None when it need not."""
-    if firmware.floats or dof != "heave" or not now.z < SHALLOW:
+    if firmware.floats or not excitation_of(dof).below_surface or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate
-from gcs_autotune.manoeuvres import Preview
+from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
@@ -17,7 +17,7 @@ from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.self_planned import TrialStep, limited
+from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
@@ -161,5 +161,5 @@ def _limited(trial: Trial) -> list[str]:
     return [
         f"of {asked:.0%} {force} asked for, {came:.0%} came out: it stands at a limit "
         "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
-        for force, (asked, came) in limited(trial).items()
+        for force, (asked, came) in limited_orders(trial).items()
     ][:1]

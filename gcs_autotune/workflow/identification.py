@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from gcs_autotune.axes import excitation_of
 from gcs_autotune.identify import AxisFit, Fit, fit_axis, fit_surge, with_actuator
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
@@ -34,7 +35,7 @@ def identify(context: TuneContext, step: Trial | None = None, *, turns_first: bo
     step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
     turns_first : bring a boat back before the first of them, too.
     """
-    if context.axis.dof == "surge" and context.craft.firmware.needs_way:
+    if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first)
     return _by_relays(context, step, turns_first=turns_first)
 
@@ -51,7 +52,7 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
     if turns_first:
         context.come_about("relay-1")
     first = context.fly(relay, "first self-oscillation").trial
-    room = 0.9 - abs(throttle) if dof == "surge" else 0.9
+    room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
     relay = relay_for(s, dof, throttle, second_output(first, room), "relay-2", keep_still=still, least_period=least)
     context.come_about("relay-2")
     trials = [first, context.fly(relay, "second self-oscillation").trial]
@@ -73,7 +74,7 @@ def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Ide
     The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
     Not of a boat: there the autopilot drives its own throttle meanwhile, on which the steering rests.
     """
-    if context.axis.dof == "surge" or context.axis.needs_speed:
+    if excitation_of(context.axis.dof).by_throttle or context.axis.needs_speed:
         return found
     context.log.say("identifying, with the step")
     return _with_curve(context, found.fit, found.runs, step, with_band=True)

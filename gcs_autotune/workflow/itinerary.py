@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gcs_autotune.axes import axis_kind
+from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
 from gcs_autotune.watch import Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
@@ -22,8 +22,8 @@ TURNING = "turning about"
 CHECK, DIVE, TURN, RELAY, LEVEL = 25.0, 20.0, 32.0, 110.0, 12.0
 """Seconds of a sign check, a dive, a turn about, a self-oscillation and a throttle level. Chosen: as simulated craft
 of half a metre to 2.4 m take."""
-HOLD, RATE_STEP, SPEED_STEP = 10.0, 8.0, 22.0
-"""Seconds of holding still before a step; of a step in turn rate or speed each way, which goes by the craft."""
+HOLD = 10.0
+"""Seconds of holding still before a step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def _first(*, dives: bool) -> list[Leg]:
 
 
 def _swings(dof: str, under_way: bool) -> list[Leg]:
-    if dof == "surge" and under_way:
+    if excitation_of(dof).by_throttle and under_way:
         return _two("throttle steps", LEVEL * len(LEVELS[0]))
     return _two("self-oscillation", RELAY)
 
@@ -84,7 +84,8 @@ def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
     """Return seconds of holding, the step and the step back."""
     each = settings.step_duration
     if each is None:
-        each = axis_kind(settings.axis).step_duration if not moving else SPEED_STEP if dof == "surge" else RATE_STEP
+        kind = axis_kind(settings.axis)
+        each = kind.guessed_duration if moving else kind.step_duration
     return HOLD + 2.0 * each
 
 

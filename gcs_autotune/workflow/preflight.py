@@ -62,7 +62,7 @@ def sign_check_for(
     dof: str, firmware: Firmware, servos: ServoMap, throttle: float, needs_speed: bool, output: float | None = None
 ) -> SignCheck | ThrustCheck:
     """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given."""
-    if dof == "surge":
+    if excitation_of(dof).by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
     d = excitation_of(dof)
     force = d.names.force
@@ -168,7 +168,7 @@ def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None
     PreconditionFailed
         It caps it; the message has the numbers and the cure.
     """
-    if dof != "surge" or not craft.firmware.needs_way:
+    if not excitation_of(dof).by_throttle or not craft.firmware.needs_way:
         return
     cap = craft.parameters.read_existing([_CAP]).get(_CAP, 100.0) / 100.0
     if 0.0 < cap < throttle - _ROUNDING:
@@ -188,7 +188,7 @@ def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
         It tells less than nothing: the autopilot then takes its zero anew at every reading, and every depth is 0.
     """
     pressure = craft.telemetry.latest.get("pressure", math.nan)
-    if dof == "heave" and pressure <= 0.0:
+    if excitation_of(dof).below_surface and pressure <= 0.0:
         raise PreconditionFailed(
             f"the water-pressure sensor tells {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), less than nothing: the "
             "autopilot cannot tell depth by it. ArduPilot's simulator does so where its --home is higher than 10 m "

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs_autotune.axes import axis_kind
+from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.design import Actuator, Reduction, Remark, holding, in_fractions, pulse_of, throttle_of
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
@@ -139,7 +139,7 @@ def proof_of_velocity(
     dof: str, settings: TuneSettings, throttle: float, speed: float, known: Known, present: Mapping[str, float]
 ) -> Proof:
     """Return the step of a loop on the velocity of *dof* (``surge``, ``yaw``); errors as those of its own."""
-    if dof == "surge":
+    if excitation_of(dof).by_throttle:
         return proof_of_speed(settings, throttle, known, present)
     return proof_of_turn_rate(settings, speed, known)
 

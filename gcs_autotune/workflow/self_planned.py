@@ -8,13 +8,19 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.experiments import rank_by_precision, relative_errors, shortfall
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import Fit, fit, validate
-from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, OpenLoopProgramme, Preset
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    Envelope,
+    Manoeuvre,
+    ManoeuvreKind,
+    OpenLoopProgramme,
+    Preset,
+    limited_orders,
+)
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
@@ -131,29 +137,6 @@ def _sizes(kind: ManoeuvreKind) -> list[dict[str, float]]:
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*(GRID[n] for n in names))]
 
 
-_NOTED, _LIMITED = 0.1, 0.9
-"""An order that matters, as a share of full, and the share of it that must come out."""
-
-
-def limited(trial: Trial) -> Mapping[str, tuple[float, float]]:
-    """Return the forces of which clearly less came out than was asked for: force -> (asked, came out), largest orders.
-
-    Both as shares of full: thrusters that drive ahead as well have no more room to steer.
-    """
-    found: dict[str, tuple[float, float]] = {}
-    orders = [m for m in trial.marks if m.kind in ("execute", "level")]
-    for k, order in enumerate(orders):
-        until = orders[k + 1].t if k + 1 < len(orders) else trial.end
-        for force, asked in order.detail.items():
-            if force not in DOF_OF or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
-                continue
-            held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
-            came = float(np.median(held)) / asked if len(held) else 1.0
-            if came < _LIMITED and abs(asked) > found.get(force, (0.0, 0.0))[0]:
-                found[force] = (abs(asked), abs(came * asked))
-    return found
-
-
 # --- what is known, and what comes next ---------------------------------------------------------------------
 
 
@@ -210,7 +193,7 @@ def look_ahead(
         return Outlook(found, relative, foretold)
     most: dict[str, float] = {}
     for run in runs:
-        for force, (_, came) in limited(run).items():
+        for force, (_, came) in limited_orders(run).items():
             most[force] = max(most.get(force, 0.0), came)
     presets = [offer.as_preset() for offer in offers]
     number = {id(preset): i for i, preset in enumerate(presets)}

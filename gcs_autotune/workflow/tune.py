@@ -157,7 +157,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     else:
         proof = proof_about_rest(settings, axis, context.speed)
     before = context.fly(proof.step("step-before"), "step with present gains").trial
-    if axis.dof == "yaw" and axis.needs_speed and found is None:
+    if axis.steers_by_way and found is None:
         context = replace(context, throttle=steering_throttle(before, context.present, context.throttle))
     proof, grain = proof.after(before), resolution(before)
     log.metrics_before = measure(before, resolution=grain)
